@@ -16,7 +16,7 @@ class Quantity:
     symbol: str
     unit: str
     digits: int
-    """After the decimal point: as many as a value of it is worth in a table or a sentence."""
+    """Decimals that a value of it is worth in a table or a sentence."""
     lowest: float
     """The least plausible value, in the unit above."""
     highest: float
@@ -26,7 +26,7 @@ class Quantity:
     possible: float = inf
     """A recorded value that is larger, of either sign, is a fault of the file."""
     key: str = ""
-    """Of a parameter: its name in files and documents."""
+    """A parameter's name in files and documents; empty for all else."""
 
     def of(self, number: int) -> str:
         """The column of vehicle ``number``: Speed1, IVS4, Driver2."""
@@ -59,39 +59,39 @@ RELATIVE_SPEED = Quantity("Relative speed Δv", "Δv", "m/s", 2, -30.0, 30.0)
 TIME_GAP = Quantity("Time gap", "p/v", "s", 2, 0.0, 60.0)
 DRIVER = Quantity("Driver mode", "", "", 0, 0.0, 1.0, "Driver")
 RECORDED = {quantity.column: quantity for quantity in (TIME, SPEED, GAP, DRIVER)}
-"""By the stem of the column."""
+"""Recorded quantities by the stem of their columns."""
 
 ALPHA = Quantity("Gain on spacing", "α", "1/s²", 4, 0.0, 10.0, key="alpha")
 BETA = Quantity("Gain on relative speed", "β", "1/s", 4, 0.0, 10.0, key="beta")
 TAU = Quantity("Time headway", "τ", "s", 3, 0.0, 5.0, key="tau")
 """The settings of cruise controls end near 3 s."""
 PARAMETERS = (ALPHA, BETA, TAU)
-"""In the order of the last axis of every array of parameters."""
-PARAMETER_KEYS = tuple(one.key for one in PARAMETERS)
-"""Their names in files and documents."""
+"""Parameters in the order of the last axis of every array of them."""
+PARAMETER_KEYS = tuple(parameter.key for parameter in PARAMETERS)
+"""Names of the parameters in files and documents."""
 
 
 def by_key(values: Iterable[T]) -> dict[str, T]:
-    """One value for each of α, β and τ, by their names in files and documents."""
+    """Values of α, β and τ by their names in files and documents."""
     return dict(zip(PARAMETER_KEYS, values, strict=True))
 
 
 COMPUTABLE = 1e50
-"""Larger parameters are refused, and those below its inverse are zero; products stay finite."""
+"""Largest parameter; those below its inverse are taken as zero, so that products stay finite."""
 
 FREQUENCY = Quantity("Frequency", "ω", "rad/s", 3, 0.0, 10.0)
 MAGNITUDE = Quantity("Bode magnitude", "|H(jω)|", "dB", 2, -60.0, 60.0)
 LINF_GAIN = Quantity("L∞ gain", "‖h‖₁", "", 3, 1.0, 10.0)
-"""Never below 1: the impulse response of a vehicle has area 1 where α > 0."""
+"""The gain is never below 1, as the impulse response has area 1 where α > 0."""
 
 DISTURBANCE = Quantity("Disturbance", "r", "m/s²", 2, -5.0, 5.0)
-"""What moves a vehicle beside the model's equation."""
+"""Acceleration of a vehicle beyond that of the model's equation."""
 
 METADATA = ("Date", "Vehicle_order", "Number_of_vehicles", "ACC", "Distance_setting")
 """First cells of the rows above the column names."""
 
 MODE_NAMES = ("Human", "ACC")
-"""What a Driver column may say."""
+"""Words of a Driver column."""
 
 MAX_VEHICLES = 99
-"""Higher vehicle numbers in a column name are not taken for a vehicle."""
+"""Highest vehicle number in the name of a column."""

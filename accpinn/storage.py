@@ -8,7 +8,6 @@ reader, or a process that is killed, sees the old file or the new one and never 
 """
 
 import os
-import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,7 +54,7 @@ def written_whole(path: Path) -> Iterator[IO[bytes]]:
     Raises:
         OSError: when it cannot be written.
     """
-    temporary = path.with_name(f".{secrets.token_hex(8)}{UNFINISHED}")
+    temporary = path.with_name(f".{os.urandom(8).hex()}{UNFINISHED}")
     try:
         with temporary.open("xb") as file:
             yield file

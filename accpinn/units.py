@@ -14,7 +14,7 @@ RadiansPerSecond = Annotated[float, "rad/s"]
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-"""True where something holds."""
+"""A boolean array, true where something holds."""
 
 
 def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
@@ -45,7 +45,7 @@ class Stretch:
     last: int
 
     def __len__(self) -> int:
-        """How many samples it has."""
+        """The number of its samples."""
         return self.last - self.first + 1
 
     @property

@@ -31,13 +31,13 @@ from pathlib import Path
 
 import numpy as np
 import psutil
+from accpinn.results.snapshot import Snapshot
+from accpinn.results.snapshot.saved import Library
 
 from accpinn.inference.intervals import intervals
 from accpinn.methods.pinn.config import FAST
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
-from accpinn.results.snapshot import Snapshot
-from accpinn.results.snapshot.saved import Library
 from accpinn.segment.cut import cut, default_vehicles
 from accpinn.units import Seconds
 from bench.advanced import ADVANCE, COUNTED

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.results.snapshot.verification import verify
 
 import accpinn
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.methods.state_space import FORMS
-from accpinn.results.snapshot.verification import verify
 from tests.support.command import ROOT
 from tests.support.openacc_files import platoon, recording
 from tests.support.samples import FOLDER, NOISY, sample

@@ -10,9 +10,10 @@ from tqdm import tqdm
 from accpinn.cli.estimation import interruptible
 from accpinn.cli.output import complain, print_json, show
 from accpinn.cli.recording import add_json_option
-from accpinn.recordings.catalogue import Run, default_folder, find
+from accpinn.recordings.catalogue import Run, find
 from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, download
 from accpinn.results.tables.table import Column, Table
+from accpinn.storage import folder as folder_of
 
 
 def add_download_options(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,7 @@ def add_download_options(parser: argparse.ArgumentParser) -> None:
 def run_download(options: argparse.Namespace) -> int:
     """Download, and say what became of each run; 1 when one failed, 130 when interrupted."""
     runs = find(options.names)
-    folder = Path(options.to) if options.to else default_folder()
+    folder = Path(options.to) if options.to else folder_of("recordings")
     if options.list:
         return _list(runs, folder, options.json)
     with (

@@ -26,7 +26,6 @@ Case = Literal["I", "II"]
 LINEAR_NAMES = ("α", "ατ", "β")
 """The components of θ, in which the model is linear, in the order of every θ in this package."""
 
-
 BLOCK = 256
 """Rows of a product that are multiplied at once; see `in_blocks`."""
 
@@ -99,15 +98,15 @@ class Parameters:
         return _scalar(self.values[..., 2])
 
     def __len__(self) -> int:
-        """How many vehicles the first axis holds."""
+        """The number of vehicles along the first axis."""
         return len(self.values) if self.values.ndim > 1 else 1
 
     def __getitem__(self, index: Any) -> "Parameters":
-        """Those at an index, a slice or a list of indices of the first axis."""
+        """Parameters at an index, a slice or a list of indices of the first axis."""
         return Parameters.of(self.values[index])
 
     def __iter__(self) -> Iterator["Parameters"]:
-        """One vehicle after the other."""
+        """Iterate over the vehicles along the first axis."""
         return (Parameters.of(row) for row in self.values)
 
     def __eq__(self, other: object) -> bool:
@@ -117,7 +116,7 @@ class Parameters:
         )
 
     def __hash__(self) -> int:
-        """By value."""
+        """Hash of the values."""
         return hash((self.values.shape, self.values.tobytes()))
 
     def __repr__(self) -> str:
@@ -134,15 +133,15 @@ TYPICAL = Parameters(0.08, 0.2, 1.4)
 SPREAD = (1.0, 1.0, 0.3)
 """Standard deviations of ln α, ln β, ln τ about `TYPICAL`: 95 % of α lie in 0.01 to 0.6 1/s²."""
 LONGEST_HEADWAY: Seconds = 5.0
-"""No cruise control keeps a longer one: their settings end near 3 s."""
+"""Longest headway of a cruise control; their settings end near 3 s."""
 LARGEST = Parameters(10.0, 10.0, 100.0)
-"""Where searches end: gains a hundred times, a headway fifty times what cars have."""
+"""Bounds of searches: gains a hundred times, a headway fifty times what cars have."""
 LARGEST_ALPHA_TAU = 10.0
-"""In 1/s; where searches over θ end."""
+"""Bound of ατ in searches over θ, in 1/s."""
 
 
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
-    """What multiplies θ in dv/dt, per follower.
+    """The regressors of each follower: what multiplies θ in dv/dt.
 
     Args:
         speeds: (N, M+1) in m/s, leader first.
@@ -174,7 +173,7 @@ def simulate(
     initial_speeds: FloatArray,
     initial_gaps: FloatArray,
 ) -> Trajectories:
-    """The platoon in closed loop: only the leader's speed is given, all else is integrated.
+    """Simulate the platoon in closed loop: only the leader's speed is given.
 
     The system is linear and the leader's speed is taken as straight between samples, so each
     step of the whole platoon is exact (first-order hold, matrix exponential) and the result has
@@ -197,7 +196,7 @@ def simulate(
 
 
 def respond(matrix: FloatArray, drive: FloatArray, step: Seconds, start: FloatArray) -> FloatArray:
-    """The states of dx/dt = Ax + bu, with u straight between its samples; exact at each of them.
+    """States of dx/dt = Ax + bu, exact at each sample; u is straight between its samples.
 
     Args:
         matrix: (K, K+1), A and, as last column, b.
@@ -244,7 +243,7 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
     """The states x, Ex, E²x, .. of a linear system left to itself.
 
-    What is known is doubled in one product with a power of E, so no loop runs over the steps.
+    Each product with a power of E doubles the known states, so no loop runs over the steps.
 
     Args:
         transition: (K, K), E: one step of the system.
@@ -278,7 +277,7 @@ def in_blocks(rows: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def _accumulate(transition: FloatArray, states: FloatArray) -> None:
-    """Turn f_0, f_1, .. into x_0 = f_0, x_k = E x_{k-1} + f_k, in place; (N, K).
+    """Turn f_0, f_1, .. (N, K) into x_0 = f_0, x_k = E x_{k-1} + f_k, in place.
 
     Each round lets every sum reach twice as far back, so no loop runs over the N steps: after j
     rounds row k holds the last 2^j terms of f_k + E f_{k-1} + E² f_{k-2} + ..

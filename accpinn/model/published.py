@@ -16,7 +16,7 @@ class ParameterSet:
 
     title: str
     names: tuple[str, ...]
-    """(M,) without numbers, for where other numbers stand beside them."""
+    """(M,) names without numbers, for places where other numbers stand beside them."""
     parameters: Parameters
     """(M,)"""
     vehicles: tuple[int, ...] = ()
@@ -37,7 +37,7 @@ class ParameterSet:
         object.__setattr__(self, "labels", self.labels or self.names)
 
     def __len__(self) -> int:
-        """How many followers: M."""
+        """The number of followers, M."""
         return len(self.parameters)
 
     @property
@@ -47,7 +47,7 @@ class ParameterSet:
 
     @property
     def source(self) -> str:
-        """Where the parameters are from, as messages name it."""
+        """The origin of the parameters, as messages name it."""
         return self.title
 
     def label(self, number: int) -> str:
@@ -89,7 +89,7 @@ CASALE_STARTS = ParameterSet(
         tau=[1.52, 1.52, 1.52, 1.52, 1.52],
     ),
 )
-"""One follower five times, so no platoon to pick."""
+"""Five trainings of one follower, so this is no platoon to pick."""
 
 
 def _alike(campaign: str, vehicles: ParameterSet, *shared: float) -> ParameterSet:

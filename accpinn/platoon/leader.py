@@ -1,4 +1,4 @@
-"""What the lead vehicle does: a sinusoid, a step, a brake manoeuvre, or what was recorded.
+"""The motion of the lead vehicle: a sinusoid, a step, a brake manoeuvre, or a recorded speed.
 
 The first three consist of phases, in each of which the leader's speed is
 
@@ -18,8 +18,9 @@ from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
 EVEN = 1e-6
 """Largest relative difference between the steps of a recorded leader."""
 POSITIVE = ("frequency", "deceleration", "acceleration", "duration")
+"""Settings that are above zero."""
 ANY_SIGN = ("change",)
-"""Settings are zero or more, but for these."""
+"""Settings that may be negative; all others are zero or more."""
 
 
 @dataclass(frozen=True)
@@ -30,16 +31,16 @@ class Phase:
     level: MetresPerSecond = 0.0
     """Deviation from the speed of the equilibrium when the phase starts."""
     slope: float = 0.0
-    """In m/s²."""
+    """Acceleration in m/s²."""
     amplitude: MetresPerSecond = 0.0
     frequency: RadiansPerSecond = 0.0
 
 
 class _Settings:
-    """Numbers that a leader can drive."""
+    """The base of all planned leaders, which checks their settings."""
 
     def __post_init__(self) -> None:
-        """Refuse any others."""
+        """Refuse numbers that no leader can drive."""
         for name, value in vars(self).items():
             if not isfinite(value):
                 raise ParameterError(f"Leader: {name} = {value} is no number; give a finite one.")
@@ -57,12 +58,12 @@ class Sinusoid(_Settings):
     amplitude: MetresPerSecond = 1.0
     speed: MetresPerSecond = 20.0
     settle: Seconds = 20.0
-    """How long the leader drives steadily first."""
+    """Time of steady driving at first."""
     duration: Seconds = 500.0
 
     @property
     def period(self) -> Seconds:
-        """Of the sinusoid."""
+        """The period of the sinusoid."""
         return float(2.0 * np.pi / self.frequency)
 
     def phases(self) -> tuple[Phase, ...]:
@@ -91,10 +92,10 @@ class Brake(_Settings):
 
     drop: MetresPerSecond = 5.0
     deceleration: float = 1.0
-    """In m/s², positive."""
+    """Deceleration in m/s², positive."""
     hold: Seconds = 20.0
     acceleration: float = 0.5
-    """In m/s², positive; of the recovery."""
+    """Acceleration of the recovery in m/s², positive."""
     speed: MetresPerSecond = 20.0
     settle: Seconds = 20.0
     duration: Seconds = 300.0
@@ -142,12 +143,12 @@ class Recorded:
 
     @property
     def speed(self) -> MetresPerSecond:
-        """At the first instant, that of the equilibrium."""
+        """Speed at the first instant, which is that of the equilibrium."""
         return float(self.speeds[0])
 
     @property
     def duration(self) -> Seconds:
-        """From the first to the last instant."""
+        """Time from the first to the last instant."""
         return float(self.time[-1] - self.time[0])
 
 

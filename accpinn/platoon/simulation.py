@@ -36,25 +36,26 @@ from accpinn.stability.frequency import response, slowest_rate
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
 
 SAMPLE_TIME: Seconds = 0.1
-"""That of the recordings."""
+"""Sample time of the recordings and of a simulation, by default."""
 SAMPLES_PER_PERIOD = 24
-"""A fast sinusoid gets more samples a second, at least so many a period."""
+"""Least samples a period of a fast sinusoid, which gets more samples a second."""
 MOST_SAMPLES = 200_000
 FASTEST: PerSecond = 1e6
-"""Above this a step of any use loses the slow motion to rounding."""
+"""Fastest reaction; beyond it a step of any use loses the slow motion to rounding."""
 TOUCH: Metres = 1e-6
-"""A gap that rounding alone makes negative is none: behind a leader that stops it ends at 0."""
+"""Depth to which rounding alone makes a gap negative that ends at 0 behind a leader at rest."""
 SLACK: Seconds = 1e-9
 """An instant this close before a phase belongs to it."""
 SETTLED = 1e-3
 """A transient below this share of the sinusoid's amplitude is over."""
 PERIODS = 5
-"""The last whole periods to measure over; one, if the transient leaves no room for more."""
+"""Number of last whole periods to measure over; one, if the transient leaves no room for more."""
 INSTANTS = 2000
-"""Among which the end of the transient is looked for; the horizon doubles until it is early."""
+"""Instants among which the end of the transient is looked for, on horizons that double."""
 FIRST_HORIZON = 10.0
 """The first horizon, in time constants of the slowest pole."""
 HORIZONS = 20
+"""Largest number of horizons."""
 
 
 AFTER_COLLISION = (
@@ -134,7 +135,7 @@ class Amplitudes:
     settled: FloatArray
     """(M+1,) in s after the sinusoid's start, when the transient is over; inf where it never is."""
     periods: int
-    """How many of the last whole periods were measured."""
+    """Number of last whole periods that were measured."""
     free: bool
     """Whether all transients were over before that."""
     findings: tuple[PlatoonFinding, ...]
@@ -149,20 +150,20 @@ class PlatoonRun:
     leader: Leader
     trajectories: Trajectories
     minimum_gap: FloatArray
-    """(M,) in m, over the samples."""
+    """(M,) smallest gap among the samples, in m."""
     minimum_gap_time: FloatArray
-    """(M,) in s."""
+    """(M,) time of the smallest gap, in s."""
     largest_deviation: FloatArray
     """(M+1,) in m/s: the peak of |v - speed| as far as it has meaning, leader first."""
     collisions: tuple[Collision, ...]
-    """The first of each follower that has one, in order of time; see `contacts`."""
+    """First collision of each follower that has one, in order of time; see `contacts`."""
     meaningful: NDArray[np.intp]
-    """(M+1,) how many samples of each vehicle there are until a collision of it or of one ahead;
-    two at least, and all without one."""
+    """(M+1,) number of samples of each vehicle until a collision of it or of one ahead; two at
+    least, and all without a collision."""
     amplitudes: Amplitudes | None
-    """Behind a sinusoid only."""
+    """Amplitudes behind a sinusoid; None behind any other leader."""
     findings: tuple[PlatoonFinding, ...]
-    """Where the run leaves what cars can do, and what keeps the amplitudes from being measured."""
+    """Findings where the run leaves what cars can do, or the amplitudes cannot be measured."""
 
     @cached_property
     def valid(self) -> Trajectories:
@@ -179,21 +180,21 @@ class PlatoonRun:
     def contacts(self) -> tuple[Collision, ...]:
         """The collisions that can happen: no vehicle further ahead has had one before."""
         return tuple(
-            one
-            for one in self.collisions
-            if not any(c.follower < one.follower and c.time < one.time for c in self.collisions)
+            hit
+            for hit in self.collisions
+            if not any(c.follower < hit.follower and c.time < hit.time for c in self.collisions)
         )
 
     @property
     def survivors(self) -> int:
-        """How many vehicles from the leader on, which counts, drive to the end."""
-        return min((one.follower for one in self.collisions), default=len(self.meaningful))
+        """The number of vehicles, the leader included, that drive to the end."""
+        return min((hit.follower for hit in self.collisions), default=len(self.meaningful))
 
 
 def simulate_platoon(
     parameters: Parameters, leader: Leader, sample_time: Seconds | None = None
 ) -> PlatoonRun:
-    """The platoon behind the leader, started in equilibrium; exact at every sample.
+    """Simulate the platoon behind the leader from equilibrium, exactly at every sample.
 
     Args:
         parameters: one entry a follower, in their order.
@@ -240,7 +241,7 @@ def simulate_platoon(
 
 
 def _with_equilibrium(parameters: Parameters) -> Parameters:
-    """Checked, with the τ that says where each gap starts, also where α = 0."""
+    """Checked parameters, with the τ that says where each gap starts, also where α = 0."""
     clean, tau = checked(parameters), parameters.tau
     for k in np.flatnonzero(~(np.isfinite(tau) & (tau >= 0)))[:1]:
         raise ParameterError(
@@ -257,7 +258,7 @@ def _with_equilibrium(parameters: Parameters) -> Parameters:
 
 
 def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
-    """(N,) from 0 to the duration."""
+    """(N,) instants in s, from 0 to the duration."""
     step = SAMPLE_TIME if sample_time is None else sample_time
     if sample_time is None and isinstance(leader, Sinusoid):
         step = min(step, leader.period / SAMPLES_PER_PERIOD)
@@ -314,30 +315,30 @@ def _generator(parameters: Parameters, frequency: float) -> FloatArray:
 
 
 def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
-    """Between the samples the gap is taken as straight."""
-    found = []
+    """The first collision of each follower; between samples the gap is taken as straight."""
+    collisions = []
     for follower, gap in enumerate(driven.gaps.T, 1):
         used_up = np.flatnonzero(gap < (-TOUCH if gap[0] > 0 else TOUCH))
         if len(used_up):
             k = int(used_up[0])
             back = gap[k] / (gap[k] - gap[k - 1]) if k else 0.0
             step = driven.time[k] - driven.time[k - 1] if k else 0.0
-            found.append(Collision(follower, float(driven.time[k] - back * step)))
-    return tuple(sorted(found, key=lambda collision: collision.time))
+            collisions.append(Collision(follower, float(driven.time[k] - back * step)))
+    return tuple(sorted(collisions, key=lambda collision: collision.time))
 
 
 def _meaningful(driven: Trajectories, collisions: tuple[Collision, ...]) -> NDArray[np.intp]:
     """(M+1,) samples of each vehicle until a collision of it or of one ahead."""
     ends = np.full(driven.speeds.shape[1], np.inf)
-    for one in collisions:
-        ends[one.follower :] = np.minimum(ends[one.follower :], one.time)
+    for hit in collisions:
+        ends[hit.follower :] = np.minimum(ends[hit.follower :], hit.time)
     counts = np.maximum(2, np.searchsorted(driven.time, ends, side="right"))
     counts.setflags(write=False)
     return counts
 
 
 def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> Amplitudes:
-    """Measured in the run and predicted, with the time until they can agree."""
+    """Amplitudes measured in the run and predicted, with the time until they can agree."""
     single = response(parameters, np.array([leader.frequency]))[:, 0]
     settled = _settled(parameters, leader, single)
     driven = max(run.time[-1] - leader.settle, 0.0)
@@ -347,9 +348,9 @@ def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> 
     with np.errstate(invalid="ignore"):  # an infinite response may meet one of zero
         along = leader.amplitude * np.cumprod(np.concatenate([[1.0], np.abs(single)]))
     predicted = np.where(np.isnan(along), 0.0, along)
-    found = _amplitude_findings(leader, settled, periods)
+    findings = _amplitude_findings(leader, settled, periods)
     return Amplitudes(
-        frozen(measured), frozen(predicted), frozen(settled), periods, free >= 1, found
+        frozen(measured), frozen(predicted), frozen(settled), periods, free >= 1, findings
     )
 
 
@@ -366,7 +367,7 @@ def _amplitude_findings(
 
 
 def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:
-    """(M+1,) from the last whole periods."""
+    """(M+1,) amplitudes of speed over the last whole periods, in m/s."""
     last = run.time > run.time[-1] - periods * leader.period - 1e-9
     angle = leader.frequency * run.time[last]
     design = np.stack([np.ones_like(angle), np.sin(angle), np.cos(angle)], axis=1)
@@ -388,14 +389,14 @@ def _settled(
     if not rates:
         return settled
     system = motion_matrix(parameters[:count])[:, :-1]
-    own = np.cumprod(single[:count])
-    ahead = np.concatenate([[1.0], own[:-1]])
-    start = -np.stack([(ahead - own) / (1j * leader.frequency), own], axis=1).imag.ravel()
+    chain = np.cumprod(single[:count])
+    ahead = np.concatenate([[1.0], chain[:-1]])
+    start = -np.stack([(ahead - chain) / (1j * leader.frequency), chain], axis=1).imag.ravel()
     horizon: Seconds = FIRST_HORIZON / min(rates)
     for _ in range(HORIZONS):
         step = horizon / INSTANTS
         speeds = orbit(expm(system * step), start, INSTANTS)[:, 1::2]
-        above = np.abs(speeds) > SETTLED * np.abs(own)
+        above = np.abs(speeds) > SETTLED * np.abs(chain)
         until = np.where(above.any(axis=0), INSTANTS - np.argmax(above[::-1], axis=0), 0)
         if until.max() <= INSTANTS / 2:
             break

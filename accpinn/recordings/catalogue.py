@@ -5,7 +5,6 @@ are known; it holds no recording.
 """
 
 import csv
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,31 +12,26 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from platformdirs import user_data_path
-
 from accpinn.errors import ConfigError
-
-FOLDER_VARIABLE = "ACCPINN_RECORDINGS"
-"""Environment variable that names the folder of recordings."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One published file."""
+    """A published file."""
 
     campaign: str
-    """Also the name of its folder."""
+    """Campaign, which is also the name of its folder."""
     file: str
     sha256: str | None
-    """None where it is not known."""
+    """SHA-256 of its bytes; None where it is not known."""
 
     @property
     def key(self) -> str:
-        """Folder and file, as "Casale/part7.csv"."""
+        """The folder and file, as "Casale/part7.csv"."""
         return f"{self.campaign}/{self.file}"
 
     def path(self, folder: Path) -> Path:
-        """Where it lies below a folder of recordings."""
+        """The run's path below a folder of recordings."""
         return folder / self.campaign / self.file
 
 
@@ -59,7 +53,7 @@ def find(names: Sequence[str]) -> tuple[Run, ...]:
     """The runs that campaigns or files name; all of them where nothing is named.
 
     Args:
-        names: each a campaign, a file, or both as "Casale/part7.csv"; case does not matter.
+        names: campaigns, files, or both as "Casale/part7.csv"; case does not matter.
 
     Raises:
         ConfigError: for a name that is not in the catalogue, or a file that two campaigns have.
@@ -69,24 +63,15 @@ def find(names: Sequence[str]) -> tuple[Run, ...]:
     chosen: dict[Run, None] = {}
     for name in names:
         wanted = name.strip().strip("/").lower()
-        found = [run for run in catalogue() if wanted == run.campaign.lower()]
-        found = found or [
-            run for run in catalogue() if wanted in (run.key.lower(), run.file.lower())
-        ]
-        campaigns = sorted({run.campaign for run in found})
-        if not found:
+        runs = [run for run in catalogue() if wanted == run.campaign.lower()]
+        runs = runs or [run for run in catalogue() if wanted in (run.key.lower(), run.file.lower())]
+        if not runs:
             listed = ", ".join(dict.fromkeys(run.campaign for run in catalogue()))
             raise ConfigError(
                 f'"{name[:60]}" is not in the catalogue; choose a campaign ({listed}) or a file.'
             )
-        if len(campaigns) > 1:
-            both = " or ".join(run.key for run in found)
+        if len({run.campaign for run in runs}) > 1:
+            both = " or ".join(run.key for run in runs)
             raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {both}.')
-        chosen |= dict.fromkeys(found)
+        chosen |= dict.fromkeys(runs)
     return tuple(chosen)
-
-
-def default_folder() -> Path:
-    """Where recordings are kept, by the environment variable or else among the user's data."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    return Path(named) if named else user_data_path("accpinn") / "recordings"

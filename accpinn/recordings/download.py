@@ -1,80 +1,82 @@
-"""Downloading runs of the catalogue: with checksums, resumable, several at a time.
+"""Downloading runs of the catalogue, several at a time, with checksums.
 
-Pooch decides what has to be fetched and compares checksums; the transfer itself goes on with the
-part of a file that an earlier attempt left. The checksum of a run whose contents are not in the
+Pooch decides what has to be fetched, compares checksums, and starts again when a connection breaks
+off; urllib3 asks again when the server is busy. The checksum of a run whose contents are not in the
 catalogue is recorded when it is first downloaded, in the file `SHA256SUMS` of its folder.
 """
 
 import logging
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 from pathlib import Path
 from urllib.parse import quote, urlsplit
 
 import pooch
 import requests
+from requests.adapters import HTTPAdapter
+from urllib3 import Retry
 
 from accpinn.channels import METADATA
 from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import Run
-from accpinn.recordings.samples import LIMIT_BYTES
+from accpinn.recordings.source import LIMIT_BYTES
+from accpinn.storage import reason_of, reported
 from accpinn.units import Seconds
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
 CHECKSUMS = "SHA256SUMS"
 """Checksums by file, as the program sha256sum writes and checks them."""
 CONNECTIONS = 4
-"""At a time, so as not to burden the publisher."""
+"""Connections at a time, so as not to burden the publisher."""
 ATTEMPTS = 5
-"""Each goes on where the one before it ended."""
-PAUSE: Seconds = 1.0
-"""Before the second attempt; doubled before each further one."""
+"""Attempts at a file that breaks off, and at a server that is busy."""
 LONGEST_PAUSE: Seconds = 30.0
+"""Longest pause between two attempts."""
 CONNECT: Seconds = 10.0
-"""After which a server that does not answer counts as unreachable."""
+"""Time after which a server that does not answer counts as unreachable."""
 STALL: Seconds = 30.0
-"""Without a byte for so long, an attempt is given up."""
+"""Time without a byte after which an attempt is given up."""
+BUSY = (429, 500, 502, 503, 504)
+"""Statuses of a server that is asked again."""
 _CHUNK = 1 << 13
-"""Bytes; what a broken connection leaves of one is lost."""
+"""Bytes between two reports of progress."""
 
 
 class DownloadState(Enum):
-    """How the download of one run ended."""
+    """The end of a run's download."""
 
     DOWNLOADED = "downloaded"
     PRESENT = "present"
-    """It was there already."""
+    """The file was there already."""
     FAILED = "failed"
     STOPPED = "stopped"
-    """By the caller; what was received is kept for the next time."""
+    """The caller asked for it; nothing of the file is kept."""
 
 
 @dataclass(frozen=True)
 class Download:
-    """What became of one run."""
+    """A run that was, or was not, downloaded."""
 
     run: Run
     path: Path
     state: DownloadState
     size: int
-    """Bytes; 0 where there is no file."""
+    """Bytes of the file; 0 where there is none."""
     reason: str = ""
-    """Why it failed: one sentence."""
+    """One sentence why it failed."""
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """How far a transfer has got."""
+    """The progress of a transfer."""
 
     run: Run
     received: int
-    """Bytes, those of earlier attempts included."""
+    """Bytes that have arrived."""
     size: int | None
     """Bytes of the whole file; None where the server does not say."""
 
@@ -92,7 +94,7 @@ class _Unreachable(_Refused):
 
 
 class _Stopped(Exception):
-    """The caller said so."""
+    """The caller asked to stop."""
 
 
 def download(
@@ -103,233 +105,176 @@ def download(
     connections: int = CONNECTIONS,
     on_transfer: OnTransfer | None = None,
     should_stop: Callable[[], bool] | None = None,
-    pause: Seconds = PAUSE,
     stall: Seconds = STALL,
 ) -> Iterator[Download]:
-    """Download runs, and yield what became of each as it is known.
+    """Download runs, and yield each as it ends.
 
     Args:
-        runs: of the catalogue.
+        runs: runs of the catalogue.
         folder: where to; each campaign has its own folder below it.
         base: address of the folder that has the campaigns.
         connections: how many at a time.
         on_transfer: called while bytes arrive.
-        should_stop: asked often; True ends all transfers, which keep what they have.
-        pause: before the second attempt.
+        should_stop: asked often; True ends all transfers.
         stall: how long an attempt waits for the next bytes.
 
     Raises:
         RecordingError: when nothing can be written there.
     """
-    try:
+    with reported(lambda reason: RecordingError(f"{folder}: no folder can be made ({reason}).")):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as fault:
-        raise RecordingError(f"{folder}: no folder can be made ({fault.strerror}).") from None
     pooch.get_logger().setLevel(logging.WARNING)
-    sums = _Checksums(folder)
-    registry = {run.key: f"sha256:{known}" if (known := sums.of(run)) else None for run in runs}
-    urls = {run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs}
-    fetcher = pooch.create(path=folder, base_url="", registry=registry, urls=urls)
-    wishes = _Wishes(on_transfer, should_stop or (lambda: False), pause, stall)
-    fetch = partial(_fetch, fetcher, sums, threading.Event(), wishes)
-    with ThreadPoolExecutor(max(1, connections)) as pool:
-        futures: list[Future[Download]] = [pool.submit(fetch, run) for run in runs]
+    checksums = _Checksums(folder)
+    fetcher = pooch.create(
+        path=folder,
+        base_url="",
+        registry={run.key: f"sha256:{s}" if (s := checksums.of(run)) else None for run in runs},
+        urls={run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs},
+        retry_if_failed=ATTEMPTS - 1,
+    )
+    with _session() as session, ThreadPoolExecutor(max(1, connections)) as pool:
+        host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
+        publisher = _Publisher(session, host, stall, stops, on_transfer, threading.Event())
+        futures: list[Future[Download]] = [
+            pool.submit(_fetch, fetcher, publisher, checksums, run) for run in runs
+        ]
         for future in as_completed(futures):
             yield future.result()
 
 
-@dataclass(frozen=True)
-class _Wishes:
-    """What the caller of `download` asks for; see there."""
-
-    on_transfer: OnTransfer | None
-    should_stop: Callable[[], bool]
-    pause: Seconds
-    stall: Seconds
+def _session() -> requests.Session:
+    """A session that asks a busy server again, after longer and longer pauses."""
+    session = requests.Session()
+    again = Retry(
+        total=None, connect=0, read=0, status=ATTEMPTS - 1, status_forcelist=BUSY,
+        backoff_factor=0.5, backoff_max=LONGEST_PAUSE, retry_after_max=int(LONGEST_PAUSE),
+        raise_on_status=False,
+    )  # fmt: skip
+    for scheme in ("https://", "http://"):
+        session.mount(scheme, HTTPAdapter(max_retries=again))
+    return session
 
 
 def _fetch(
-    fetcher: pooch.Pooch, sums: "_Checksums", down: threading.Event, wishes: _Wishes, run: Run
+    fetcher: pooch.Pooch, publisher: "_Publisher", checksums: "_Checksums", run: Run
 ) -> Download:
-    """One run; no further one is asked for once the server is ``down``."""
-    path = run.path(Path(fetcher.path))
-    host = urlsplit(fetcher.urls[run.key]).netloc
+    """Download a run that is not there yet."""
+    path, host = run.path(Path(fetcher.path)), publisher.host
 
     def failed(reason: str) -> Download:
         return Download(run, path, DownloadState.FAILED, 0, reason)
 
-    known = sums.of(run)
     try:
-        there = path.is_file()
-        if there and known and pooch.file_hash(path) != known:
+        known, is_present = checksums.of(run), path.is_file()
+        if is_present and known and pooch.file_hash(path) != known:
             return failed(f"{path}: this is not the published file; move it away to download it.")
-        if not there and down.is_set():
-            return failed(_no_network(run, host))
-        transfer = _Resuming(run, wishes, checked=known is not None)
-        try:
-            fetcher.fetch(run.key, downloader=transfer)
-        except ValueError:  # another checksum, perhaps as two versions were put together
-            if not transfer.resumed:
-                raise
-            fetcher.fetch(run.key, downloader=transfer)
+        fetcher.fetch(
+            run.key, downloader=lambda url, place, _: publisher.deliver(run, url, place, known)
+        )
         if not known:
-            sums.record(run, pooch.file_hash(path))
-        state = DownloadState.PRESENT if there else DownloadState.DOWNLOADED
+            checksums.record(run, pooch.file_hash(path))
+        state = DownloadState.PRESENT if is_present else DownloadState.DOWNLOADED
         return Download(run, path, state, path.stat().st_size)
     except _Stopped:
         return Download(run, path, DownloadState.STOPPED, 0)
     except _Unreachable:
-        down.set()
-        return failed(_no_network(run, host))
+        return failed(
+            f"{run.key}: {host} cannot be reached; check the network connection, or the proxy."
+        )
     except RecordingError as fault:
         return failed(str(fault))
-    except ValueError:
-        return failed(
-            f"{run.key}: what {host} sends is not the published file (its SHA-256 differs); it was"
-            " not kept."
-        )
+    except requests.RequestException as fault:
+        is_stalled = "timed out" in str(fault)
+        reason = f"nothing arrives for {publisher.stall:g} s" if is_stalled else "it breaks off"
+        return failed(str(publisher.undelivered(run, reason)))
     except OSError as fault:
-        reason = fault.strerror or type(fault).__name__
-        return failed(f"{run.key}: the file cannot be written ({reason}).")
+        return failed(f"{run.key}: the file cannot be written ({reason_of(fault)}).")
 
 
-def _no_network(run: Run, host: str) -> str:
-    return f"{run.key}: {host} cannot be reached; check the network connection, or the proxy."
+@dataclass(frozen=True)
+class _Publisher:
+    """The server that has the files; it delivers them to Pooch."""
 
+    session: requests.Session
+    host: str
+    stall: Seconds
+    should_stop: Callable[[], bool]
+    on_transfer: OnTransfer | None
+    is_down: threading.Event
+    """Set once the server cannot be reached, so that other runs need not wait for it."""
 
-class _Resuming:
-    """Pooch's downloader that goes on with what earlier attempts have received."""
+    def deliver(self, run: Run, url: str, place: str, known: str | None) -> None:
+        """Transfer a file to a place, and check that it is the right one.
 
-    def __init__(self, run: Run, wishes: _Wishes, checked: bool) -> None:
-        self.resumed = False
-        self._run, self._wishes, self._checked = run, wishes, checked
-
-    def __call__(self, url: str, output_file: str, fetcher: pooch.Pooch) -> None:
-        """Transfer a file to ``output_file``."""
-        target = self._run.path(Path(fetcher.path))
-        part = target.with_name(f".{target.name}.part")
-        version = target.with_name(f".{target.name}.version")
-        pause, fault = self._wishes.pause, "it breaks off"
-        for attempt in range(ATTEMPTS):
-            if attempt:
-                self._wait(pause)
-                pause = min(2.0 * pause, LONGEST_PAUSE)
-            try:
-                more = self._attempt(url, part, version)
-            except requests.ConnectTimeout:
+        Raises:
+            RecordingError: where no further attempt would help.
+            requests.RequestException: where one might.
+        """
+        if self.is_down.is_set():
+            raise _Unreachable
+        if self.should_stop():
+            raise _Stopped
+        headers = {"Accept-Encoding": "identity"}  # so that lengths are those of the file
+        timeout = (CONNECT, self.stall)
+        try:
+            with self.session.get(url, headers=headers, stream=True, timeout=timeout) as answer:
+                self._require_file(run, answer.status_code)
+                self._receive(run, answer, Path(place))
+        except requests.ConnectionError as fault:
+            is_timeout = isinstance(fault, requests.ConnectTimeout)
+            if is_timeout or "NewConnectionError" in repr(fault) or "NameReso" in repr(fault):
+                self.is_down.set()
                 raise _Unreachable from None
-            except requests.ConnectionError as error:
-                if not _broke_off(error):
-                    raise _Unreachable from None
-                fault = "the connection breaks off"
-                continue
-            except requests.Timeout:
-                fault = f"nothing arrives for {self._wishes.stall:g} s"
-                continue
-            except requests.RequestException:
-                fault = "the connection breaks off"
-                continue
-            if more is None:
-                version.unlink(missing_ok=True)
-                if not self._checked:
-                    _require_run(self._run, part)
-                part.replace(output_file)
-                return
-            fault, asked = more
-            pause = max(pause, min(asked, LONGEST_PAUSE))
-        host = urlsplit(url).netloc
-        raise _Refused(
-            f"{self._run.key}: {host} does not deliver the file ({fault}, {ATTEMPTS} attempts);"
-            " what arrived is kept, try again later."
+            raise
+        if known is None:
+            _require_run(run, Path(place))
+        elif pooch.file_hash(place) != known:
+            raise _Refused(
+                f"{run.key}: what {self.host} sends is not the published file (its SHA-256"
+                " differs); it was not kept."
+            )
+
+    def undelivered(self, run: Run, reason: str) -> RecordingError:
+        """The sentence about a file of which no attempt succeeded."""
+        return _Refused(
+            f"{run.key}: {self.host} does not deliver the file ({reason}, {ATTEMPTS} attempts);"
+            " try again later."
         )
 
-    def _attempt(self, url: str, part: Path, version: Path) -> tuple[str, Seconds] | None:
-        """One request; None once the file is whole, else what is wrong and how long to wait."""
-        have = part.stat().st_size if part.is_file() else 0
-        # Without the name of its version, and a checksum, a part might belong to another one.
-        tag = version.read_text(encoding="utf-8") if have and version.is_file() else ""
-        if have and not tag and not self._checked:
-            part.unlink()
-            have = 0
-        headers = {"Accept-Encoding": "identity"}
-        if have:
-            headers |= {"Range": f"bytes={have}-"} | ({"If-Range": tag} if tag else {})
-        timeout = (CONNECT, self._wishes.stall)
-        with requests.get(url, headers=headers, stream=True, timeout=timeout) as answer:
-            status = answer.status_code
-            if status == 416:  # the part is as long as the file, or longer
-                whole = answer.headers.get("Content-Range", "").rpartition("/")[2]
-                if whole == str(have):
-                    return None
-                part.unlink(missing_ok=True)
-                return "the part does not fit", 0.0
-            if status in (429, 500, 502, 503, 504):
-                asked = answer.headers.get("Retry-After", "")
-                return f"status {status}", float(asked) if asked.isdigit() else 0.0
-            if status not in (200, 206):
-                missing = "it is not there" if status in (404, 410) else "it is refused"
-                host = urlsplit(url).netloc
-                raise _Refused(f"{self._run.key}: {missing} on {host} (status {status}).")
-            if status == 206 and _start_of(answer.headers) != have:
-                part.unlink(missing_ok=True)
-                return "the part does not fit", 0.0
-            if status == 200:
-                have = 0
-            self.resumed |= have > 0
-            return self._receive(answer, part, version, have)
+    def _require_file(self, run: Run, status: int) -> None:
+        if status in BUSY:
+            raise self.undelivered(run, f"status {status}")
+        if status != 200:
+            missing = "it is not there" if status in (404, 410) else "it is refused"
+            raise _Refused(f"{run.key}: {missing} on {self.host} (status {status}).")
 
-    def _receive(
-        self, answer: requests.Response, part: Path, version: Path, have: int
-    ) -> tuple[str, Seconds] | None:
+    def _receive(self, run: Run, answer: requests.Response, place: Path) -> None:
         length = answer.headers.get("Content-Length", "")
-        size = have + int(length) if length.isdigit() else None
-        tag = answer.headers.get("ETag") or answer.headers.get("Last-Modified") or ""
-        if tag.startswith("W/"):  # such a name may not be asked for
-            tag = answer.headers.get("Last-Modified", "")
-        if have == 0:
-            version.write_text(tag, encoding="utf-8")
-        with part.open("ab" if have else "wb") as file:
+        size = int(length) if length.isdigit() else None
+        received = 0
+        place.unlink(missing_ok=True)  # Pooch's file could be read by its owner alone
+        with place.open("xb") as file:
             for chunk in answer.iter_content(_CHUNK):
                 file.write(chunk)
-                have += len(chunk)
-                if have > LIMIT_BYTES:
-                    raise _Refused(f"{self._run.key}: the file is far too large for a recording.")
-                if self._wishes.on_transfer:
-                    self._wishes.on_transfer(Transfer(self._run, have, size))
-                if self._wishes.should_stop():
+                received += len(chunk)
+                if received > LIMIT_BYTES:
+                    raise _Refused(f"{run.key}: the file is far too large for a recording.")
+                if self.on_transfer:
+                    self.on_transfer(Transfer(run, received, size))
+                if self.should_stop():
                     raise _Stopped
-        return None if size is None or have == size else ("the connection breaks off", 0.0)
-
-    def _wait(self, pause: Seconds) -> None:
-        end = time.monotonic() + pause
-        while (left := end - time.monotonic()) > 0:
-            if self._wishes.should_stop():
-                raise _Stopped
-            time.sleep(min(left, 0.1))
 
 
-def _broke_off(error: requests.ConnectionError) -> bool:
-    """Whether there was a connection that ended, rather than none."""
-    text = repr(error)
-    return "NewConnectionError" not in text and "NameResolutionError" not in text
-
-
-def _start_of(headers: Mapping[str, str]) -> int | None:
-    start = headers.get("Content-Range", "").removeprefix("bytes ").partition("-")[0]
-    return int(start) if start.isdigit() else None
-
-
-def _require_run(run: Run, part: Path) -> None:
+def _require_run(run: Run, place: Path) -> None:
     """Refuse what is no run at all; all else a checksum alone could tell."""
-    with part.open("rb") as file:
+    with place.open("rb") as file:
         first = file.read(200).lstrip(b"\xef\xbb\xbf \r\n").decode("utf-8", "replace")
     if first.partition(",")[0].strip().lower() not in {key.lower() for key in METADATA}:
-        part.unlink()
         raise _Refused(f"{run.key}: what the server sends is no OpenACC run; it was not kept.")
 
 
 class _Checksums:
-    """Those of the catalogue, and those recorded when a file was first downloaded."""
+    """Checksums of the catalogue, and those recorded when a file was first downloaded."""
 
     def __init__(self, folder: Path) -> None:
         self._file, self._lock = folder / CHECKSUMS, threading.Lock()

@@ -4,11 +4,12 @@ from collections.abc import Iterator
 
 from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
+from accpinn.recordings import mapping as mapped
 from accpinn.recordings import openacc, pairs
-from accpinn.recordings.mapping import CsvMapping, read_mapped, recall, remember, trajectories_of
+from accpinn.recordings.mapping import CsvMapping, recall, remember
 from accpinn.recordings.recording import Recording
-from accpinn.recordings.samples import Source, SourceFile, read_bytes
-from accpinn.recordings.tables import Layout, layout_of
+from accpinn.recordings.source import Source, SourceFile, read_bytes
+from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
 
 _HEADER_STARTS = tuple(key.lower() for key in (*METADATA, TIME.column))
 
@@ -34,17 +35,14 @@ def read(
     """
     source_file = read_bytes(source, name)
     layout, used = _table_of(source_file, mapping)
-    if used:
-        recording = read_mapped(
-            source_file, used, trajectory=trajectory, remembered=mapping is None
-        )
+    runs = _runs_of(source_file, layout, used, remembered=mapping is None)
+    if runs and used:
+        recording = mapped.choose_mapped(source_file, runs, trajectory).read()
         if mapping:
             remember(mapping, layout_of(source_file).names)
         return recording
-    if layout and pairs.is_pair_table(layout):
-        found = pairs.platoons(source_file, layout)
-        chosen = pairs.choose(source_file, found, trajectory)
-        return pairs.recording_of(source_file, layout, chosen, len(found) == 1)
+    if runs:
+        return choose_run(source_file, runs, trajectory, "platoons").read()
     if layout and not _is_openacc(source_file):
         return _refuse_unknown(source_file)
     if trajectory is not None:
@@ -68,23 +66,15 @@ def read_all(
     """
     source_file = read_bytes(source, name)
     layout, used = _table_of(source_file, mapping)
-    if layout and pairs.is_pair_table(layout):
-        found = pairs.platoons(source_file, layout)
-        for platoon in found:
-            try:
-                yield pairs.recording_of(source_file, layout, platoon, len(found) == 1)
-            except RecordingError as fault:
-                yield fault
+    has_names = used.trajectory if used else layout and pairs.is_pair_table(layout)
+    if not has_names:
+        yield read(source, name, mapping=mapping)
         return
-    runs = trajectories_of(source_file, used) if used else ()
-    if used and runs:
-        for run in runs:
-            try:
-                yield read_mapped(source_file, used, trajectory=run, remembered=mapping is None)
-            except RecordingError as fault:
-                yield fault
-        return
-    yield read(source, name, mapping=mapping)
+    for run in _runs_of(source_file, layout, used, remembered=mapping is None):
+        try:
+            yield run.read()
+        except RecordingError as fault:
+            yield fault
 
 
 def mapping_of(
@@ -122,7 +112,7 @@ def is_unknown(source: Source, name: str | None = None) -> bool:
 def trajectories(
     source: Source, name: str | None = None, *, mapping: CsvMapping | None = None
 ) -> tuple[tuple[str, int], ...]:
-    """The runs among which a table makes its reader choose: a name of each, and its vehicles.
+    """The runs of a table among which a choice has to be made: names and numbers of vehicles.
 
     Args:
         source: see `read`, as all others.
@@ -136,14 +126,22 @@ def trajectories(
         RecordingError: when the file as a whole cannot be read.
     """
     source_file = read_bytes(source, name)
-    layout, used = _table_of(source_file, mapping)
-    found: tuple[tuple[str, int], ...] = ()
+    runs = _runs_of(source_file, *_table_of(source_file, mapping))
+    return tuple((run.trajectories[0], run.vehicles) for run in runs) if len(runs) > 1 else ()
+
+
+def _runs_of(
+    source_file: SourceFile,
+    layout: Layout | None,
+    mapping: CsvMapping | None,
+    remembered: bool = False,
+) -> tuple[TableRun, ...]:
+    """The runs of a table of pairs, or of one whose mapping is known; none of any other file."""
+    if mapping:
+        return mapped.runs_of(source_file, mapping, remembered)
     if layout and pairs.is_pair_table(layout):
-        platoons = pairs.platoons(source_file, layout)
-        found = tuple((one.trajectories[0], len(one.pairs) + 1) for one in platoons)
-    elif used:
-        found = tuple((run, len(used.speeds)) for run in trajectories_of(source_file, used))
-    return found if len(found) > 1 else ()
+        return pairs.runs_of(source_file, layout)
+    return ()
 
 
 def _is_openacc(source_file: SourceFile) -> bool:

@@ -2,8 +2,8 @@
 
 Headers write "Audi(A8)", "AUDI_E_TRON", "Mitsubishi(SpaceStar)", or the make or the model alone:
 "Hyundai", "Rexton". The table `makes.csv` has each spelling without case, spaces and punctuation,
-and what it stands for. Of a name that it lacks, a known make at its beginning gets its one
-spelling, and the rest is kept as it is.
+and what it stands for. A name that it lacks keeps its spelling, but for a known make at its
+beginning.
 """
 
 import csv
@@ -21,9 +21,9 @@ def make_and_model(name: str) -> tuple[str, str]:
     Args:
         name: as in the header.
     """
-    found = _table().get(_key(name))
-    if found:
-        return found
+    listed = _table().get(_key(name))
+    if listed:
+        return listed
     parts = _PARTS.fullmatch(name)
     if not parts:
         return name.strip(), ""

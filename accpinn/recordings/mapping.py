@@ -15,38 +15,32 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from platformdirs import user_data_path
 
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording, completed
-from accpinn.recordings.samples import (
-    Refuse,
-    Source,
-    SourceFile,
-    excerpt,
-    read_bytes,
-    require_possible,
-    require_time,
+from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
+from accpinn.recordings.tables import (
+    Columns,
+    Layout,
+    TableRun,
+    choose_run,
+    layout_of,
+    read_columns,
 )
-from accpinn.recordings.tables import Layout, layout_of, read_columns
+from accpinn.storage import folder, reason_of, write_whole
 from accpinn.units import FloatArray, Metres, Seconds
-
-if TYPE_CHECKING:
-    import pandas as pd  # takes most of a second to import, which few files need
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 SPEED_UNITS = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "ft/s": 0.3048, "kn": 1852 / 3600}
 GAP_UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "ft": 0.3048}
-"""Each in the package's unit."""
-FOLDER_VARIABLE = "ACCPINN_MAPPINGS"
-"""Environment variable that names another folder than the one among the user's data."""
+"""Units of each quantity, in the package's own."""
 
 
 class TimeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -64,7 +58,7 @@ class SpeedColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: str = "m/s"
     """A key of `SPEED_UNITS`."""
     name: str = ""
-    """The vehicle's, as make and model."""
+    """Name of the vehicle, as make and model."""
 
 
 class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -74,28 +68,28 @@ class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     unit: str = "m"
     """A key of `GAP_UNITS`."""
     subtract: Metres = 0.0
-    """In m: the length of the vehicle ahead where the column holds a distance of positions."""
+    """Length of the vehicle ahead in m, where the column holds a distance of positions."""
 
 
 class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The column that says who controls a vehicle."""
 
     vehicle: int
-    """1 = first."""
+    """Number of the vehicle, 1 = first."""
     column: str
     acc: tuple[str, ...] = ("ACC",)
-    """What it says under ACC."""
+    """Words for driving under ACC."""
     human: tuple[str, ...] = ("Human",)
-    """What it says under manual driving."""
+    """Words for manual driving."""
 
 
 class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which columns of a table hold what."""
+    """The columns of a table by what they hold."""
 
     speeds: tuple[SpeedColumn, ...]
-    """(V,) leader first."""
+    """(V,) columns of speed, leader first."""
     gaps: tuple[GapColumn, ...]
-    """(V-1,) first follower first."""
+    """(V-1,) columns of space-gap, first follower first."""
     time: TimeColumn | None = None
     sample_time: Seconds | None = None
     """The even step between rows, where no column holds the time."""
@@ -106,11 +100,11 @@ class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class Preview:
-    """What a page shows while a mapping is made."""
+    """A table's beginning, for a page on which a mapping is made."""
 
     layout: Layout
     mapping: CsvMapping | None
-    """Remembered from a file with the same columns."""
+    """Mapping remembered from a file with the same columns."""
 
 
 def preview(source: Source, name: str | None = None) -> Preview:
@@ -158,7 +152,7 @@ def load_mapping(path: str | os.PathLike[str]) -> CsvMapping:
     try:
         text = Path(path).read_bytes()
     except (OSError, ValueError) as fault:
-        reason = (getattr(fault, "strerror", None) or "no valid path").lower()
+        reason = reason_of(fault).lower()
         raise RecordingError(f"{path}: the mapping cannot be opened ({reason}).") from None
     return parse_mapping(text, excerpt(Path(path).name, 100))
 
@@ -185,137 +179,133 @@ def _check(mapping: CsvMapping, name: str) -> None:
         raise refuse("time and sample_time: give one of the two")
     if mapping.sample_time is not None and not 1e-3 <= mapping.sample_time <= 5.0:
         raise refuse(f"sample_time: {mapping.sample_time:g} s is not allowed; choose 0.001 to 5 s")
-    units = [(one.unit, SPEED_UNITS, f"speeds[{k}]") for k, one in enumerate(mapping.speeds)]
-    units += [(one.unit, GAP_UNITS, f"gaps[{k}]") for k, one in enumerate(mapping.gaps)]
+    units = [(speed.unit, SPEED_UNITS, f"speeds[{k}]") for k, speed in enumerate(mapping.speeds)]
+    units += [(gap.unit, GAP_UNITS, f"gaps[{k}]") for k, gap in enumerate(mapping.gaps)]
     units += [(mapping.time.unit, TIME_UNITS, "time")] if mapping.time else []
     for unit, known, place in units:
         if unit not in known:
             listed = ", ".join(known)
             raise refuse(f'{place}.unit: "{excerpt(unit)}" is not known; choose from {listed}')
-    for k, one in enumerate(mapping.modes):
-        if not 1 <= one.vehicle <= len(mapping.speeds):
-            raise refuse(f"modes[{k}].vehicle: there is no vehicle {one.vehicle}")
-    if not all(np.isfinite(one.subtract) for one in mapping.gaps):
+    for k, mode in enumerate(mapping.modes):
+        if not 1 <= mode.vehicle <= len(mapping.speeds):
+            raise refuse(f"modes[{k}].vehicle: there is no vehicle {mode.vehicle}")
+    if not all(np.isfinite(gap.subtract) for gap in mapping.gaps):
         raise refuse("gaps: subtract is no number")
 
 
 def read_mapped(
-    source: Source | SourceFile,
-    mapping: CsvMapping,
-    name: str | None = None,
-    trajectory: str | None = None,
-    remembered: bool = False,
+    source: Source, mapping: CsvMapping, name: str | None = None, trajectory: str | None = None
 ) -> Recording:
-    """Read a table whose columns a mapping names.
+    """Read a table whose columns a mapping names; nothing is remembered.
 
     Args:
-        source: path of the file, the bytes of an upload, or what was read of either.
+        source: path of the file, or the bytes of an upload.
         mapping: which columns hold what.
         name: file name to show; needed for bytes only.
         trajectory: which run, where the mapping names a column that tells them apart.
+
+    Raises:
+        RecordingError: one sentence of file, place, fault and cure.
+    """
+    source_file = read_bytes(source, name)
+    return choose_mapped(source_file, runs_of(source_file, mapping), trajectory).read()
+
+
+def choose_mapped(
+    source_file: SourceFile, runs: Sequence[TableRun], trajectory: str | None
+) -> TableRun:
+    """The run that has a trajectory, or the only one.
+
+    Raises:
+        RecordingError: for a name that is not there, or where a choice has to be made.
+    """
+    if trajectory is not None and not runs[0].trajectories:
+        fault = "the mapping names no column that tells trajectories apart"
+        raise source_file.refusal(fault, "name it in the mapping, or choose no trajectory")
+    return choose_run(source_file, runs, trajectory, "trajectories")
+
+
+def runs_of(
+    source_file: SourceFile, mapping: CsvMapping, remembered: bool = False
+) -> tuple[TableRun, ...]:
+    """The runs of a table, in the order of their first rows.
+
+    Args:
+        source_file: the file.
+        mapping: which columns hold what.
         remembered: whether the mapping was not given but remembered, which is among the findings.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    source_file = source if isinstance(source, SourceFile) else read_bytes(source, name)
     _check(mapping, "mapping")
-    layout = layout_of(source_file)
     words = [mode.column for mode in mapping.modes]
     words += [mapping.trajectory] if mapping.trajectory else []
     numbers = [mapping.time.column] if mapping.time else []
     numbers += [speed.column for speed in mapping.speeds] + [gap.column for gap in mapping.gaps]
-    frame = read_columns(source_file, layout, [*dict.fromkeys(numbers)], [*dict.fromkeys(words)])
-    first_rows = np.arange(len(frame)) + layout.header_row + 1
-    if mapping.trajectory:
-        runs = frame[mapping.trajectory]
-        chosen = _choose(source_file, tuple(runs.unique()), trajectory)
-        keep = (runs == chosen).to_numpy()
-        frame, first_rows = frame[keep], first_rows[keep]
-    elif trajectory is not None:
-        fault = "the mapping names no column that tells trajectories apart"
-        raise source_file.refusal(fault, "name it in the mapping, or choose no trajectory")
+    columns = read_columns(source_file, layout_of(source_file), numbers, words)
+    samples = len(columns.numbers[numbers[0]])
+    rows_of: dict[str | None, list[int]] = {}
+    trajectories = columns.words[mapping.trajectory] if mapping.trajectory else [None] * samples
+    for row, trajectory in enumerate(trajectories):
+        rows_of.setdefault(trajectory, []).append(row)
+    findings = (MappingRemembered(),) if remembered else ()
+    return tuple(
+        TableRun(
+            () if trajectory is None else (trajectory,),
+            len(mapping.speeds),
+            partial(_recording, columns, mapping, np.array(rows), trajectory, findings),
+        )
+        for trajectory, rows in rows_of.items()
+    )
+
+
+def _recording(
+    columns: Columns,
+    mapping: CsvMapping,
+    rows: NDArray[np.int64],
+    trajectory: str | None,
+    findings: tuple[MappingRemembered, ...],
+) -> Recording:
+    """The recording of the rows of one run, 0 = first below the column names."""
 
     def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
-        values = frame[column].to_numpy(dtype=float) * factor - less
-        refuse = _refusing(source_file, column, first_rows)
-        require_possible(quantity, values, refuse)
+        values = columns.measured(quantity, column, rows, factor, less)
         if np.isnan(values).all():
-            raise refuse("all cells are empty", "choose another column", None)
+            raise columns.refusal("all cells are empty", "choose another column", column)
         return values
 
     speeds = [channel(c.column, SPEED_UNITS[c.unit], SPEED) for c in mapping.speeds]
     gaps = [channel(c.column, GAP_UNITS[c.unit], GAP, c.subtract) for c in mapping.gaps]
-    content = hashlib.sha256(source_file.raw)
-    if mapping.trajectory:
-        content.update(chosen.encode())
+    if mapping.time:
+        time = columns.time(mapping.time.column, rows, TIME_UNITS[mapping.time.unit])
+    elif len(rows) > 1:
+        time = np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
+    else:
+        column = mapping.trajectory or mapping.speeds[0].column
+        raise columns.refusal("the trajectory has one row", "choose another trajectory", column)
+    source_file = columns.source_file
     recording = Recording(
-        source=source_file.name + (f", trajectory {chosen}" if mapping.trajectory else ""),
-        sha256=content.hexdigest(),
-        time=_time(source_file, mapping, frame, first_rows),
+        source=source_file.name + (f", trajectory {trajectory}" if mapping.trajectory else ""),
+        sha256=source_file.sha256(trajectory),
+        time=time,
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),
-        mode=_modes(mapping, frame),
-        trajectory=chosen if mapping.trajectory else None,
+        mode=_modes(columns, mapping, rows),
+        trajectory=trajectory,
     )
-    names = {k: excerpt(one.name, 80) for k, one in enumerate(mapping.speeds, 1)}
-    return completed(recording, names, (MappingRemembered(),) if remembered else ())
+    names = {k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)}
+    return completed(recording, names, findings)
 
 
-def _time(
-    source_file: SourceFile, mapping: CsvMapping, frame: "pd.DataFrame", rows: NDArray[np.int64]
-) -> FloatArray:
-    """(N,) in s from the first sample."""
-    if mapping.time is None:
-        return np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
-    column = mapping.time.column
-    # From the first sample on, so that a large origin costs no digits.
-    stamps = frame[column].to_numpy(dtype=np.float64)
-    time: FloatArray = (stamps - stamps[0]) * TIME_UNITS[mapping.time.unit]
-    require_time(time, _refusing(source_file, column, rows))
-    return time
-
-
-def _refusing(source_file: SourceFile, column: str, rows: NDArray[np.int64]) -> Refuse:
-    """Makes the errors about a column, whose samples stand in these rows of the file."""
-
-    def refuse(fault: str, cure: str, row: int | None) -> RecordingError:
-        where = "" if row is None else f"row {rows[row]}, "
-        return source_file.refusal(fault, cure, f"{where}column {excerpt(column)}")
-
-    return refuse
-
-
-def _modes(mapping: CsvMapping, frame: "pd.DataFrame") -> NDArray[np.int8]:
-    modes = np.full((len(frame), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
-    for one in mapping.modes:
-        modes[frame[one.column].isin(one.acc), one.vehicle - 1] = Mode.ACC
-        modes[frame[one.column].isin(one.human), one.vehicle - 1] = Mode.HUMAN
+def _modes(columns: Columns, mapping: CsvMapping, rows: NDArray[np.int64]) -> NDArray[np.int8]:
+    """(N, V) values of `Mode`."""
+    modes = np.full((len(rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
+    for mode in mapping.modes:
+        words = [columns.words[mode.column][row] for row in rows]
+        modes[[word in mode.acc for word in words], mode.vehicle - 1] = Mode.ACC
+        modes[[word in mode.human for word in words], mode.vehicle - 1] = Mode.HUMAN
     return modes
-
-
-def _choose(source_file: SourceFile, names: Sequence[str], trajectory: str | None) -> str:
-    if trajectory is not None and trajectory.strip() in names:
-        return trajectory.strip()
-    if trajectory is None and len(names) == 1:
-        return names[0]
-    listed = excerpt(", ".join(names), 120)
-    fault = f"the table holds {len(names)} trajectories"
-    if trajectory is not None:
-        fault = f'there is no trajectory "{excerpt(trajectory)}"'
-    raise source_file.refusal(fault, f"choose a trajectory (--trajectory): {listed}")
-
-
-def trajectories_of(source_file: SourceFile, mapping: CsvMapping) -> tuple[str, ...]:
-    """The names of a table's runs; empty where the mapping tells none apart.
-
-    Raises:
-        RecordingError: when the column is missing.
-    """
-    if mapping.trajectory is None:
-        return ()
-    words = read_columns(source_file, layout_of(source_file), (), (mapping.trajectory,))
-    return tuple(words[mapping.trajectory].unique())
 
 
 def remember(mapping: CsvMapping, names: Sequence[str]) -> None:
@@ -323,9 +313,7 @@ def remember(mapping: CsvMapping, names: Sequence[str]) -> None:
     place = _place(names)
     with suppress(OSError):
         place.parent.mkdir(parents=True, exist_ok=True)
-        part = place.with_suffix(f".{os.getpid()}.part")
-        part.write_bytes(write_mapping(mapping))
-        os.replace(part, place)
+        write_whole(place, write_mapping(mapping))
 
 
 def recall(names: Sequence[str]) -> CsvMapping | None:
@@ -337,6 +325,5 @@ def recall(names: Sequence[str]) -> CsvMapping | None:
 
 
 def _place(names: Sequence[str]) -> Path:
-    named = os.environ.get(FOLDER_VARIABLE)
-    folder = Path(named) if named else user_data_path("accpinn") / "mappings"
-    return folder / f"{hashlib.sha256(repr(tuple(names)).encode()).hexdigest()[:24]}.json"
+    content = hashlib.sha256(repr(tuple(names)).encode())
+    return folder("mappings") / f"{content.hexdigest()[:24]}.json"

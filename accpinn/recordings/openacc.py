@@ -7,21 +7,23 @@ between vehicles i and i+1), Driver<i>. Positions are not read.
 Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
-import csv
-import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
+from numpy.typing import NDArray
 
-from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME
+from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import (
     GapsUnused,
+    LineEndMissing,
     MetadataMissing,
     MetadataUnreadable,
+    Mode,
+    ModesUnknown,
     NamesWithoutData,
     Recording,
     RecordingFinding,
@@ -29,19 +31,13 @@ from accpinn.recordings.recording import (
     VehiclesWithoutName,
     completed,
 )
-from accpinn.recordings.samples import (
-    Columns,
-    Source,
-    SourceFile,
-    excerpt,
-    read_bytes,
-    read_samples,
-)
+from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
+from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
+from accpinn.units import FloatArray
 
 LONGEST_NAME = 80
 """Characters of a vehicle's name that are kept; the longest of the database has 22."""
 
-_READ_BYTES = 100_000
 _NUMBERED = re.compile(r"([A-Za-z]+)([1-9]\d?)")
 _CHOOSE_RUN = "choose the CSV file of a run"
 _TABLE_NAMES = re.compile(r"veh_specifications|^Long setting vehs", re.IGNORECASE)
@@ -55,7 +51,7 @@ class Campaign:
     files: str
     """Regular expression of how the names of its files begin."""
     days: tuple[str, ...]
-    """As 2019-07-04."""
+    """Days of the campaign, as 2019-07-04."""
     unique: bool = True
     """Whether no other campaign names its files like this."""
 
@@ -79,9 +75,23 @@ CAMPAIGNS = (
 @dataclass(frozen=True)
 class _Row:
     number: int
+    """Which row of the file it is, 1 = first."""
     cells: tuple[str, ...]
-    end: int
-    """Offset of the byte behind the row."""
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """The columns of a run: the name of each by vehicle number, and how the table is written."""
+
+    layout: Layout
+    speed: dict[int, str]
+    gap: dict[int, str]
+    driver: dict[int, str]
+
+    @property
+    def time(self) -> str:
+        """The name of the first column."""
+        return self.layout.names[0]
 
 
 def read(source: Source | SourceFile, name: str | None = None) -> Recording:
@@ -95,7 +105,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         RecordingError: one sentence of file, place, fault and cure.
     """
     source_file = source if isinstance(source, SourceFile) else read_bytes(source, name)
-    metadata, columns = _read_header(source_file)
+    metadata, channels = _read_header(source_file)
     names = _names(source_file, metadata.get("Vehicle_order", ()))
     findings: list[RecordingFinding] = [
         MetadataMissing(key=key) for key in METADATA if key not in metadata
@@ -104,40 +114,81 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
     acc_flag = _integer("ACC", metadata, range(3), findings)
     distance_setting = excerpt(next(iter(metadata.get("Distance_setting", ())), "")) or None
-    findings += _check_layout(names, stated, columns)
-    vehicles = max(len(names), *columns.speed, 2)
-    samples = read_samples(source_file, columns, vehicles)
-    for values, kind in ((samples.speed, "speed"), (samples.gap, "space-gap")):
-        if np.isnan(values).all():
-            fault = f"all {kind} columns are empty"
-            raise source_file.refusal(fault, "choose another recording")
+    findings += _check_names(names, stated, channels)
+    vehicles = max(len(names), *channels.speed, 2)
+    time, speed, gap, mode = _read_samples(source_file, channels, vehicles, findings)
     recording = Recording(
         source=source_file.name,
-        sha256=hashlib.sha256(source_file.raw).hexdigest(),
+        sha256=source_file.sha256(),
         campaign=_campaign(source_file, day),
         date=day,
         acc_flag=acc_flag,
         distance_setting=distance_setting,
-        time=samples.time - samples.time[0],
-        speed=samples.speed,
-        gap=samples.gap,
-        mode=samples.mode,
+        time=time,
+        speed=speed,
+        gap=gap,
+        mode=mode,
     )
-    return completed(recording, names, (*findings, *samples.findings))
+    return completed(recording, names, findings)
 
 
-def _check_layout(
-    names: Mapping[int, str], stated: int | None, columns: Columns
+def _read_samples(
+    source_file: SourceFile,
+    channels: _Channels,
+    vehicles: int,
+    findings: list[RecordingFinding],
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
+    """Time (N,), speeds (N, V), space-gaps (N, V-1) and modes (N, V) of the V vehicles.
+
+    Findings about the rows are appended to ``findings``.
+    """
+    names = [channels.time, *channels.speed.values(), *channels.gap.values()]
+    columns = read_columns(source_file, channels.layout, names, [*channels.driver.values()])
+    samples = len(columns.measured(TIME, channels.time))
+    speed = np.full((samples, vehicles), np.nan)
+    gap = np.full((samples, vehicles - 1), np.nan)
+    mode = np.full((samples, MAX_VEHICLES), Mode.UNKNOWN, np.int8)
+    for number, name in channels.speed.items():
+        speed[:, number - 1] = columns.measured(SPEED, name)
+    for number, name in channels.gap.items():
+        values = columns.measured(GAP, name)
+        if number < vehicles:
+            gap[:, number - 1] = values
+    time = columns.time(channels.time)
+    if not source_file.is_complete and channels.layout.names[-1] not in channels.driver.values():
+        findings.append(LineEndMissing())
+    for number, name in channels.driver.items():
+        mode[:, number - 1] = _modes(number, columns.words[name], findings)
+    for values, kind in ((speed, "speed"), (gap, "space-gap")):
+        if np.isnan(values).all():
+            fault = f"all {kind} columns are empty"
+            raise source_file.refusal(fault, "choose another recording")
+    return time, speed, gap, mode[:, :vehicles]
+
+
+def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) -> NDArray[np.int8]:
+    """(N,) values of `Mode`; what is neither ACC nor Human is unknown, and a finding."""
+    known = {name.lower(): Mode[name.upper()] for name in MODE_NAMES}
+    meanings = {word: known.get(word.lower(), Mode.UNKNOWN) for word in set(words)}
+    strange = sorted(word for word, mode in meanings.items() if word and mode is Mode.UNKNOWN)
+    if strange:
+        count = sum(map(words.count, strange))
+        findings.append(ModesUnknown(vehicle=number, samples=count, example=excerpt(strange[0])))
+    return np.array([meanings[word] for word in words], dtype=np.int8)
+
+
+def _check_names(
+    names: Mapping[int, str], stated: int | None, channels: _Channels
 ) -> Iterator[RecordingFinding]:
-    """Where names, number of vehicles and columns disagree."""
-    speeds = columns.speed
+    """Findings where names, number of vehicles and columns disagree."""
+    speeds = channels.speed
     if absent := tuple(number for number in names if number not in speeds):
         yield NamesWithoutData(vehicles=absent)
     if nameless := tuple(number for number in sorted(speeds) if not names.get(number)):
         yield VehiclesWithoutName(vehicles=nameless)
     if stated is not None and (stated not in {len(names), max(speeds)} or stated < len(names)):
         yield VehicleCountMismatch(stated=stated, named=len(names), recorded=len(speeds))
-    if orphans := tuple(n for n in sorted(columns.gap) if not {n, n + 1} <= set(speeds)):
+    if orphans := tuple(n for n in sorted(channels.gap) if not {n, n + 1} <= set(speeds)):
         yield GapsUnused(gaps=orphans)
 
 
@@ -148,33 +199,30 @@ def _campaign(source_file: SourceFile, day: date | None) -> str | None:
     campaigns share (part7.csv) need the date as well.
     """
     folder = (source_file.folder or "").strip().lower()
-    found = [
+    campaigns = [
         campaign.folder
         for campaign in CAMPAIGNS
         if day is None or day.isoformat() in campaign.days
         if folder == campaign.folder.lower()
         or (re.match(campaign.files, source_file.name) and (campaign.unique or day is not None))
     ]
-    return found[0] if len(found) == 1 else None
-
-
-# The rows above the numbers
+    return campaigns[0] if len(campaigns) == 1 else None
 
 
 Metadata = dict[str, tuple[str, ...]]
 """The cells behind each key."""
 
 
-def _read_header(source_file: SourceFile) -> tuple[Metadata, Columns]:
+def _read_header(source_file: SourceFile) -> tuple[Metadata, _Channels]:
     """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
     metadata: Metadata = {}
     keys = {key.lower(): key for key in METADATA}
-    for row in _rows(source_file.text):
+    for row in _rows(source_file.lines(HEADER_BYTES)):
         first = row.cells[0].lower()
         if first == TIME.column.lower():
-            columns = _columns(source_file, row)
+            channels = _channels(source_file, row)
             if metadata:
-                return metadata, columns
+                return metadata, channels
             fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
             raise source_file.refusal(fault, "add them, or download the file again", "row 1")
         if first not in keys:
@@ -187,18 +235,12 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, Columns]:
     raise source_file.refusal(fault, _CHOOSE_RUN)
 
 
-def _rows(text: bytes) -> Iterator[_Row]:
+def _rows(lines: Iterable[str]) -> Iterator[_Row]:
     """The first rows with content, cell by cell."""
-    end = 0
-    for number, line in enumerate(text[:_READ_BYTES].splitlines(keepends=True), start=1):
-        end += len(line)
-        try:
-            decoded = line.decode("utf-8")
-        except UnicodeDecodeError:
-            decoded = line.decode("cp1252", errors="replace")
-        cells = tuple(cell.strip() for cell in next(csv.reader([decoded.strip()]), []))
+    for number, line in enumerate(lines, start=1):
+        cells = cells_of(line.strip())
         if any(cells):
-            yield _Row(number, cells, end)
+            yield _Row(number, cells)
 
 
 def _unexpected(source_file: SourceFile, row: _Row) -> RecordingError:
@@ -213,9 +255,9 @@ def _unexpected(source_file: SourceFile, row: _Row) -> RecordingError:
     return source_file.refusal(fault, _CHOOSE_RUN, place)
 
 
-def _columns(source_file: SourceFile, row: _Row) -> Columns:
+def _channels(source_file: SourceFile, row: _Row) -> _Channels:
     place = f"row {row.number}"
-    found: dict[str, dict[int, int]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
+    columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
     positions: dict[str, int] = {}
     for position, cell in enumerate(row.cells):
         if cell in positions:
@@ -225,9 +267,9 @@ def _columns(source_file: SourceFile, row: _Row) -> Columns:
         if cell:
             positions[cell] = position
         numbered = _NUMBERED.fullmatch(cell)
-        if numbered and numbered[1] in found:
-            found[numbered[1]][int(numbered[2])] = position
-    speed, gap, driver = found.values()
+        if numbered and numbered[1] in columns:
+            columns[numbered[1]][int(numbered[2])] = cell
+    speed, gap, driver = columns.values()
     if not speed:
         fault = f"no numbered speed column (as {SPEED.of(1)}) is among the column names"
         cure = f"this is no run of several vehicles, {_CHOOSE_RUN}"
@@ -236,7 +278,7 @@ def _columns(source_file: SourceFile, row: _Row) -> Columns:
         fault = f"no space-gap column (as {GAP.of(1)}) is among the column names"
         cure = f"a model of car-following cannot be estimated without space-gaps, {_CHOOSE_RUN}"
         raise source_file.refusal(fault, cure, place)
-    return Columns(row.cells, row.number, row.end, speed, gap, driver)
+    return _Channels(Layout(row.cells, (), ",", ".", row.number), speed, gap, driver)
 
 
 def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:

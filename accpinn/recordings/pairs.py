@@ -10,25 +10,27 @@ Sources: Zhou, Ma, Liang et al., "A unified longitudinal trajectory dataset for 
 Scientific Data 11, 1123, 2024 (ULTra-AV).
 """
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, SPEED
-from accpinn.errors import RecordingError
+from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings.recording import Mode, Recording, completed
-from accpinn.recordings.samples import (
+from accpinn.recordings.source import SourceFile, excerpt
+from accpinn.recordings.tables import (
+    ALL,
     MINIMUM_SAMPLES,
-    SourceFile,
-    excerpt,
-    require_possible,
-    require_time,
+    Columns,
+    Layout,
+    Rows,
+    TableRun,
+    read_columns,
 )
-from accpinn.recordings.tables import Layout, read_columns
 from accpinn.units import FloatArray, MetresPerSecond
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
@@ -37,21 +39,20 @@ FOLLOWER, FOLLOWER_SPEED, PAIR_GAP = "ID_FAV", "Speed_FAV", "Spatial_Gap"
 NUMBERS = (TIME_INDEX, LEADER_SPEED, FOLLOWER_SPEED, PAIR_GAP)
 WORDS = (TRAJECTORY, LEADER, FOLLOWER)
 HUMAN_LEADER = "1"
-"""Of `Type_LV`; 0 stands for automated or unknown."""
+"""Value of `Type_LV` for a human leader; 0 stands for automated or unknown."""
 
 SAME: MetresPerSecond = 0.01
-"""Root mean square difference up to which two records of a vehicle's speed are the same."""
+"""Largest root mean square difference of two records of the same vehicle's speed."""
 VARIES: MetresPerSecond = 0.1
 """Least standard deviation of a speed by which a shift in time can be recognised."""
 OVERLAP = 100
-"""Samples that two pairs of one platoon share at least."""
+"""Least number of samples that two pairs of a platoon share."""
 SEVERAL = 1000
 """Stretches of rows that a table may have in any case; more are to have as many samples as a
 recording each."""
 MOST_COMPARED = 10_000
 """Speeds of two trajectories that may be the same vehicle's, in one table; each takes half a
 millisecond."""
-LISTED = 12
 DATA_SETS = (
     "AstaZero", "Casale", "Cherasco", "JRC low speed", "Vicolungo", "ZalaZone", "Vanderbilt",
     "CATS", "MicroSimACC", "Ohio", "Waymo", "Argoverse",
@@ -66,25 +67,17 @@ class Pair:
     trajectory: str
     leader: str
     follower: str
-    human_leader: bool
-    rows: FloatArray
-    """(N, 4) time in s, speeds of leader and follower in m/s, space-gap in m."""
-    first_row: int
-    """Of the file's rows of numbers, 0 = first."""
+    has_human_leader: bool
+    rows: slice
+    """The N rows of the table, 0 = first."""
+    leader_speed: FloatArray
+    """(N,) in m/s; not checked yet, as that below."""
+    follower_speed: FloatArray
+    """(N,) in m/s."""
 
-
-@dataclass(frozen=True, eq=False)
-class PairPlatoon:
-    """Pairs in which each one's follower is the next one's leader."""
-
-    pairs: tuple[Pair, ...]
-    shifts: tuple[int, ...]
-    """At which sample of the first pair's time each begins."""
-
-    @property
-    def trajectories(self) -> tuple[str, ...]:
-        """The names of its pairs, first vehicle first."""
-        return tuple(pair.trajectory for pair in self.pairs)
+    def __len__(self) -> int:
+        """The number of samples, N."""
+        return len(self.leader_speed)
 
 
 def is_pair_table(layout: Layout) -> bool:
@@ -92,63 +85,74 @@ def is_pair_table(layout: Layout) -> bool:
     return {*NUMBERS, *WORDS} <= {*layout.names}
 
 
-def platoons(source_file: SourceFile, layout: Layout) -> tuple[PairPlatoon, ...]:
-    """All platoons of a table of pairs, in the order of their first rows.
+def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
+    """The platoons of a table of pairs, in the order of their first rows.
 
     Raises:
         RecordingError: when a cell is wrong.
     """
-    pairs = _pairs(source_file, layout)
-    links = _links(source_file, pairs)
-    behind = {ahead: (follower, shift) for ahead, follower, shift in links}
-    followers = {follower for _, follower, _ in links}
-    found = []
-    for k in range(len(pairs)):
-        if k in followers:
+    words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
+    columns = read_columns(source_file, layout, NUMBERS, words)
+    pairs = _pairs(columns)
+    behind = {ahead: (follower, shift) for ahead, follower, shift in _links(source_file, pairs)}
+    followers = {follower for follower, _ in behind.values()}
+    platoons = []
+    for first in range(len(pairs)):
+        if first in followers:
             continue
-        chain, shifts, at = [k], [0], k
+        chain, begins, at = [pairs[first]], [0], first
         while at in behind:
             at, shift = behind[at]
-            chain.append(at)
-            shifts.append(shifts[-1] + shift)
-        found.append(PairPlatoon(tuple(pairs[i] for i in chain), tuple(shifts)))
-    return tuple(found)
+            chain.append(pairs[at])
+            begins.append(begins[-1] + shift)
+        platoons.append((chain, begins))
+    is_only = len(platoons) == 1
+    return tuple(
+        TableRun(
+            tuple(pair.trajectory for pair in chain),
+            len(chain) + 1,
+            partial(_recording, columns, chain, begins, is_only),
+        )
+        for chain, begins in platoons
+    )
 
 
-def _pairs(source_file: SourceFile, layout: Layout) -> list[Pair]:
-    words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
-    # Numbers first: words of millions of rows are not read for nothing.
-    numbers = read_columns(source_file, layout, NUMBERS)
+def _pairs(columns: Columns) -> list[Pair]:
+    source_file = columns.source_file
     for column in NUMBERS:
-        if numbers[column].isna().all():
-            raise source_file.refusal(
-                "all cells are empty", "choose another table", f"column {column}"
-            )
-    frame = read_columns(source_file, layout, (), words)
-    for name in words:
-        frame[name] = frame[name].str.removesuffix(".0")
+        _require_some(columns, column, ALL, "choose another table")
+    names = list(zip(*(map(_plain, columns.words[word]) for word in WORDS), strict=True))
     # A name that comes again after other rows is another stretch of rows out of order.
-    changes = np.zeros(len(frame), bool)
-    for column in WORDS:
-        changes |= (frame[column] != frame[column].shift()).to_numpy()
-    starts = np.flatnonzero(changes)
-    if len(starts) > max(SEVERAL, len(frame) / MINIMUM_SAMPLES):
-        fault = f"its {len(frame):,} rows change between trajectories {len(starts):,} times"
+    starts = [0, *(row for row in range(1, len(names)) if names[row] != names[row - 1])]
+    if len(starts) > max(SEVERAL, len(names) / MINIMUM_SAMPLES):
+        fault = f"its {len(names):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
-    heads = frame.iloc[starts][list(words)].astype(str).to_dict("records")
-    rows_of = np.split(numbers.to_numpy(dtype=float), starts[1:])
-    pairs: list[Pair] = []
-    names: set[tuple[str, ...]] = set()
-    for first, row, rows in zip(heads, starts.tolist(), rows_of, strict=True):
-        name, leader, follower = (first[column] for column in WORDS)
-        if (name, leader, follower) in names:
-            fault = f"trajectory {excerpt(name)} continues here, behind rows of another"
+    types = columns.words.get(LEADER_TYPE)
+    leading, following = columns.numbers[LEADER_SPEED], columns.numbers[FOLLOWER_SPEED]
+    pairs: dict[tuple[str, ...], Pair] = {}
+    for start, end in pairwise((*starts, len(names))):
+        trajectory, leader, follower = names[start]
+        if names[start] in pairs:
+            fault = f"trajectory {excerpt(trajectory)} continues here, behind rows of another"
             cure = "sort the rows by trajectory and time, one pair a trajectory"
-            raise source_file.refusal(fault, cure, f"row {layout.header_row + row + 1}")
-        names.add((name, leader, follower))
-        human = first.get(LEADER_TYPE) == HUMAN_LEADER
-        pairs.append(Pair(name, leader, follower, human, rows, row))
-    return pairs
+            place = f"row {columns.layout.header_row + start + 1}"
+            raise source_file.refusal(fault, cure, place)
+        is_human = types is not None and _plain(types[start]) == HUMAN_LEADER
+        rows = slice(start, end)
+        pairs[names[start]] = Pair(
+            trajectory, leader, follower, is_human, rows, leading[rows], following[rows]
+        )
+    return list(pairs.values())
+
+
+def _require_some(columns: Columns, column: str, rows: Rows, cure: str) -> None:
+    if np.isnan(columns.numbers[column][rows]).all():
+        raise columns.refusal("all cells are empty", cure, column)
+
+
+def _plain(word: str) -> str:
+    """An identifier without the fraction that some programs write behind whole numbers."""
+    return word.removesuffix(".0")
 
 
 def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, int, int]]:
@@ -163,16 +167,18 @@ def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, in
     if met > MOST_COMPARED:
         fault = f"its {len(pairs):,} trajectories have so few vehicles that {met:,} may be one's"
         raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
-    found = []
+    matches = []
     for k, pair in enumerate(pairs):
         for other in by_leader.get(pair.follower, ()):
-            shared = _shared(pair.rows[:, 2], pairs[other].rows[:, 1]) if other != k else None
+            if other == k:
+                continue
+            shared = _shared(pair.follower_speed, pairs[other].leader_speed)
             if shared:
-                found.append((shared[0], k, other, shared[1]))
+                matches.append((-shared[0], k, other, shared[1]))
     links: list[tuple[int, int, int]] = []
     ahead: set[int] = set()
     behind: dict[int, int] = {}
-    for _, k, other, shift in sorted(found, key=lambda one: (-one[0], one[1], one[2])):
+    for _, k, other, shift in sorted(matches):
         if k in ahead or other in behind or _leads(behind, other, k):
             continue
         ahead.add(k)
@@ -191,28 +197,32 @@ def _leads(behind: dict[int, int], pair: int, other: int) -> bool:
     return False
 
 
-def _shared(own: FloatArray, ahead: FloatArray) -> tuple[int, int] | None:
-    """Samples in common, and the sample of ``own`` at which ``ahead`` begins; None where none.
+def _shared(following: FloatArray, leading: FloatArray) -> tuple[int, int] | None:
+    """Match two records of a vehicle's speed in time.
 
     Args:
-        own: (N,) speed of a vehicle as the follower of one pair.
-        ahead: (K,) the same as the leader of another.
+        following: (N,) speed in m/s of the follower of one pair.
+        leading: (K,) speed in m/s of the leader of another.
+
+    Returns:
+        The number of samples in common, and the sample of ``following`` at which ``leading``
+        begins; None where they are not the same vehicle's.
     """
-    most = min(len(own), len(ahead))
-    if most < OVERLAP or any((np.abs(speed) > SPEED.possible).any() for speed in (own, ahead)):
+    most = min(len(following), len(leading))
+    speeds = (following, leading)
+    if most < OVERLAP or any((np.abs(speed) > SPEED.possible).any() for speed in speeds):
         return None
-    if _differ(own[:most], ahead[:most]) <= SAME:
+    if _difference(following[:most], leading[:most]) <= SAME:
         return most, 0
-    if np.isnan(own).any() or np.isnan(ahead).any():
+    if any(np.isnan(speed).any() for speed in speeds):
         return None
     from scipy.signal import fftconvolve  # takes a second to import, which few need
 
-    centre = own.mean()
-    a, b = own - centre, ahead - centre
+    centre = following.mean()
+    a, b = following - centre, leading - centre
     shifts = np.arange(-(len(b) - 1), len(a))
-    one = np.ones
     squares = (
-        fftconvolve(a**2, one(len(b))) + fftconvolve(one(len(a)), b[::-1] ** 2)
+        fftconvolve(a**2, np.ones(len(b))) + fftconvolve(np.ones(len(a)), b[::-1] ** 2)
         - 2.0 * fftconvolve(a, b[::-1])
     )  # fmt: skip
     counts = np.minimum(len(a), shifts + len(b)) - np.maximum(0, shifts)
@@ -221,49 +231,21 @@ def _shared(own: FloatArray, ahead: FloatArray) -> tuple[int, int] | None:
     shift, count = int(shifts[at]), int(counts[at])
     if count < OVERLAP:
         return None
-    part = own[max(0, shift) : max(0, shift) + count]
-    other = ahead[max(0, -shift) : max(0, -shift) + count]
-    varies = float(part.std()) >= VARIES
-    return (count, shift) if varies and _differ(part, other) <= SAME else None
+    first = following[max(0, shift) : max(0, shift) + count]
+    second = leading[max(0, -shift) : max(0, -shift) + count]
+    is_same = float(first.std()) >= VARIES and _difference(first, second) <= SAME
+    return (count, shift) if is_same else None
 
 
-def _differ(one: FloatArray, other: FloatArray) -> float:
+def _difference(first: FloatArray, second: FloatArray) -> float:
     """Root mean square of the difference where both are known; nan where nowhere."""
-    away = one - other
-    away = away[np.isfinite(away)]
-    return float(np.sqrt((away**2).mean())) if len(away) else float("nan")
+    difference = first - second
+    known = difference[np.isfinite(difference)]
+    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 
 
-def choose(
-    source_file: SourceFile, found: Sequence[PairPlatoon], trajectory: str | None
-) -> PairPlatoon:
-    """The platoon that holds a trajectory, or the only one.
-
-    Raises:
-        RecordingError: for a name that is not there, or where a choice has to be made.
-    """
-    if trajectory is None:
-        if len(found) == 1:
-            return found[0]
-        return _refuse_choice(source_file, found, f"the table holds {len(found)} platoons")
-    for platoon in found:
-        if trajectory.strip() in platoon.trajectories:
-            return platoon
-    fault = f'there is no trajectory "{excerpt(trajectory)}"'
-    return _refuse_choice(source_file, found, fault)
-
-
-def _refuse_choice(
-    source_file: SourceFile, found: Sequence[PairPlatoon], fault: str
-) -> PairPlatoon:
-    names = [excerpt(platoon.trajectories[0]) for platoon in found]
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    listed = ", ".join(names[:LISTED])
-    raise source_file.refusal(fault, f"choose a trajectory (--trajectory): {listed}{more}")
-
-
-def recording_of(
-    source_file: SourceFile, layout: Layout, platoon: PairPlatoon, only: bool
+def _recording(
+    columns: Columns, pairs: Sequence[Pair], begins: Sequence[int], is_only: bool
 ) -> Recording:
     """The recording of a platoon; V vehicles are one more than its pairs.
 
@@ -271,49 +253,46 @@ def recording_of(
     channels that only it knows are missing.
 
     Args:
-        source_file: the file.
-        layout: its own.
-        platoon: one of the file's.
-        only: whether the file holds no other.
+        columns: those of the table.
+        pairs: those of the platoon, first vehicle first.
+        begins: at which sample of the first pair's time each begins.
+        is_only: whether the file holds no other platoon.
 
     Raises:
         RecordingError: about the first row that is wrong.
     """
-    for pair in platoon.pairs:
-        _check(source_file, layout, pair)
-    starts = np.array(platoon.shifts) - min(platoon.shifts)
-    places = [slice(s, s + len(p.rows)) for s, p in zip(starts, platoon.pairs, strict=True)]
-    samples, vehicles = max(place.stop for place in places), len(platoon.pairs) + 1
+    source_file = columns.source_file
+    clocks = [_checked_time(columns, pair) for pair in pairs]
+    starts = np.array(begins) - min(begins)
+    places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
+    samples, vehicles = max(place.stop for place in places), len(pairs) + 1
     time = np.full(samples, np.nan)
     speed = np.full((samples, vehicles), np.nan)
     gap = np.full((samples, vehicles - 1), np.nan)
     mode = np.full((samples, vehicles), Mode.UNKNOWN, np.int8)
-    for k, (place, pair) in enumerate(zip(places, platoon.pairs, strict=True)):
-        instants = pair.rows[:, 0]
+    for k, (place, pair, instants) in enumerate(zip(places, pairs, clocks, strict=True)):
         known = np.flatnonzero(np.isfinite(time[place]))
         # The first pair's clock serves for all.
         offset = time[place][known[0]] - instants[known[0]] if len(known) else 0.0
         _fill(time[place], instants + offset)
-        _fill(speed[place, k], pair.rows[:, 1])
-        speed[place, k + 1] = pair.rows[:, 2]
-        gap[place, k] = pair.rows[:, 3]
+        _fill(speed[place, k], pair.leader_speed)
+        speed[place, k + 1] = pair.follower_speed
+        gap[place, k] = columns.numbers[PAIR_GAP][pair.rows]
         mode[place, k + 1] = Mode.ACC
-        if k == 0 and pair.human_leader:
+        if k == 0 and pair.has_human_leader:
             mode[place, 0] = Mode.HUMAN
-    name, content = platoon.trajectories[0], hashlib.sha256(source_file.raw)
-    if not only:
-        content.update(name.encode())
-    ids = [platoon.pairs[0].leader, *(pair.follower for pair in platoon.pairs)]
+    name = None if is_only else pairs[0].trajectory
     recording = Recording(
-        source=source_file.name if only else f"{source_file.name}, trajectory {excerpt(name)}",
-        sha256=content.hexdigest(),
+        source=source_file.name + (f", trajectory {excerpt(name)}" if name is not None else ""),
+        sha256=source_file.sha256(name),
         campaign=_data_set(source_file.name),
         time=time - time[0],
         speed=speed,
         gap=gap,
         mode=mode,
-        trajectory=None if only else name,
+        trajectory=name,
     )
+    ids = [pairs[0].leader, *(pair.follower for pair in pairs)]
     names = {k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)}
     return completed(recording, names, ())
 
@@ -324,22 +303,16 @@ def _fill(place: NDArray[np.float64], values: FloatArray) -> None:
     place[empty] = values[empty]
 
 
-def _check(source_file: SourceFile, layout: Layout, pair: Pair) -> None:
-    def refuse(column: str, fault: str, cure: str, row: int | None) -> RecordingError:
-        number = "" if row is None else f"row {layout.header_row + pair.first_row + row + 1}, "
-        return source_file.refusal(fault, cure, f"{number}column {column}")
-
-    for k, channel in ((1, SPEED), (2, SPEED), (3, GAP)):
-        column = NUMBERS[k]
-        require_possible(channel, pair.rows[:, k], lambda *of, c=column: refuse(c, *of))
-        if np.isnan(pair.rows[:, k]).all():
-            raise refuse(column, "all cells are empty", "choose another trajectory", None)
-    if len(pair.rows) < 2:
-        raise refuse(TIME_INDEX, "the trajectory has one row", "choose another trajectory", 0)
-    require_time(pair.rows[:, 0], lambda *of: refuse(TIME_INDEX, *of))
+def _checked_time(columns: Columns, pair: Pair) -> FloatArray:
+    """(N,) time of a pair in s, from its first sample on, once all its values are checked."""
+    for column, quantity in ((LEADER_SPEED, SPEED), (FOLLOWER_SPEED, SPEED), (PAIR_GAP, GAP)):
+        columns.measured(quantity, column, pair.rows)
+        _require_some(columns, column, pair.rows, "choose another trajectory")
+    columns.measured(TIME, TIME_INDEX, pair.rows)
+    return columns.time(TIME_INDEX, pair.rows)
 
 
 def _data_set(name: str) -> str | None:
-    """The data set that a file's name names."""
+    """The data set that is part of a file's name."""
     words = re.sub(r"[_\-]+", " ", name).lower()
-    return next((one for one in DATA_SETS if re.search(rf"\b{one.lower()}", words)), None)
+    return next((name for name in DATA_SETS if re.search(rf"\b{name.lower()}", words)), None)

@@ -1,4 +1,4 @@
-"""What a file holds: metadata, vehicles, speeds, gaps and modes over time, and what is wrong."""
+"""A recording: metadata, vehicles, speeds, gaps and modes over time, and findings about them."""
 
 import datetime
 import hashlib
@@ -17,26 +17,27 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
 EVEN_TOLERANCE: Seconds = 1e-6
-"""Time stamps this close to a regular grid count as even; float noise is below 1e-9 s."""
+"""Largest distance of even time stamps from a regular grid; float noise is below 1e-9 s."""
 
 AGREEMENT_LIMIT = 0.5
 """Least correlation between a gap's rate of change and the speed difference that counts as sound;
 the sound recordings of the database reach 0.8 and more."""
 AGREEMENT_WINDOW: Seconds = 1.0
-"""Rates are taken over this time, so that measurement noise does not hide the agreement."""
+"""Time over which rates are taken, so that measurement noise does not hide the agreement."""
 AGREEMENT_MINIMUM = 30
-"""Instants that a correlation takes."""
+"""Least instants of a correlation."""
 RELATIVE_MOTION: MetresPerSecond = 0.2
-"""With less deviation of the speed difference, noise dominates the correlation."""
+"""Least deviation of the speed difference at which noise does not dominate the correlation."""
 FROZEN: Seconds = 0.5
-"""A value repeated for longer while moving is a fault of the receiver."""
+"""Longest repetition of a value in motion that is no fault of the receiver."""
 MOVING: MetresPerSecond = 1.0
-"""Slower vehicles stand: they may repeat their values and have no meaningful time gap."""
+"""Speed up to which a vehicle stands: values may repeat, and a time gap has no meaning."""
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
-"""A leader whose speed deviates less excites nothing."""
+"""Least deviation of a leader's speed that excites its followers."""
 BLOCKS_LISTED = 3
+"""Missing blocks that a finding lists."""
 _JOINED = re.compile(r"(.*\w)(\([^()]*\))")
-"""Files join make and model: "Mercedes(AClass)"."""
+"""Make and model joined, as "Mercedes(AClass)"."""
 HUMAN_FLAG = 0
 """The file's ACC flag of a run with human drivers."""
 
@@ -58,11 +59,11 @@ class Window:
 
     @property
     def duration(self) -> Seconds:
-        """Its length in s."""
+        """The window's length in s."""
         return round(self.end - self.start, 9)
 
     def __str__(self) -> str:
-        """As tables and sentences name it: "0–300 s"."""
+        """The window as tables and sentences name it: "0–300 s"."""
         return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
 
 
@@ -292,11 +293,11 @@ class Vehicle:
     present: bool
     """Whether the file has at least one speed of it."""
     missing: int
-    """How many of its speed samples are missing."""
+    """Number of its speed samples that are missing."""
     missing_share: float
-    """The same as a share of all samples, 0 to 1."""
+    """Share of its speed samples that are missing, 0 to 1."""
     modes: dict[str, int] | None
-    """Samples under "ACC" and under "Human"; None where the file has no modes."""
+    """Numbers of samples under "ACC" and under "Human"; None where the file has no modes."""
 
 
 def vehicle_label(number: int, name: str) -> str:
@@ -308,26 +309,26 @@ def vehicle_label(number: int, name: str) -> str:
 
 
 def unnamed(number: int) -> str:
-    """What a vehicle is called that the file gives no name."""
+    """The name of a vehicle to which the file gives none."""
     return f"Vehicle {number}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
-    """One run; N samples, V vehicles. Arrays are read-only."""
+    """A run of V vehicles over N samples. Arrays are read-only."""
 
     source: str
     """File name; with the trajectory's name where the file holds several."""
     sha256: str
-    """Of the file's bytes, and of the trajectory's name where the file holds several."""
+    """SHA-256 of the file's bytes, and of the trajectory's name where the file holds several."""
     campaign: str | None = None
-    """None where folder, file name and date do not determine it."""
+    """Campaign; None where folder, file name and date do not determine it."""
     date: datetime.date | None = None
     acc_flag: int | None = None
-    """As in the file: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
+    """The file's flag: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
     distance_setting: str | None = None
     vehicles: tuple[Vehicle, ...] = ()
-    """(V,) also those the header names but the columns lack."""
+    """(V,) vehicles, also those that the header names but the columns lack."""
     time: FloatArray
     """(N,) in s from the first sample."""
     speed: FloatArray
@@ -337,9 +338,9 @@ class Recording:
     mode: NDArray[np.int8]
     """(N, V) values of `Mode`."""
     findings: tuple[RecordingFinding, ...] = ()
-    """What the user should know about the data."""
+    """Findings about the data that the user should know."""
     trajectory: str | None = None
-    """Which of a table's trajectories it is; None where the file holds one run."""
+    """Name of the table's trajectory; None where the file holds one run."""
 
     def __post_init__(self) -> None:
         """Copy the arrays and lock them."""
@@ -349,7 +350,7 @@ class Recording:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that was read; of one file several mappings make several recordings."""
+        """SHA-256 of all that was read, as several mappings make several recordings of a file."""
         content = hashlib.sha256(repr((self.source, self.vehicles, self.findings)).encode())
         for values in (self.time, self.speed, self.gap, self.mode):
             content.update(repr(values.shape).encode() + values.tobytes())
@@ -357,17 +358,17 @@ class Recording:
 
     @property
     def samples(self) -> int:
-        """How many samples: N."""
+        """The number of samples, N."""
         return len(self.time)
 
     @property
     def duration(self) -> Seconds:
-        """From the first to the last sample."""
+        """Time from the first to the last sample."""
         return round(float(self.time[-1]), 6)
 
     @property
     def nbytes(self) -> int:
-        """What its arrays take in memory."""
+        """Bytes that the arrays take in memory."""
         return self.time.nbytes + self.speed.nbytes + self.gap.nbytes + self.mode.nbytes
 
     @property
@@ -415,23 +416,23 @@ class Recording:
 
 
 class Facts(TypedDict, total=False):
-    """What a recording says of itself; None where it does not."""
+    """Facts that a recording states of itself; None where it does not."""
 
     campaign: str | None
     date: str | None
-    """ISO 8601."""
+    """Date by ISO 8601."""
     acc_flag: int | None
-    """0 human, 1 ACC, 2 mixed."""
+    """Flag of the file: 0 human, 1 ACC, 2 mixed."""
     distance_setting: str | None
     samples: int | None
     duration: float | None
-    """In s."""
+    """Duration in s."""
     sample_time: float | None
-    """In s."""
+    """Typical step between samples in s."""
 
 
 def facts_of(recording: Recording | None) -> Facts:
-    """Those of a recording; none without one."""
+    """The facts of a recording; none without one."""
     if recording is None:
         return {}
     return {
@@ -448,11 +449,11 @@ def facts_of(recording: Recording | None) -> Facts:
 def completed(
     recording: Recording, names: Mapping[int, str], findings: Iterable[RecordingFinding]
 ) -> Recording:
-    """A recording with its vehicles described and its data checked.
+    """Describe the vehicles of a recording and check its data.
 
     Args:
         recording: without vehicles and findings.
-        names: by vehicle number; a vehicle without one goes by its number.
+        names: names by vehicle number; a vehicle without one goes by its number.
         findings: made while reading; those about the data follow them.
     """
     vehicles = tuple(

@@ -22,16 +22,16 @@ from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 GENERATOR_VERSION = 1
-"""Raised whenever the same scenario would give other numbers."""
+"""Version of the generator, raised whenever a scenario would give other numbers."""
 
 SAMPLE_TIME: Seconds = 0.1
-"""Of an OpenACC file."""
+"""Step between the samples of an OpenACC file."""
 
 REPORT_TIME: Seconds = 0.25
-"""Between two reports of a receiver: OpenACC's notes say 3-5 Hz, then splined to 10 Hz."""
+"""Time between two reports of a receiver; OpenACC's notes say 3-5 Hz, then splined to 10 Hz."""
 
 SIMULATION_STEP: Seconds = 0.05
-"""The largest step whose instants include those of both rates above."""
+"""Largest step whose instants include those of both rates above."""
 
 FIRST_TIME: Seconds = 1.0
 """The Time of the first sample; AstaZero's files start at 1, too."""
@@ -42,15 +42,15 @@ DATE = (1, 1, 2024)
 
 @dataclass(frozen=True)
 class Noise:
-    """What receivers add, per vehicle: standard deviations of zero-mean Gaussian errors.
+    """Errors that receivers add, per vehicle: standard deviations of zero-mean Gaussians.
 
     The sizes are those of u-blox M8 and F9 receivers under open sky. Their data sheets give the
     Doppler speed as good to 0.05 m/s; the residuals of real recordings about a smooth curve are
-    a little larger than what that gives here. Of the position error, metres for one receiver,
-    two receivers of a platoon share nearly all (orbits, clocks, atmosphere), so that it cancels
-    in the space-gap. What stays is multipath, which wanders by decimetres over a minute (here a
-    first-order Gauss-Markov process), and the receiver's own noise, about a centimetre as the
-    carrier phase smooths the position. Errors arise at the receivers' reports; the file's 10 Hz
+    a little larger than what that gives here. The position error is metres for one receiver, but
+    two receivers of a platoon share nearly all of it (orbits, clocks, atmosphere), so that it
+    cancels in the space-gap. What stays is multipath, which wanders by decimetres over a minute
+    (here a first-order Gauss-Markov process), and the receiver's own noise, about a centimetre as
+    the carrier phase smooths the position. Errors arise at the receivers' reports; the file's 10 Hz
     come from cubic splines through them, as OpenACC's notes say of the real data.
     """
 
@@ -61,36 +61,36 @@ class Noise:
     drift: Metres = 0.1
     """Wandering error of each position along the lane; two of them make a space-gap's."""
     drift_time: Seconds = 60.0
-    """After which the drift's correlation has fallen to 1/e."""
+    """Time after which the drift's correlation has fallen to 1/e."""
 
 
 @dataclass(frozen=True)
 class LeaderProfile:
-    """How the leader drives: set speeds held and changed smoothly, and a wobble on top."""
+    """The leader's drive: set speeds held and changed smoothly, and a wobble on top."""
 
     first: MetresPerSecond
     """Speed at the first instant, before the wobble."""
     slowest: MetresPerSecond
     fastest: MetresPerSecond
     hold: tuple[Seconds, Seconds]
-    """How long a set speed lasts, at least and at most."""
+    """Shortest and longest time of a set speed."""
     acceleration: tuple[float, float]
-    """Peak of a change in m/s², at least and at most."""
+    """Smallest and largest peak of a change, in m/s²."""
     wobble: MetresPerSecond
     """Root mean square of the foot's unrest, between 0.05 and 0.5 rad/s."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One synthetic recording: everything that determines its bytes."""
+    """A synthetic recording: everything that determines its bytes."""
 
     name: str
     """File name without its ending."""
     description: str
     vehicles: tuple[str, ...]
-    """Leader first."""
+    """Names, leader first."""
     parameters: Parameters
-    """One entry a follower."""
+    """Parameters, one entry a follower."""
     leader: LeaderProfile
     noise: Noise | None
     seed: int
@@ -101,11 +101,11 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Truth:
-    """What a synthetic recording was made from; a truth file holds it as JSON."""
+    """The origin of a synthetic recording, which a truth file holds as JSON."""
 
     description: str
     parameters: Parameters
-    """One entry a follower, in the file's order."""
+    """Parameters, one entry a follower, in the file's order."""
     noise: Noise | None
     seed: int
     generator: int
@@ -113,7 +113,7 @@ class Truth:
 
 
 def truth_path(recording: Path) -> Path:
-    """Where the truth file of a synthetic recording lies: beside it."""
+    """The path of a synthetic recording's truth file, which lies beside it."""
     return recording.with_name(f"{recording.stem}.truth.json")
 
 
@@ -230,7 +230,7 @@ def leader_speed(profile: LeaderProfile, time: FloatArray, rng: np.random.Genera
 
 
 def true_trajectories(scenario: Scenario) -> Trajectories:
-    """What truly happened, every `SIMULATION_STEP`."""
+    """The true motion, every `SIMULATION_STEP`."""
     time = np.linspace(0, scenario.duration, round(scenario.duration / SIMULATION_STEP) + 1)
     ahead = leader_speed(scenario.leader, time, np.random.default_rng(scenario.seed))
     if scenario.initial:
@@ -243,7 +243,7 @@ def true_trajectories(scenario: Scenario) -> Trajectories:
 
 
 def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
-    """What the receivers make of it, every `SAMPLE_TIME`; without noise, just those instants."""
+    """The motion as receivers record it, every `SAMPLE_TIME`; exact where there is no noise."""
     from scipy.interpolate import CubicSpline  # takes a second to import, which few need
 
     kept = slice(None, None, round(SAMPLE_TIME / SIMULATION_STEP))

@@ -1,46 +1,60 @@
-"""Any table of numbers with a row of column names: its layout, a preview, and columns by name."""
+"""The one reader of tables: their layout, and their columns by name.
+
+Cells are split by Python's `csv` and numbers read by `float`, which rounds correctly. A cell that
+is neither empty nor a number is refused with its place, and so is a row of another width.
+"""
 
 import csv
-import io
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
-from accpinn.recordings.samples import (
-    AS_WRITTEN,
-    MINIMUM_SAMPLES,
-    SourceFile,
-    cells_per_row,
-    excerpt,
-)
-
-if TYPE_CHECKING:
-    import pandas as pd  # takes most of a second to import, which few files need
+from accpinn.channels import Quantity
+from accpinn.errors import RecordingError
+from accpinn.recordings.recording import Recording
+from accpinn.recordings.source import SourceFile, excerpt
+from accpinn.units import FloatArray, Seconds
 
 SEPARATORS = (",", ";", "\t", "|")
 HEADER_ROWS = 50
-"""The row of column names is looked for among so many."""
+"""Number of rows among which the column names are looked for."""
+HEADER_BYTES = 100_000
+"""Beginning of a file in which the column names stand."""
 PREVIEWED = 5
 """Rows of a preview."""
-_READ_BYTES = 100_000
 LONGEST_NAME = 60
+"""Characters of a column's name in a sentence."""
+MINIMUM_SAMPLES = 10
+"""Least number of rows of a recording."""
+SHORTEST_STEP: Seconds = 1e-3
+LONGEST_STEP: Seconds = 5.0
+"""Shortest and longest step of a recording; others suggest that the time is not in seconds."""
+GAP_STEPS = 10
+"""Longest step without a hole in the recording, in typical steps."""
+LISTED = 12
+"""Runs that a sentence names."""
+MISSING = frozenset(("", "NaN", "nan", "NA", "N/A", "null"))
+"""Words of a cell that holds no value."""
+_BLOCK = 5_000
+"""Cells that are split at a time; larger blocks fit no processor's cache."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table is written, and its first rows."""
+    """The way in which a table is written, and its first rows."""
 
     names: tuple[str, ...]
-    """Of the columns, in their order; empty where a column has none."""
+    """Names of all columns, in their order; empty where a column has none."""
     rows: tuple[tuple[str, ...], ...]
     """The first rows of cells, as they are written."""
     separator: str
     decimal: str
-    """What stands before the fraction of a number: a point or a comma."""
+    """Sign before the fraction of a number: a point or a comma."""
     header_row: int
-    """Which row has the column names, 1 = first."""
+    """Number of the row with the column names, 1 = first."""
 
 
 def layout_of(source_file: SourceFile) -> Layout:
@@ -52,12 +66,11 @@ def layout_of(source_file: SourceFile) -> Layout:
     Raises:
         RecordingError: where no row of column names is found.
     """
-    text = source_file.text[:_READ_BYTES].decode("utf-8", "replace")
-    lines = text.splitlines()[: HEADER_ROWS + PREVIEWED + 1]
+    lines = list(islice(source_file.lines(HEADER_BYTES), HEADER_ROWS + PREVIEWED + 1))
     for number, line in enumerate(lines[:HEADER_ROWS]):
         for separator in sorted(SEPARATORS, key=line.count, reverse=True):
-            names = _cells(line, separator)
-            below = [_cells(row, separator) for row in lines[number + 1 :] if row.strip()]
+            names = cells_of(line, separator)
+            below = [cells_of(row, separator) for row in lines[number + 1 :] if row.strip()]
             is_header = len(names) > 1 and any(names) and not any(map(_is_number, names))
             if is_header and below and len(below[0]) == len(names):
                 return _layout(names, below[:PREVIEWED], separator, number + 1)
@@ -76,7 +89,8 @@ def _layout(
     return Layout(names, shown, separator, decimal, header_row)
 
 
-def _cells(line: str, separator: str) -> tuple[str, ...]:
+def cells_of(line: str, separator: str = ",") -> tuple[str, ...]:
+    """The cells of a row, without white space around them."""
     return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=separator), []))
 
 
@@ -88,8 +102,138 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+Rows = slice | NDArray[np.int64]
+"""Some rows of a table, 0 = first below the column names."""
+ALL = slice(None)
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Some columns of a table with N rows."""
+
+    source_file: SourceFile
+    layout: Layout
+    numbers: dict[str, FloatArray]
+    """(N,) numbers by column; nan where a cell is empty."""
+    words: dict[str, list[str]]
+    """N texts by column, without white space around them; "" where a cell is empty."""
+
+    def refusal(
+        self, fault: str, cure: str, column: str, rows: Rows = ALL, row: int | None = None
+    ) -> RecordingError:
+        """The error about a column, or about the cell in one of some rows."""
+        at = None if row is None else int(np.arange(len(self.numbers[column]))[rows][row])
+        return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
+
+    def measured(
+        self,
+        quantity: Quantity,
+        column: str,
+        rows: Rows = ALL,
+        factor: float = 1.0,
+        less: float = 0.0,
+    ) -> FloatArray:
+        """Numbers of a size that measurements have, in the quantity's unit; missing ones are nan.
+
+        Args:
+            quantity: what they are.
+            column: where they stand.
+            rows: which of them.
+            factor: the column's unit in that of the quantity.
+            less: what to subtract from each, in the quantity's unit.
+
+        Raises:
+            RecordingError: about the first that cannot be a measurement.
+        """
+        values = self.numbers[column][rows] * factor - less
+        wrong = np.flatnonzero(np.abs(values) > quantity.possible)
+        if len(wrong):
+            row = int(wrong[0])
+            fault = (
+                f"{values[row]:g} cannot be a measurement, as at most"
+                f" {quantity.possible:,.0f} {quantity.unit} is possible"
+            )
+            cure = f"correct it, give it in {quantity.unit}, or leave the cell empty"
+            raise self.refusal(fault, cure, column, rows, row)
+        return values
+
+    def time(self, column: str, rows: Rows = ALL, factor: float = 1.0) -> FloatArray:
+        """The time from the first of some rows on, in s: increasing and without holes.
+
+        Args:
+            column: where it stands.
+            rows: which of its rows.
+            factor: the column's unit in s.
+
+        Raises:
+            RecordingError: about the first row that is wrong.
+        """
+
+        def refusal(fault: str, cure: str, row: int | None) -> RecordingError:
+            return self.refusal(fault, cure, column, rows, row)
+
+        stamps = self.numbers[column][rows]
+        missing = np.flatnonzero(np.isnan(stamps))
+        if len(missing):
+            raise refusal("the time is missing", "fill it in or delete the row", int(missing[0]))
+        if len(stamps) < 2:
+            raise refusal("the trajectory has one row", "choose another trajectory", 0)
+        # From the first sample on, so that a large origin costs no digits.
+        steps = np.diff((stamps - stamps[0]) * factor)
+        backward = np.flatnonzero(steps <= 0)
+        if len(backward):
+            row = int(backward[0]) + 1
+            late, early = (f"{stamps[k] * factor:.10g} s" for k in (row, row - 1))
+            fault = f"the time does not increase, {late} follows {early}"
+            raise refusal(fault, "sort or delete the rows", row)
+        typical = float(np.median(steps))
+        if not SHORTEST_STEP <= typical <= LONGEST_STEP:
+            fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
+            raise refusal(fault, "give the time in seconds", None)
+        holes = np.flatnonzero(steps > GAP_STEPS * typical)
+        if len(holes):
+            row = int(holes[0]) + 1
+            fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
+            raise refusal(fault, "split the file here into two recordings", row)
+        return np.asarray((stamps - stamps[0]) * factor)
+
+
+def read_columns(
+    source_file: SourceFile, layout: Layout, numbers: Sequence[str], words: Sequence[str] = ()
+) -> Columns:
+    """Read some columns of a table, by name.
+
+    Args:
+        source_file: the file.
+        layout: how it is written.
+        numbers: columns of numbers.
+        words: columns of texts.
+
+    Raises:
+        RecordingError: which cell, row or column is wrong.
+    """
+    for name in set(numbers).intersection(words):
+        fault = f'column "{excerpt(name, LONGEST_NAME)}" is asked for as numbers and as words'
+        raise source_file.refusal(fault, "choose another column for one of them")
+    positions = {name: _position(source_file, layout, name) for name in (*numbers, *words)}
+    parts: dict[str, list[FloatArray]] = {name: [] for name in numbers}
+    texts: dict[str, list[str]] = {name: [] for name in words}
+    for first, rows in _blocks(source_file, layout):
+        values = {name: _numbers([row[positions[name]] for row in rows], layout) for name in parts}
+        if any(isinstance(column, int) for column in values.values()):
+            raise _not_a_number(source_file, layout, first, rows, positions, values)
+        for name in parts:
+            parts[name].append(np.array(values[name]))
+        for name, column in texts.items():
+            cells = [row[positions[name]] for row in rows]
+            meanings = {cell: _word(cell) for cell in set(cells)}
+            column.extend(meanings[cell] for cell in cells)
+    joined = {name: np.concatenate(blocks) for name, blocks in parts.items()}
+    return Columns(source_file, layout, joined, texts)
+
+
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
-    """Where a column stands, 0 = leftmost; one that is missing or there twice is refused."""
+    """Position of a column, 0 = leftmost; one that is missing or there twice is refused."""
     count = layout.names.count(column)
     if count == 1:
         return layout.names.index(column)
@@ -102,88 +246,146 @@ def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
     raise source_file.refusal(fault, f"choose among {listed}", f"row {layout.header_row}")
 
 
-def read_columns(
-    source_file: SourceFile, layout: Layout, numbers: Sequence[str], words: Sequence[str] = ()
-) -> "pd.DataFrame":
-    """Some columns of a table, by name.
+def _place(layout: Layout, row: int | None = None, column: str | None = None) -> str:
+    """A place in the file; rows are counted from the first below the column names."""
+    parts = [] if row is None else [f"row {layout.header_row + row + 1}"]
+    parts += [] if column is None else [f"column {excerpt(column, LONGEST_NAME)}"]
+    return ", ".join(parts)
+
+
+def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, list[list[str]]]]:
+    """The rows below the column names, all as wide as these, with the number of the first."""
+    lines = islice(source_file.lines(), layout.header_row, None)
+    reader = csv.reader(lines, delimiter=layout.separator, skipinitialspace=True)
+    first, width = 0, len(layout.names)
+    while True:
+        try:
+            rows = list(islice(reader, max(MINIMUM_SAMPLES, _BLOCK // width)))
+        except csv.Error:
+            raise _unreadable(source_file, layout) from None
+        if reader.line_num != first + len(rows):  # a row goes on behind a line end
+            raise _unreadable(source_file, layout)
+        if first + len(rows) < MINIMUM_SAMPLES:
+            fault = f"only {len(rows)} rows of numbers follow the column names"
+            cure = f"a recording needs at least {MINIMUM_SAMPLES}, download it again"
+            raise source_file.refusal(fault, cure)
+        if {*map(len, rows)} - {width}:
+            raise _ragged(source_file, layout, first, rows, is_last=next(lines, None) is None)
+        if not rows:
+            return
+        yield first, rows
+        first += len(rows)
+
+
+def _ragged(
+    source_file: SourceFile, layout: Layout, first: int, rows: list[list[str]], is_last: bool
+) -> RecordingError:
+    """The sentence about the first row of another width than the column names."""
+    expected = len(layout.names)
+    number, row = next((k, row) for k, row in enumerate(rows) if len(row) != expected)
+    place = _place(layout, first + number)
+    at_end = is_last and number == len(rows) - 1 and not source_file.is_complete
+    if at_end and len(row) < expected:
+        fault = f"the file is cut short, its last row has {len(row)} of {expected} cells"
+        return source_file.refusal(fault, "download it again, or delete that row", place)
+    width = f"has {len(row)} cells" if any(map(str.strip, row)) or len(row) > 1 else "is empty"
+    fault = f"the row {width} where the column names ask for {expected} cells"
+    cure = "correct or delete it, or download the file again"
+    return source_file.refusal(fault, cure, place)
+
+
+def _unreadable(source_file: SourceFile, layout: Layout) -> RecordingError:
+    """Why rows and line ends differ: almost always for one quotation mark too many."""
+    for row, line in enumerate(islice(source_file.lines(), layout.header_row, None)):
+        if line.count('"') % 2:
+            fault = "a quotation mark is opened and not closed"
+            return source_file.refusal(fault, "delete it", _place(layout, row))
+    cure = "download the file again, or re-save it"
+    return source_file.refusal("the rows cannot be read as numbers", cure)
+
+
+def _numbers(cells: list[str], layout: Layout) -> list[float] | int:
+    """The numbers of a column, or which of its cells is the first that is none."""
+    if layout.decimal == "." and "_" not in "".join(cells):  # float would take 1_0 for 10
+        try:
+            return [float(cell) if cell else np.nan for cell in cells]
+        except ValueError:
+            pass
+    values = []
+    for k, cell in enumerate(cells):
+        value = _number(cell.strip(), layout.decimal)
+        if value is None:
+            return k
+        values.append(value)
+    return values
+
+
+def _number(cell: str, decimal: str) -> float | None:
+    """The number in a cell, nan where it is empty, None where it is anything else."""
+    if cell in MISSING:
+        return np.nan
+    if "_" in cell or (decimal != "." and "." in cell):
+        return None
+    try:
+        return float(cell.replace(decimal, "."))
+    except ValueError:
+        return None
+
+
+def _word(cell: str) -> str:
+    return "" if cell.strip() in MISSING else cell.strip()
+
+
+def _not_a_number(
+    source_file: SourceFile,
+    layout: Layout,
+    first: int,
+    rows: list[list[str]],
+    positions: dict[str, int],
+    values: dict[str, list[float] | int],
+) -> RecordingError:
+    """The sentence about the first cell, row by row, that is not a number."""
+    wrong = [(at, positions[name], name) for name, at in values.items() if isinstance(at, int)]
+    row, position, name = min(wrong)
+    fault = f'"{excerpt(rows[row][position])}" is not a number'
+    cure = "correct it, or leave the cell empty"
+    return source_file.refusal(fault, cure, _place(layout, first + row, name))
+
+
+@dataclass(frozen=True, eq=False)
+class TableRun:
+    """A run of those that a table holds."""
+
+    trajectories: tuple[str, ...]
+    """The names that choose it; none where the table holds one run without a name."""
+    vehicles: int
+    read: Callable[[], Recording]
+    """Makes the recording; raises a RecordingError about the first row that is wrong."""
+
+
+def choose_run(
+    source_file: SourceFile, runs: Sequence[TableRun], trajectory: str | None, kind: str
+) -> TableRun:
+    """The run that has a trajectory, or the only one.
 
     Args:
         source_file: the file.
-        layout: its own.
-        numbers: columns of numbers; empty cells become nan.
-        words: columns of texts, without white space around them; empty cells become "".
+        runs: all of its runs.
+        trajectory: any name of a run; None for the only one.
+        kind: what the runs are called in the sentence.
 
     Raises:
-        RecordingError: which cell or column is wrong.
+        RecordingError: for a name that is not there, or where a choice has to be made.
     """
-    import pandas as pd
-
-    for name in words:
-        if name in numbers:
-            fault = f'column "{excerpt(name, LONGEST_NAME)}" is asked for as numbers and as words'
-            raise source_file.refusal(fault, "choose another column for one of them")
-    positions = {name: _position(source_file, layout, name) for name in (*numbers, *words)}
-    _require_whole(source_file, layout)
-    try:
-        frame = _frame(source_file, layout, positions, dict.fromkeys(numbers, "float64"))
-    except (ValueError, OverflowError) as error:
-        if "Calling read" in str(error):  # memory always reads: pandas has hidden a Ctrl+C
-            raise KeyboardInterrupt from None
-        cure = "download the file again, or re-save it"
-        refusal = source_file.refusal("the rows cannot be read as numbers", cure)
-        try:
-            frame = _frame(source_file, layout, positions, {})
-        except ValueError:  # not even as texts
-            raise refusal from error
-        for name in numbers:
-            cells = frame[name].str.replace(layout.decimal, ".", regex=False)
-            wrong = (frame[name].notna() & pd.to_numeric(cells, errors="coerce").isna()).to_numpy()
-            if wrong.any():
-                row = int(wrong.argmax())
-                fault = f'"{excerpt(str(frame[name].iloc[row]))}" is not a number'
-                place = f"row {layout.header_row + row + 1}, column {excerpt(name, LONGEST_NAME)}"
-                cure = "correct it, or leave the cell empty"
-                raise source_file.refusal(fault, cure, place) from error
-        raise refusal from error
-    if len(frame) < MINIMUM_SAMPLES:
-        fault = f"only {len(frame)} rows of numbers follow the column names"
-        raise source_file.refusal(fault, f"a recording needs at least {MINIMUM_SAMPLES}")
-    for name in words:
-        frame[name] = frame[name].fillna("").str.strip()
-    return frame
-
-
-def _frame(
-    source_file: SourceFile, layout: Layout, positions: dict[str, int], dtypes: dict[str, str]
-) -> "pd.DataFrame":
-    import pandas as pd
-
-    given = {at: dtypes.get(name, "str") for name, at in positions.items()}
-    frame: pd.DataFrame = pd.read_csv(
-        io.BytesIO(source_file.text.rstrip()),
-        sep=layout.separator,
-        decimal=layout.decimal,
-        header=None,
-        skiprows=layout.header_row,
-        usecols=sorted(set(positions.values())),
-        dtype=given,
-        encoding="utf-8",
-        encoding_errors="replace",
-        **AS_WRITTEN,
-    )
-    return pd.DataFrame({name: frame[at] for name, at in positions.items()})
-
-
-def _require_whole(source_file: SourceFile, layout: Layout) -> None:
-    """Every row has as many cells as there are columns, where that can be counted."""
-    text = source_file.text.rstrip()
-    if b'"' in text:
-        return
-    counts = cells_per_row(text, layout.separator)[layout.header_row :]
-    expected = len(layout.names)
-    ragged = np.flatnonzero(counts != expected)
-    if len(ragged):
-        row = int(ragged[0])
-        fault = f"the row has {counts[row]} cells where the column names ask for {expected}"
-        cure = "correct or delete it, or download the file again"
-        raise source_file.refusal(fault, cure, f"row {layout.header_row + row + 1}")
+    if trajectory is None and len(runs) == 1:
+        return runs[0]
+    for run in runs:
+        if trajectory is not None and trajectory.strip() in run.trajectories:
+            return run
+    fault = f"the table holds {len(runs)} {kind}"
+    if trajectory is not None:
+        fault = f'there is no trajectory "{excerpt(trajectory)}"'
+    names = [excerpt(run.trajectories[0]) for run in runs]
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    listed = ", ".join(names[:LISTED])
+    raise source_file.refusal(fault, f"choose a trajectory (--trajectory): {listed}{more}")

@@ -1,6 +1,6 @@
-"""Cutting a segment: the vehicles and the window that can be had, on even instants.
+"""Cutting a segment: a platoon and a window of a recording, on even instants.
 
-A platoon is of consecutive vehicles with a space-gap between them.
+A platoon consists of consecutive vehicles with a space-gap between them.
 
 Missing blocks of samples that are short enough are bridged by straight lines and reported. A window
 with longer ones is refused, unless the caller can use one; they are then filled alike, so that the
@@ -31,20 +31,22 @@ from accpinn.segment.segment import (
 from accpinn.units import FloatArray, Mask, Seconds, Stretch, stretches
 
 DURATION: Seconds = 300.0
-"""Default length of a window; that of the studies this package follows."""
+"""Default length of a window, that of the studies this package follows."""
 MINIMUM_DURATION: Seconds = 10.0
-"""A shorter window hardly identifies three parameters."""
+"""Shortest window; a shorter one hardly identifies three parameters."""
 BRIDGE: Seconds = 1.0
-"""Missing blocks up to this long are bridged by a straight line, as the database's makers did."""
+"""Longest missing block that a straight line bridges, as the database's makers did."""
 SLACK: Seconds = 1e-6
-"""Times closer than this are the same; float noise of time stamps is below 1e-9 s."""
+"""Largest difference of equal times; float noise of time stamps is below 1e-9 s."""
 DECIMALS = 9
-"""Of speeds and space-gaps, in m/s and m: further ones are float noise, in which copies of one run
-by different programs differ, and which searches amplify."""
+"""Decimals of speeds in m/s and space-gaps in m; further ones are float noise, in which copies of
+one run by different programs differ, and which searches amplify."""
 NOT_ACC = 0.1
-"""A follower that a driver controls for a larger share of the window is not called ACC."""
+"""Largest share of the window under a driver's control of a follower that is called ACC."""
 WINDOWS_LISTED = 3
+"""Complete windows that a sentence names."""
 MAX_FOLLOWERS = 10
+"""Most followers of a segment."""
 
 
 class IncompleteWindow(SegmentError):
@@ -63,7 +65,7 @@ def cut(
     bridge: Seconds = BRIDGE,
     allow_missing: bool = False,
 ) -> Segment:
-    """The window [start, start + duration] of the chosen vehicles.
+    """Cut the window [start, start + duration] of the chosen vehicles.
 
     Args:
         recording: what to cut from.
@@ -109,7 +111,7 @@ def cut(
 def _driven_by_hand(
     recording: Recording, source: Stretch, followers: tuple[int, ...]
 ) -> Iterator[DrivenByHand]:
-    """By the drivers' modes; a flag for the whole run counts only where there are none."""
+    """Followers under manual control, by their modes or, without any, by the run's flag."""
     modes = recording.mode[source.rows, np.array(followers) - 1]
     if (modes == Mode.UNKNOWN).all():
         if recording.acc_flag == HUMAN_FLAG:
@@ -174,7 +176,7 @@ class _Platoon:
     bridge: Seconds
 
     def bridged_among(self, rows: Stretch) -> list[Bridged]:
-        """One finding a column that has bridged samples among ``rows``."""
+        """The finding of each column that has bridged samples among ``rows``."""
         findings = []
         for column in self.columns:
             blocks = [
@@ -195,7 +197,7 @@ class _Platoon:
                 together.setdefault(blocks, []).append(column)
         findings = []
         for blocks, columns in together.items():
-            moved = (Stretch(rows.first + one.first, rows.first + one.last) for one in blocks)
+            moved = (Stretch(rows.first + b.first, rows.first + b.last) for b in blocks)
             windows = tuple(map(self.recording.window, moved))
             share = sum(map(len, blocks)) / len(rows)
             findings.append(BlocksMissing(tuple(columns), share, windows))
@@ -267,7 +269,7 @@ def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
 def _fit_window(
     recording: Recording, start: Seconds, duration: Seconds, findings: list[SegmentFinding]
 ) -> Window:
-    """The window as it can be had: inside the recording, on its samples where these are even."""
+    """The nearest possible window: inside the recording, on its samples where these are even."""
     end = recording.duration
     if not 0 <= start < math.inf:
         raise SegmentError(
@@ -324,7 +326,7 @@ def _on_grid(
 
 
 def parse_vehicles(text: str) -> tuple[int, ...]:
-    """The vehicles of a text as 1-5, 1,2 or 4; whether a recording has them is not asked here."""
+    """The vehicles of a text as 1-5, 1,2 or 4, which a recording need not have."""
     numbers: list[int] = []
     for part in text.replace(" ", "").split(","):
         match = _PART.fullmatch(part)
@@ -357,13 +359,14 @@ def parse_windows(text: str) -> tuple[Window, ...]:
 
 def chains(recording: Recording) -> tuple[tuple[int, ...], ...]:
     """The longest possible platoons: every maximal run of linked vehicles, in order."""
-    found: list[tuple[int, ...]] = []
+    platoons: list[tuple[int, ...]] = []
     for number in recording.present:
-        if found and found[-1][-1] == number - 1 and _linked(recording, number - 1):
-            found[-1] = (*found[-1], number)
+        follows = platoons and platoons[-1][-1] == number - 1
+        if follows and _has_gap(recording, number - 1):
+            platoons[-1] = (*platoons[-1], number)
         else:
-            found.append((number,))
-    return tuple(chain for chain in found if len(chain) > 1)
+            platoons.append((number,))
+    return tuple(platoon for platoon in platoons if len(platoon) > 1)
 
 
 def default_vehicles(recording: Recording) -> tuple[int, ...]:
@@ -402,12 +405,12 @@ def _fault(recording: Recording, chosen: tuple[int, ...]) -> str:
     for ahead, behind in pairwise(chosen):
         if behind != ahead + 1:
             return f"vehicle {behind} does not follow vehicle {ahead}"
-        if not _linked(recording, ahead):
+        if not _has_gap(recording, ahead):
             return (
                 f"{GAP.of(ahead)}, the space-gap between vehicles {ahead} and {behind}, is missing"
             )
     return ""
 
 
-def _linked(recording: Recording, ahead: int) -> bool:
+def _has_gap(recording: Recording, ahead: int) -> bool:
     return bool(np.isfinite(recording.gap_behind(ahead)).any())

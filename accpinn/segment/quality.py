@@ -1,4 +1,4 @@
-"""What a segment is worth: how well it determines the parameters, and where the model should hold.
+"""Quality of a segment: how well it determines the parameters, and where the model should hold.
 
     mean time gap      mean of p/v over the instants in motion              [s]
     excitation         standard deviations of v_0, of Δv_i and of dv_i/dt
@@ -21,15 +21,24 @@ Regimes say what a follower does at each instant:
 Each instant has one regime, the first of these that applies. A file that gives no driver modes
 has no manual instants here; `Regimes.mode_known` is False then.
 
+Five questions grade a window before anything is estimated from it, by the limits of the findings:
+
+    complete      is every sample measured?
+    excited       do leader and followers move enough to identify α, β and τ?
+    following     are the followers in car-following, for which the model is meant?
+    driver        does ACC, not a driver, control the followers?
+    consistent    does each gap change as the two speeds demand?
+
 Nothing is excluded unless the user asks. Excluded instants keep their data: the motion there is
 measured as well as elsewhere, and dp/dt = Δv holds; only the equation of dv/dt does not count.
 A choice of instants by the time gap depends on what the model is to explain, so it biases too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from itertools import compress
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +47,24 @@ from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import regressors
 from accpinn.recordings.recording import (
+    HUMAN_FLAG,
     LITTLE_LEADER_MOTION,
     MOVING,
+    GapContradictsSpeeds,
     LittleLeaderMotion,
     Mode,
     Recording,
+    agreement,
 )
-from accpinn.segment.cut import MINIMUM_DURATION
-from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
+from accpinn.segment.cut import MINIMUM_DURATION, SLACK
+from accpinn.segment.segment import (
+    BlocksMissing,
+    Bridged,
+    DrivenByHand,
+    NothingToExclude,
+    RegimesExcluded,
+    Segment,
+)
 from accpinn.units import (
     FloatArray,
     Mask,
@@ -57,18 +76,19 @@ from accpinn.units import (
 )
 
 CAR_FOLLOWING: Seconds = 2.0
-"""With a longer time gap a vehicle catches up or drives freely, and the model does not hold."""
+"""Longest time gap of car-following; beyond it a vehicle catches up or drives freely."""
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
-"""Smaller standard deviations come with the receivers' noise alone, or nearly so."""
+"""Least standard deviation of Δv beyond that of the receivers' noise alone."""
 LARGE_CONDITION = 100.0
-"""Windows with motion in them reach 5 to 25, windows near equilibrium several hundred."""
+"""Largest good condition number; windows with motion reach 5 to 25, near equilibrium hundreds."""
 LITTLE_CAR_FOLLOWING = 0.5
+"""Least share of a window in car-following that is not reported."""
 
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
 REGIMES = ("car-following", "catching up", "manual", "standstill")
-"""Names by code."""
+"""Names of the regimes by code."""
 EXCLUDABLE = REGIMES[CATCHING_UP:]
-"""All but the first, for which the model is meant."""
+"""Regimes that can be excluded: all but the first, for which the model is meant."""
 
 
 class NearEquilibrium(Finding, frozen=True):
@@ -142,7 +162,7 @@ class Quality:
     car_following: tuple[float, ...]
     """(M,) share of instants, 0 to 1."""
     findings: tuple[QualityFinding, ...] = ()
-    """Why the parameters may be poorly identified."""
+    """Findings that say why the parameters may be poorly identified."""
 
 
 def time_gaps(segment: Segment) -> FloatArray:
@@ -172,14 +192,14 @@ def assess_quality(segment: Segment) -> Quality:
 
 
 def _conditions(segment: Segment) -> tuple[float, ...]:
-    """Of each follower's regressors, where its equation counts."""
+    """(M,) condition number of each follower's regressors, where its equation counts."""
     parts = regressors(segment.speeds, segment.gaps)
-    each = zip(parts, segment.counts.T, strict=True)
-    return tuple(_condition(part[counts]) for part, counts in each)
+    pairs = zip(parts, segment.counts.T, strict=True)
+    return tuple(_condition(part[counts]) for part, counts in pairs)
 
 
 def _condition(part: FloatArray) -> float:
-    """Of regressors (N, 3); inf where there are fewer instants than parameters."""
+    """Condition number of regressors (N, 3); inf with fewer instants than parameters."""
     lengths = np.linalg.norm(part, axis=0)
     return float(np.linalg.cond(part / lengths)) if len(part) > 2 and lengths.all() else np.inf
 
@@ -222,8 +242,8 @@ class Regimes:
     def shares(self) -> tuple[tuple[float, ...], ...]:
         """(M, 4) share of the measured instants in each regime, 0 to 1; nan without any."""
         measured = True if self.measured is None else self.measured
-        each = [np.where(measured, self.codes == k, np.nan) for k in range(len(self.names))]
-        return tuple(map(tuple, known_mean(np.stack(each, axis=-1)).tolist()))
+        holds = [np.where(measured, self.codes == k, np.nan) for k in range(len(self.names))]
+        return tuple(map(tuple, known_mean(np.stack(holds, axis=-1)).tolist()))
 
 
 def label_regimes(segment: Segment, recording: Recording | None = None) -> Regimes:
@@ -265,7 +285,7 @@ def parse_regimes(names: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def as_typed(name: str) -> str:
-    """A regime's name as it is typed, without spaces."""
+    """The name of a regime as it is typed, without spaces."""
     return name.replace(" ", "-")
 
 
@@ -289,12 +309,12 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
         return replace(segment, findings=(*segment.findings, NothingToExclude(chosen)))
     mask = ~excluded if segment.mask is None else segment.mask & ~excluded
     shares = tuple((~mask).mean(axis=0).tolist())
-    found = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
+    finding = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
     part = replace(
         segment,
         mask=mask,
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
-        findings=(*segment.findings, found),
+        findings=(*segment.findings, finding),
     )
     _refuse_too_little(part, chosen)
     return part
@@ -320,7 +340,7 @@ def _modes(segment: Segment, recording: Recording) -> NDArray[np.int8]:
 
 
 def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
-    """Few instants, like a short window, hardly identify three parameters."""
+    """Refuse a mask that leaves less of a follower than the shortest window."""
     left = segment.counts.sum(axis=0) * segment.sample_time
     worst = int(left.argmin())
     if left[worst] < MINIMUM_DURATION:
@@ -329,3 +349,103 @@ def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
             f" {segment.labels[worst + 1]} remain, where {MINIMUM_DURATION:g} s are needed; exclude"
             " less, or take another window."
         )
+
+
+# Grades of a window, before anything is estimated from it
+
+
+Question = Literal["complete", "excited", "following", "driver", "consistent"]
+
+
+class Grade(Enum):
+    """The grade of a window by one question."""
+
+    GOOD = "good"
+    FAIR = "fair"
+    POOR = "poor"
+    UNKNOWN = "not known"
+
+
+@dataclass(frozen=True)
+class Rating:
+    """The answer to one question."""
+
+    question: Question
+    grade: Grade
+    findings: tuple[Finding, ...] = ()
+    """Findings that say why it is not good."""
+    values: tuple[float, ...] = ()
+    """Figures behind the grade: the share of samples missing; each follower's condition number;
+    each follower's share of car-following; the largest share driven by hand; each gap's
+    correlation with the speeds, nan where it is not known."""
+
+
+def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
+    """All ratings of a window, in the order of the questions.
+
+    Args:
+        segment: the window.
+        recording: what it was cut from.
+        quality: the segment's.
+    """
+    return (
+        _complete(segment),
+        _excited(quality),
+        _following(quality),
+        _driver(segment, recording),
+        _consistent(segment, recording, quality),
+    )
+
+
+def _complete(segment: Segment) -> Rating:
+    findings = _of(segment.findings, BlocksMissing | Bridged)
+    share = 0.0 if segment.missing is None else float(segment.missing.any(axis=1).mean())
+    grade = Grade.FAIR if findings else Grade.GOOD
+    return Rating("complete", Grade.POOR if segment.blocks_missing else grade, findings, (share,))
+
+
+def _excited(quality: Quality) -> Rating:
+    findings = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
+    is_near = any(isinstance(finding, NearEquilibrium) for finding in findings)
+    grade = Grade.POOR if is_near else Grade.FAIR if findings else Grade.GOOD
+    return Rating("excited", grade, findings, quality.condition)
+
+
+def _following(quality: Quality) -> Rating:
+    findings = _of(quality.findings, LittleCarFollowing)
+    grade = Grade.POOR if findings else Grade.GOOD
+    return Rating("following", grade, findings, quality.car_following)
+
+
+def _driver(segment: Segment, recording: Recording) -> Rating:
+    within = recording.time + SLACK >= segment.window.start
+    within &= recording.time - SLACK <= segment.window.end
+    modes = recording.mode[within][:, np.array(segment.vehicles[1:]) - 1]
+    findings = _of(segment.findings, DrivenByHand)
+    if (modes == Mode.UNKNOWN).all():
+        by_flag = recording.acc_flag == HUMAN_FLAG
+        return Rating("driver", Grade.POOR if by_flag else Grade.UNKNOWN, findings)
+    share = float((modes == Mode.HUMAN).mean(axis=0).max())
+    if findings or share:
+        return Rating("driver", Grade.POOR if findings else Grade.FAIR, findings, (share,))
+    if (modes == Mode.UNKNOWN).any():
+        return Rating("driver", Grade.UNKNOWN)
+    return Rating("driver", Grade.GOOD, values=(share,))
+
+
+def _consistent(segment: Segment, recording: Recording, quality: Quality) -> Rating:
+    """Rate the gaps over the whole recording, where the correlation is most certain."""
+    ahead = segment.vehicles[:-1]
+    contradicting = (f for f in recording.findings if isinstance(f, GapContradictsSpeeds))
+    findings = (
+        *(finding for finding in contradicting if finding.vehicle in ahead),
+        *_of(quality.findings, GapsNegative),
+    )
+    correlations = [agreement(recording, number) for number in ahead]
+    values = tuple(np.nan if value is None else value for value in correlations)
+    grade = Grade.UNKNOWN if None in correlations else Grade.GOOD
+    return Rating("consistent", Grade.POOR if findings else grade, findings, values)
+
+
+def _of(findings: Iterable[Finding], kind: object) -> tuple[Finding, ...]:
+    return tuple(f for f in findings if isinstance(f, kind))  # type: ignore[arg-type]

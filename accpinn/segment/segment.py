@@ -140,7 +140,7 @@ SegmentFinding = (
 
 
 class _Platoon:
-    """What follows from the vehicles' numbers and names, and from the findings."""
+    """Facts that follow from the vehicles' numbers and names, and from the findings."""
 
     vehicles: tuple[int, ...]
     names: tuple[str, ...]
@@ -150,13 +150,12 @@ class _Platoon:
     @property
     def driven_by_hand(self) -> DrivenByHand | None:
         """The followers without ACC; None where all have it or manual driving is excluded."""
-        found = (one for one in self.findings if isinstance(one, DrivenByHand))
-        hand = next(found, None)
+        hand = next((f for f in self.findings if isinstance(f, DrivenByHand)), None)
         return None if hand and not hand.by_flag and "manual" in self.excluded_regimes else hand
 
     @property
     def followers(self) -> int:
-        """How many followers: M."""
+        """The number of followers, M."""
         return len(self.vehicles) - 1
 
     def shares(self, case: Case) -> bool:
@@ -188,9 +187,9 @@ class SegmentInfo(_Platoon):
     source: str
     """File name of the recording."""
     sha256: str
-    """Of the recording's bytes; empty for data made in memory."""
+    """SHA-256 of the recording's bytes; empty for data made in memory."""
     findings: tuple[SegmentFinding, ...]
-    """What was done to the data (moved, resampled, bridged, excluded), and what is missing."""
+    """Findings: data that were moved, resampled, bridged or excluded, and data that are missing."""
     digest: str
     """SHA-256 of the segment's data: equal digests mean equal data."""
     excluded_regimes: tuple[str, ...] = ()
@@ -203,8 +202,8 @@ class SegmentInfo(_Platoon):
 class Segment(_Platoon):
     """Speeds and space-gaps of consecutive vehicles on evenly spaced instants.
 
-    Where a sample is missing, ``speeds`` and ``gaps`` hold a straight line between its neighbours.
-    Whatever takes them as measured reads `measured_speeds` and `measured_gaps`, or `counts`.
+    Where a sample is missing, ``speeds`` and ``gaps`` hold a straight line between its neighbours;
+    `measured_speeds`, `measured_gaps` and `counts` tell it from a measured one.
 
     Segments with the same data are equal, so what was computed for one is known for the other.
     """
@@ -220,13 +219,13 @@ class Segment(_Platoon):
     names: tuple[str, ...]
     """(M+1,) their names in the file's header."""
     start: Seconds
-    """Where the window begins, in s from the recording's first sample."""
+    """Start of the window, in s from the recording's first sample."""
     source: str
     """File name of the recording."""
     sha256: str
-    """Of the recording's bytes; empty for data made in memory."""
+    """SHA-256 of the recording's bytes; empty for data made in memory."""
     findings: tuple[SegmentFinding, ...] = ()
-    """What was done to the data (moved, resampled, bridged, excluded), and what is missing."""
+    """Findings: data that were moved, resampled, bridged or excluded, and data that are missing."""
     mask: Mask | None = None
     """(N, M) True where the model's equation of dv/dt counts; None where it does throughout."""
     excluded_regimes: tuple[str, ...] = ()
@@ -253,7 +252,7 @@ class Segment(_Platoon):
         return isinstance(other, Segment) and self.info.digest == other.info.digest
 
     def __hash__(self) -> int:
-        """By the data."""
+        """Hash of the data."""
         return hash(self.info.digest)
 
     def _fault(self) -> str:
@@ -274,7 +273,7 @@ class Segment(_Platoon):
 
     @property
     def samples(self) -> int:
-        """How many instants: N."""
+        """The number of instants, N."""
         return len(self.time)
 
     @property
@@ -290,17 +289,17 @@ class Segment(_Platoon):
 
     @cached_property
     def measured_speeds(self) -> FloatArray:
-        """(N, M+1) in m/s; nan where missing."""
+        """(N, M+1) measured speeds in m/s; nan where missing."""
         return self._measured(self.speeds, slice(len(self.vehicles)))
 
     @cached_property
     def measured_gaps(self) -> FloatArray:
-        """(N, M) in m; nan where missing."""
+        """(N, M) measured space-gaps in m; nan where missing."""
         return self._measured(self.gaps, slice(len(self.vehicles), None))
 
     @property
     def measured(self) -> Trajectories:
-        """Both, over the window's time."""
+        """Measured speeds and space-gaps over the window's time."""
         return Trajectories(self.time, self.measured_speeds, self.measured_gaps)
 
     def _measured(self, values: FloatArray, columns: slice) -> FloatArray:
@@ -321,11 +320,11 @@ class Segment(_Platoon):
     @property
     def blocks_missing(self) -> tuple[BlocksMissing, ...]:
         """The findings of samples that are missing for long; most methods cannot use such data."""
-        return tuple(one for one in self.findings if isinstance(one, BlocksMissing))
+        return tuple(f for f in self.findings if isinstance(f, BlocksMissing))
 
     @cached_property
     def info(self) -> SegmentInfo:
-        """All but the data."""
+        """The segment without its data."""
         share = () if self.mask is None else tuple((~self.mask).mean(axis=0).tolist())
         return SegmentInfo(
             vehicles=self.vehicles,

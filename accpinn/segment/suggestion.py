@@ -10,7 +10,7 @@ one with the largest Σ_i log det I_i is D-optimal. Two windows compare by their
 D-efficiency, exp((Σ_i log det I_i - Σ_i log det I'_i)/3M): the first tells as much as the second
 would if it lasted longer by this factor. An instant driven by hand, at standstill or with a time
 gap above 2 s is not in car-following (see `segment.quality`); where the file has no driver modes,
-nobody knows who drove.
+it is not known who drove.
 """
 
 from dataclasses import dataclass
@@ -25,25 +25,25 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 GRID: Seconds = 5.0
-"""Windows start at multiples of it."""
+"""Step between the starts of windows."""
 NEARLY = 0.05
-"""Shares of car-following that differ by less count as the same."""
+"""Difference of shares of car-following up to which they count as the same."""
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """The window of a recording that tells most about the parameters of M followers."""
+    """The most informative window of a recording about the parameters of M followers."""
 
     window: Window
     vehicles: tuple[int, ...]
-    """(M+1,) leader first."""
+    """(M+1,) vehicles, leader first."""
     car_following: float
     """The smallest share of the window's instants in car-following of any follower, 0 to 1."""
     manual: float | None
     """The largest share driven by hand of any follower; None where it is 0 as far as is known, but
     the file does not give every follower's modes."""
     candidates: int
-    """How many windows were compared."""
+    """Number of windows that were compared."""
     asked: Seconds
     """The usual length; the window is shorter where nothing as long is complete."""
 
@@ -55,10 +55,10 @@ class Suggestion:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What each window of a recording tells about the parameters of M followers."""
+    """Information of a recording's windows about the parameters of M followers."""
 
     start: Seconds
-    """Of the first instant, in the recording's time."""
+    """First instant, in the recording's time."""
     step: Seconds
     following: FloatArray
     """(N+1, M) instants in car-following before each instant."""
@@ -71,7 +71,7 @@ class Information:
 
     @classmethod
     def of(cls, segment: Segment, regimes: Regimes) -> "Information":
-        """That of a segment, which may be a whole recording with samples missing."""
+        """The information of a segment, which may be a whole recording with samples missing."""
         counts = (regimes.codes == FOLLOWING) & segment.counts
         scaled = np.where(counts.T[..., None], regressors(segment.speeds, segment.gaps), 0.0)
         outer = scaled[..., :, None] * scaled[..., None, :]
@@ -107,13 +107,13 @@ class Information:
         return float(logs.sum()) if (signs > 0).all() else -np.inf
 
     def efficiency(self, window: Window, best: Window) -> float:
-        """The relative D-efficiency of a window against another; 0 where it tells nothing."""
+        """The relative D-efficiency of a window against another; 0 without any information."""
         followers = self.following.shape[1]
         return float(np.exp((self.log_det(window) - self.log_det(best)) / (3 * followers)))
 
 
 def information(recording: Recording, vehicles: tuple[int, ...]) -> Information:
-    """What each window of a recording tells about the followers' parameters.
+    """The information of a recording's windows about the followers' parameters.
 
     Raises:
         SegmentError: when the vehicles are no platoon, or the recording is too short.
@@ -128,13 +128,13 @@ def suggest_window(
     duration: Seconds = DURATION,
     known: Information | None = None,
 ) -> Suggestion | None:
-    """The window that tells most about the followers' parameters.
+    """The most informative window about the followers' parameters.
 
     Args:
         recording: what to choose from.
         vehicles: leader first.
         duration: the usual length, in s.
-        known: what `information` says of the same recording and vehicles, if it is at hand.
+        known: the `information` of the same recording and vehicles, if it is at hand.
 
     Returns:
         None where no stretch is complete, or a follower never in car-following.
@@ -145,29 +145,29 @@ def suggest_window(
     candidates = _candidates(complete_windows(recording, vehicles), duration)
     if not candidates:
         return None
-    found = known or information(recording, vehicles)
-    shares = np.array([found.car_following(window) for window in candidates])
+    known = known or information(recording, vehicles)
+    shares = np.array([known.car_following(window) for window in candidates])
     kept = [w for w, s in zip(candidates, shares, strict=True) if s > shares.max() - NEARLY]
-    best = max(kept, key=found.log_det)
-    if not np.isfinite(found.log_det(best)):
+    best = max(kept, key=known.log_det)
+    if not np.isfinite(known.log_det(best)):
         return None
     return Suggestion(
-        best, vehicles, found.car_following(best), found.by_hand(best), len(candidates), duration
+        best, vehicles, known.car_following(best), known.by_hand(best), len(candidates), duration
     )
 
 
 def _candidates(complete: tuple[Window, ...], duration: Seconds) -> list[Window]:
     """Windows of that length on a grid; the longest stretch where none is as long."""
-    found = []
+    windows = []
     for stretch in complete:
         first = np.ceil((stretch.start - SLACK) / GRID) * GRID + 0.0
         latest = stretch.end - duration
         starts = [float(s) for s in np.arange(first, latest + SLACK, GRID)]
         if not starts and stretch.duration >= duration - SLACK:
             starts = [stretch.start]
-        found += [Window(start, round(start + duration, 9)) for start in starts]
+        windows += [Window(start, round(start + duration, 9)) for start in starts]
     longest = max(complete, key=lambda stretch: stretch.duration, default=None)
-    return found or ([longest] if longest else [])
+    return windows or ([longest] if longest else [])
 
 
 def _before(values: FloatArray) -> FloatArray:

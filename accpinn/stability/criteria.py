@@ -55,7 +55,7 @@ Far below what any estimate can resolve and far above what rounding does.
 
 
 def checked(parameters: Parameters) -> Parameters:
-    """The same with τ = 0 where α = 0, as it has no effect there.
+    """The parameters with τ = 0 where α = 0, as it has no effect there.
 
     Args:
         parameters: (..) of any number of vehicles.
@@ -87,7 +87,7 @@ def _fault(name: str, value: float) -> str:
 
 
 def spacing_gain(parameters: Parameters) -> FloatArray:
-    """(..) α where it is positive and 1 elsewhere: what to divide by before masking α = 0."""
+    """(..) α where it is positive and 1 elsewhere, a divisor for use before masking α = 0."""
     return np.where(parameters.alpha > 0, parameters.alpha, 1.0)
 
 
@@ -118,7 +118,7 @@ def paper_margin(parameters: Parameters) -> FloatArray:
 
 
 def exact_margin(parameters: Parameters) -> FloatArray:
-    """How far τ is beyond the smallest exactly L∞ stable one, relative to that; inf where α = 0."""
+    """Relative excess of τ over the smallest exactly L∞ stable one; inf where α = 0."""
     beyond = parameters.tau / smallest_headway_exact(parameters) - 1.0
     return np.where(parameters.alpha > 0, beyond, np.inf)
 
@@ -149,7 +149,7 @@ def _critical_damping(parameters: Parameters) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class StepMetrics:
-    """What follows from the step response; arrays of the parameters' shape."""
+    """Overshoot and gain of the step response; arrays of the parameters' shape."""
 
     overshoot: FloatArray
     """M, relative to a step of the speed ahead; 0 where h keeps its sign."""

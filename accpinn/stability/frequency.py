@@ -31,13 +31,13 @@ class Peak:
     gain: float
     """max |H|; infinite for an undamped vehicle, 0 for one that does not react."""
     db: float
-    """20 log10 of it."""
+    """The gain in decibels, 20 log10 max |H|."""
     omega: RadiansPerSecond
 
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
-    """`Peak` for many vehicles; arrays of their shape."""
+    """Peaks of many vehicles; arrays of their shape."""
 
     log_gain: FloatArray
     """Natural logarithm of max |H|."""
@@ -55,7 +55,7 @@ class Peaks:
         return np.asarray(self.log_gain * (20.0 / np.log(10.0)))
 
     def each(self) -> tuple[Peak, ...]:
-        """One `Peak` a vehicle, of arrays of shape (V,)."""
+        """The peak of each vehicle, where the arrays have the shape (V,)."""
         columns = self.gain.tolist(), self.db.tolist(), self.omega.tolist()
         return tuple(map(Peak, *columns))
 
@@ -67,9 +67,10 @@ def peaks(parameters: Parameters) -> Peaks:
     root = np.sqrt(1.0 - beta_squared * reduced)
     q = np.abs(reduced) / (1.0 + root)
     total = (parameters.alpha * parameters.tau + parameters.beta) ** 2 / spacing_gain(parameters)
-    rest = total / (1.0 + root + beta_squared)  # 1 - q without cancellation
+    complement = total / (1.0 + root + beta_squared)  # 1 - q without cancellation
     with np.errstate(divide="ignore"):  # an undamped vehicle's gain is infinite
-        near, far = np.log1p(-(np.minimum(q, 0.5) ** 2)), np.log(rest) + np.log1p(q)  # log(1 - q²)
+        near = np.log1p(-(np.minimum(q, 0.5) ** 2))  # log(1 - q²), and so is the next
+        far = np.log(complement) + np.log1p(q)
     log_gain = -0.5 * np.where(q < 0.5, near, far)
     silent = (parameters.alpha == 0) & (parameters.beta == 0)
     return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(parameters.alpha * q))
@@ -115,7 +116,7 @@ def poles(parameters: Parameters) -> tuple[complex, complex]:
 
 
 def slowest_rate(parameters: Parameters) -> PerSecond:
-    """How fast the slowest part of a vehicle's transient decays; 0 where it never does."""
+    """Decay rate of the slowest part of a vehicle's transient; 0 where it never decays."""
     return float(-poles(parameters)[0].real if parameters.alpha else parameters.beta)
 
 

@@ -26,25 +26,25 @@ from accpinn.stability.frequency import Peaks, crossovers, peaks, poles, slowest
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
-"""Frequencies on which the peak is first looked for."""
+"""Number of frequencies among which the peak is first looked for."""
 LOWEST = 1e-3
-"""The lowest of them, relative to the smallest crossover."""
+"""Lowest of these frequencies, relative to the smallest crossover."""
 BISECTIONS = 60
-"""More would not move a double any further."""
+"""Number of bisections; more would not change a double."""
 SAMPLES = 4096
-"""States in each stage of the step response."""
+"""Number of states in each stage of the step response."""
 STRETCH = 4
 """Ratio of a stage's end to that of the stage before."""
 MOST_STAGES = 13
-"""More would be needed where time scales differ by ten million and beyond."""
+"""Largest number of stages; time scales that differ by ten million would need more."""
 FINE = 0.05
-"""The first stage's step, in units of the fastest pole's time constant, at most."""
+"""Longest step of the first stage, in units of the fastest pole's time constant."""
 COARSE = 0.5
-"""The same for all poles that are still felt in a stage; a period has 2π / COARSE steps."""
+"""Longest step for poles that are still felt in a stage; a period has 2π / COARSE steps."""
 NEGLIGIBLE = 1e-40
 """Product of two slopes whose turning point adds nothing to a double."""
 FADED = 1e-10
-"""What a cascade of equal poles has left when it is no longer felt."""
+"""Share that a cascade of equal poles has left when it is no longer felt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class Gains:
     gain: FloatArray
     """(M,): ‖h_1 * .. * h_k‖₁; nan where the vehicles' time scales differ too much."""
     error: FloatArray
-    """(M,): estimated error; how much the sum changes when every second state is left out."""
+    """(M,): estimated error, the change of the sum when every second state is left out."""
 
 
 def head_to_tail_peaks(parameters: Parameters) -> Peaks:
@@ -67,8 +67,8 @@ def head_to_tail_peaks(parameters: Parameters) -> Peaks:
     if ordinary < len(parameters):
         omega[np.isinf(known)] = np.sqrt(parameters.alpha[ordinary])
     if ordinary:
-        found = _ordinary_peaks(parameters[:ordinary])
-        log_gain[:ordinary], omega[:ordinary] = found.log_gain, found.omega
+        inner = _ordinary_peaks(parameters[:ordinary])
+        log_gain[:ordinary], omega[:ordinary] = inner.log_gain, inner.omega
     return Peaks(frozen(log_gain), frozen(omega))
 
 
@@ -90,8 +90,8 @@ def _ordinary_peaks(parameters: Parameters) -> Peaks:
     if np.isnan(edges).all():
         return Peaks(np.zeros(len(edges)), np.zeros(len(edges)))
     span = np.geomspace(LOWEST * np.nanmin(edges), np.nanmax(edges), GRID)
-    own = peaks(parameters).omega
-    x = np.unique(np.concatenate([span, own[own > 0]])) ** 2
+    single = peaks(parameters).omega  # of each vehicle alone
+    x = np.unique(np.concatenate([span, single[single > 0]])) ** 2
     best = np.argmin(np.cumsum(_attenuation(parameters, x[:, None]), axis=1), axis=0)
     low = np.concatenate([[0.0], x])[best]
     high = np.concatenate([x, x[-1:]])[best + 1]

@@ -35,19 +35,21 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds, Stretch, frozen, stretches
 
 LEVEL = 0.9
+"""Default level of the band."""
 WINDOW = "cosine"
+"""Taper of each piece, as scipy names it."""
 SHARE = 0.25
-"""Of the usable time, a piece's length: longer ones resolve more, but there are fewer of them."""
+"""Length of a piece as a share of the usable time; longer ones resolve more but are fewer."""
 LONGEST: Seconds = 150.0
-"""Of a piece; vehicles answer within a minute, and a finer resolution gains little."""
+"""Longest piece; vehicles answer within a minute, and a finer resolution gains little."""
 SHORTEST: Seconds = 20.0
-"""Of a piece; a shorter one resolves no frequency at which vehicles amplify."""
+"""Shortest piece; a shorter one resolves no frequency at which vehicles amplify."""
 LEAST_PIECES = 4
 """Fewer averages leave a band without meaning."""
 FASTEST: RadiansPerSecond = 3.0
 """Highest frequency given; receivers report a few times a second, and cars do little above it."""
 CHANCE = 0.05
-"""How often independent signals appear coherent at a frequency."""
+"""Probability with which independent signals appear coherent at a frequency."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +61,21 @@ class MeasuredGain:
     gain: FloatArray
     """(K,) |Ĝ|."""
     lower: FloatArray
-    """(K,) of the band."""
+    """(K,) lower end of the band."""
     upper: FloatArray
-    """(K,) of the band; infinite where nothing is known."""
+    """(K,) upper end of the band; infinite where nothing is known."""
     coherence: FloatArray
     """(K,) γ², 0 to 1."""
     coherent: Mask
     """(K,) where the coherence is above that of independent signals."""
     level: float
-    """How often the band covers the gain, as far as the error is random."""
+    """Probability with which the band covers the gain, as far as the error is random."""
     averages: float
-    """n, how many independent pieces the average is worth."""
+    """n, the number of independent pieces that the average is worth."""
     pieces: int
-    """How many pieces there are."""
+    """Number of pieces."""
     length: Seconds
-    """Of a piece; frequencies are 2π over it apart."""
+    """Length of a piece; frequencies are 2π over it apart."""
 
 
 def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> MeasuredGain:
@@ -93,7 +95,7 @@ def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> Meas
     step, usable = segment.sample_time, stretches(_complete(segment, follower))
     length = _piece_length(usable, step)
     # A stretch of N speeds has N - 1 differences.
-    counts = {one: 2 * (len(one) - 1) // length - 1 for one in usable if len(one) > length}
+    counts = {s: 2 * (len(s) - 1) // length - 1 for s in usable if len(s) > length}
     if sum(counts.values()) < LEAST_PIECES:
         raise SegmentError(
             f"{segment.labels[follower + 1]}: no measured gain, as the complete stretches of the"
@@ -101,14 +103,14 @@ def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> Meas
             " window."
         )
     pair = segment.speeds[:, follower : follower + 2]
-    parts = [count * _densities(pair[one.rows], step, length) for one, count in counts.items()]
+    parts = [count * _densities(pair[s.rows], step, length) for s, count in counts.items()]
     omega = 2.0 * np.pi * np.fft.rfftfreq(length, step)
     kept = (omega > 0) & (omega <= FASTEST)
-    ahead, own, cross = np.sum(parts, axis=0)[:, kept]
+    ahead, behind, cross = np.sum(parts, axis=0)[:, kept]
     averages = sum(_independent(count, length) for count in counts.values())
-    moving = (ahead.real > 0) & (own.real > 0)
+    moving = (ahead.real > 0) & (behind.real > 0)
     gain = np.abs(cross) / np.where(moving, ahead.real, np.inf)
-    coherence = np.minimum(gain**2 * ahead.real / np.where(moving, own.real, np.inf), 1.0)
+    coherence = np.minimum(gain**2 * ahead.real / np.where(moving, behind.real, np.inf), 1.0)
     with np.errstate(divide="ignore", over="ignore"):  # without coherence the band has no end
         error = np.sqrt((1.0 - coherence) / coherence / (2.0 * averages))
         factor = np.exp(ndtri(0.5 + level / 2.0) * error)
@@ -127,7 +129,7 @@ def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> Meas
 
 
 def _complete(segment: Segment, follower: int) -> Mask:
-    """(N,) where both speeds can be used, bridged ones included."""
+    """(N,) True where both speeds can be used, bridged ones included."""
     complete = np.ones(segment.samples, bool)
     if segment.missing is not None:
         longest = BRIDGE / segment.sample_time
@@ -144,18 +146,18 @@ def _piece_length(usable: tuple[Stretch, ...], step: Seconds) -> int:
 
 
 def _densities(pair: FloatArray, step: Seconds, length: int) -> NDArray[np.complex128]:
-    """(3, F): spectral densities of the speed ahead, the vehicle's own, and across."""
+    """(3, F) spectral densities of the speed ahead and of the vehicle's, and across them."""
     from scipy.signal import csd  # takes a second to import, which few need
 
-    ahead, own = np.diff(pair, axis=0).T
+    ahead, behind = np.diff(pair, axis=0).T
     return np.array(
-        [csd(one, other, 1.0 / step, WINDOW, length)[1]
-         for one, other in ((ahead, ahead), (own, own), (ahead, own))]
+        [csd(first, second, 1.0 / step, WINDOW, length)[1]
+         for first, second in ((ahead, ahead), (behind, behind), (ahead, behind))]
     )  # fmt: skip
 
 
 def _independent(count: int, length: int) -> float:
-    """How many independent pieces ``count`` are worth."""
+    """The number of independent pieces that ``count`` overlapping ones are worth."""
     from scipy.signal import get_window  # takes a second to import, which few need
 
     window, half = get_window(WINDOW, length), length // 2

@@ -36,14 +36,14 @@ Assessment = Literal["unstable", "stable", "open", "not determined"]
 
 
 def assessment(stable: float) -> Assessment:
-    """What a probability of string stability amounts to; nan is that of unknown parameters."""
+    """The assessment by a probability of string stability; nan is that of unknown parameters."""
     if isnan(stable):
         return "not determined"
     return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "open"
 
 
 class Behaviour(Enum):
-    """What kind of motion the parameters make."""
+    """The kind of motion that the parameters make."""
 
     REAL_POLES = "real poles"
     COMPLEX_POLES = "complex poles"
@@ -71,7 +71,7 @@ class Verdict:
     criterion: Criterion
     stable: bool
     marginal: bool
-    """So close to the boundary that the answer means nothing; see `criteria.MARGINAL`."""
+    """Whether it is so close to the boundary that the verdict means nothing, see `MARGINAL`."""
     value: float
     """κ or D in 1/s² for `L2` and `LINF_PAPER`, stable above 0; otherwise the gain, stable at 1."""
 
@@ -82,7 +82,7 @@ class Headways:
 
     l2: Seconds
     linf_paper: Seconds
-    """The criterion requires more than this."""
+    """Headway above which the paper's criterion holds."""
     linf_exact: Seconds
 
 
@@ -99,16 +99,16 @@ class VehicleStability:
     linf_exact: Verdict
     """Is no peak amplified? By the exact gain ‖h‖₁."""
     overshoot: float
-    """Of the response to a unit step of the speed ahead."""
+    """Overshoot of the response to a unit step of the speed ahead."""
     peak: Peak
     crossover: RadiansPerSecond | None
     """ω_c: lower frequencies are amplified; None where none is."""
     damping_ratio: float | None
-    """None where α = 0."""
+    """Damping ratio ζ; None where α = 0."""
     poles: tuple[complex, complex]
-    """In rad/s, the slow one first."""
+    """Poles in rad/s, the slow one first."""
     smallest_tau: Headways | None
-    """None where α = 0, as τ then has no effect."""
+    """Smallest headways; None where α = 0, as τ then has no effect."""
 
     @property
     def linf_gain(self) -> float:
@@ -125,9 +125,9 @@ class PlatoonStability:
     """
 
     peaks: tuple[Peak, ...]
-    """From the leader to follower 1, 2, .., M."""
+    """Peaks of the responses from the leader to follower 1, 2, .., M."""
     linf: Gains
-    """From the leader to follower 1, 2, .., M; numerical."""
+    """L∞ gains from the leader to follower 1, 2, .., M, found numerically."""
     l2_strict: Verdict
     l2_weak: Verdict
     linf_strict: Verdict
@@ -194,12 +194,12 @@ def _vehicles(given: Parameters, clean: Parameters) -> Iterator[VehicleStability
 def _verdicts(
     criterion: Criterion, value: FloatArray, stable: Mask, marginal: Mask
 ) -> Iterator[Verdict]:
-    """One a vehicle, from arrays (M,)."""
+    """The verdict on each vehicle, from arrays (M,)."""
     return map(partial(Verdict, criterion), stable.tolist(), marginal.tolist(), value.tolist())
 
 
 def _against(margin: FloatArray, gain: FloatArray) -> tuple[Mask, Mask]:
-    """Stable and marginal, (M,) each: by the distance to the boundary and the gain beyond it."""
+    """(M,) whether stable, and whether marginal, by the distance to the boundary and the gain."""
     stable = margin >= -MARGINAL
     return stable, (abs(margin) <= MARGINAL) | (~stable & (gain <= 1.0 + MARGINAL))
 
@@ -213,7 +213,7 @@ def _behaviour(vehicle: Parameters, linf_paper: Verdict) -> Behaviour:
 
 
 def _damping_ratio(vehicle: Parameters) -> float | None:
-    """Of s² + (ατ+β)s + α."""
+    """The damping ratio ζ of s² + (ατ+β)s + α; None where α = 0."""
     if not vehicle.alpha:
         return None
     return float((vehicle.alpha * vehicle.tau + vehicle.beta) / vehicle.alpha**0.5 / 2.0)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 import streamlit as st
+from accpinn.results.snapshot.saved import Entry
 
 from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.model.published import PUBLISHED
 from accpinn.results.figures import thumbnails
-from accpinn.results.snapshot.saved import Entry
 from accpinn.segment.cut import cut
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

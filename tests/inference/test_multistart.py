@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from accpinn.cli import main
 from accpinn.inference.multistart import (
     NOTICED,
     MultistartFinding,
@@ -15,6 +13,8 @@ from accpinn.inference.multistart import (
     multistart,
     summarise,
 )
+
+from accpinn.cli import main
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.method import TaskContext

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.methods.store import FOLDER_VARIABLE, Say, Store
 from hypothesis import given
 from hypothesis import strategies as st
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.store import FOLDER_VARIABLE, Say, Store
 from accpinn.serial import Arrays, dump, write_json
 from tests.support.driving import driven
 from tests.support.methods import train

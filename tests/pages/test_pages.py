@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.results.snapshot import create
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
@@ -16,7 +17,6 @@ from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
-from accpinn.results.snapshot import create
 from accpinn.segment.cut import cut
 from accpinn.tasks.task import Status, training_task
 from pages.ui.components.show import bullets, escape_markdown, format_duration

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.results.snapshot import create
+from accpinn.results.snapshot.saved import Library
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
@@ -15,8 +17,6 @@ from accpinn.recordings.recording import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
 from accpinn.results.messages.summary import conditional
-from accpinn.results.snapshot import create
-from accpinn.results.snapshot.saved import Library
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import stability_report

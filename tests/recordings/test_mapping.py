@@ -10,7 +10,6 @@ import pytest
 from accpinn.errors import RecordingError
 from accpinn.recordings.files import is_unknown, read, read_all, trajectories
 from accpinn.recordings.mapping import (
-    FOLDER_VARIABLE,
     CsvMapping,
     load_mapping,
     parse_mapping,
@@ -29,7 +28,7 @@ MAPPING = """{"time": {"column": "clock", "unit": "ms"},
 @pytest.fixture(autouse=True)
 def mappings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "mappings"
-    monkeypatch.setenv(FOLDER_VARIABLE, str(folder))
+    monkeypatch.setenv("ACCPINN_MAPPINGS", str(folder))
     return folder
 
 
@@ -128,6 +127,27 @@ def test_a_mapping_that_cannot_serve_says_where(old: str, new: str, words: str) 
     raw = foreign(platoon(2, 100)).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match=words):
         read(raw, "mine.csv", mapping=parse_mapping(MAPPING.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("1;2", "row 12: the row has 2 cells where the column names ask for 6 cells; correct"),
+        ("", "row 12: the row is empty where"),
+        ('1;2;"a;4;5;1', "row 12: a quotation mark is opened and not closed; delete it"),
+        ('1;2;"' + "a" * 200_000 + '";4;5;1', "the rows cannot be read as numbers"),
+        ("1.500,0;2;a;4;5;1", 'row 12, column clock: "1.500,0" is not a number'),
+        ("1;2.5;a;4;5;1", 'row 12, column v2: "2.5" is not a number'),
+    ],
+)
+def test_a_faulty_row_is_refused_with_its_place(row: str, words: str) -> None:
+    lines = foreign(platoon(2, 100)).to_csv(index=False, sep=";", decimal=",").splitlines()
+    raw = "\n".join([*lines[:11], row, *lines[12:], ""]).encode()
+    with pytest.raises(RecordingError, match=words):
+        read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
+    cut = "\n".join([*lines[:20], "1;2;a"]).encode()
+    with pytest.raises(RecordingError, match=r"row 21: the file is cut short, .* 3 of 6 cells"):
+        read(cut, "mine.csv", mapping=parse_mapping(MAPPING))
 
 
 def test_a_mapping_survives_its_file(tmp_path: Path) -> None:

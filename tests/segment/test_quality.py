@@ -1,22 +1,30 @@
 """Quality of a segment: figures against known ones, findings where excitation is too small."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from accpinn.model.cthp import Parameters, simulate
-from accpinn.recordings.recording import LittleLeaderMotion, Recording
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import LittleLeaderMotion, Mode, Recording
+from accpinn.results.messages.recording import MEANING, WORDS, rating_label, rating_reasons
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import (
     GapsNegative,
+    Grade,
     LittleCarFollowing,
     NearEquilibrium,
+    Question,
+    Rating,
     assess_quality,
+    rate,
     time_gaps,
 )
 from accpinn.segment.segment import Segment
 from tests.support.driving import segment_of
+from tests.support.samples import FOLDER, NOISY
 
 PARAMETERS = Parameters([0.08], [0.12], [1.5])
 
@@ -132,3 +140,62 @@ def test_casale_catches_up_for_a_fifth_of_the_time(casale: Recording) -> None:
     quality = assess_quality(cut(casale))
     assert f"{1 - quality.car_following[0]:.2f}" == "0.21"
     assert quality.findings == ()
+
+
+# Ratings of a window: each answer from data that deserve it
+
+
+def rated(recording: Recording, **choice: object) -> dict[Question, Rating]:
+    segment = cut(recording, 100.0, 100.0, (1, 2), **choice)
+    ratings = rate(segment, recording, assess_quality(segment))
+    for rating in ratings:  # each has its words
+        assert rating_label(rating)
+        assert all(rating_reasons(rating, segment))
+    return {rating.question: rating for rating in ratings}
+
+
+@pytest.fixture
+def sound() -> Recording:
+    return read(FOLDER / f"{NOISY}.csv")
+
+
+def test_sound_data_are_good_throughout(sound: Recording) -> None:
+    ratings = rated(sound)
+    assert {rating.grade for rating in ratings.values()} == {Grade.GOOD}
+    assert ratings["consistent"].values == pytest.approx((1.0,), abs=0.1)
+    assert set(ratings) == set(WORDS) == set(MEANING)
+
+
+def test_each_fault_lowers_the_grade_of_its_own_question_alone(sound: Recording) -> None:
+    def grades(recording: Recording, **choice: object) -> dict[Question, Grade]:
+        grades = {q: rating.grade for q, rating in rated(recording, **choice).items()}
+        return {q: grade for q, grade in grades.items() if grade is not Grade.GOOD}
+
+    gap = sound.gap.copy()
+    gap[1050:1053] = np.nan
+    assert grades(replace(sound, gap=gap)) == {"complete": Grade.FAIR}
+    gap[1050:1090] = np.nan
+    assert grades(replace(sound, gap=gap), allow_missing=True) == {"complete": Grade.POOR}
+    assert grades(replace(sound, gap=sound.gap + 60)) == {"following": Grade.POOR}
+    mode = sound.mode.copy()
+    mode[1000:1020, 1] = Mode.HUMAN
+    assert grades(replace(sound, mode=mode)) == {"driver": Grade.FAIR}
+    mode[1000:1200, 1] = Mode.HUMAN
+    assert grades(replace(sound, mode=mode)) == {"driver": Grade.POOR}
+    mode = sound.mode.copy()
+    mode[1000:1020, 1] = Mode.UNKNOWN
+    assert grades(replace(sound, mode=mode)) == {"driver": Grade.UNKNOWN}
+    silent = replace(sound, mode=np.full_like(sound.mode, Mode.UNKNOWN))
+    assert grades(silent) == {"driver": Grade.UNKNOWN}
+    assert grades(replace(silent, acc_flag=0)) == {"driver": Grade.POOR}
+    assert grades(replace(sound, gap=sound.gap - 60))["consistent"] is Grade.POOR, "negative"
+    still = replace(sound, speed=np.full_like(sound.speed, 20.0), gap=np.full_like(sound.gap, 30.0))
+    assert grades(still) == {"excited": Grade.POOR, "consistent": Grade.UNKNOWN}
+
+
+def test_a_gap_that_contradicts_the_speeds(openacc_dir: Path) -> None:
+    recording = read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv")
+    for vehicles, grade in (((1, 2, 3, 4), Grade.GOOD), ((4, 5), Grade.POOR)):
+        segment = cut(recording, 0.0, 100.0, vehicles)
+        *_, consistent = rate(segment, recording, assess_quality(segment))
+        assert consistent.grade is grade

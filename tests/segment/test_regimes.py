@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -84,21 +85,18 @@ def relative_error(estimated: Parameters, truth: Parameters = PLATOON) -> FloatA
 
 
 class TestMethods:
-    @pytest.mark.parametrize("name", list(TOLERANCE))
-    def test_every_method_learns_from_the_rest_alone(self, name: str) -> None:
-        estimated = estimate(name, without_block(disturbed()), "II").parameters
-        assert relative_error(estimated).max() < TOLERANCE[name]
+    @pytest.mark.parametrize(
+        ("name", "case"), [*product(TOLERANCE, ["II"]), *product(ESTIMATORS, ["I"])]
+    )
+    def test_every_method_learns_from_the_rest_alone(self, name: str, case: Case) -> None:
+        truth = PLATOON[[1, 1]] if case == "I" else PLATOON
+        estimated = estimate(name, without_block(disturbed(truth)), case).parameters
+        assert relative_error(estimated, truth).max() < TOLERANCE[name]
 
     @pytest.mark.parametrize("name", ["least-squares", "splines", "simulation", "dual-ukf"])
     def test_the_excluded_instants_would_have_mattered(self, name: str) -> None:
         everything = estimate(name, disturbed(), "II").parameters
         assert relative_error(everything).max(axis=1).min() > 0.1
-
-    @pytest.mark.parametrize("name", [name for name in TOLERANCE if name != "pinn"])
-    def test_case_i_as_well(self, name: str) -> None:
-        same = PLATOON[[1, 1]]
-        estimated = estimate(name, without_block(disturbed(same)), "I").parameters
-        assert relative_error(estimated, same).max() < TOLERANCE[name]
 
     def test_no_method_is_missing_here(self) -> None:
         assert set(TOLERANCE) == {"pinn", *ESTIMATORS}
@@ -157,22 +155,16 @@ class TestMask:
         plain = disturbed().info.digest
         assert len({plain, segment.info.digest, other.info.digest}) == 3
         assert replace(segment, mask=None, excluded_regimes=()).info.digest == plain
-
-    def test_digest_without_one_is_that_of_before(self) -> None:
-        segment = Segment(
+        small = Segment(
             np.arange(3.0), np.ones((3, 2)), np.ones((3, 1)), (1, 2), ("A", "B"), 0.0, "x", ""
         )
-        assert segment.info.digest == DIGEST
+        assert small.info.digest == DIGEST
 
-    def test_goes_with_a_part(self) -> None:
+    def test_goes_with_a_part_and_into_the_description(self) -> None:
         segment = without_block(disturbed())
-        piece = part(segment, 500, 1200)
-        assert np.array_equal(piece.mask, segment.mask[500:1200])
-
-    def test_the_description_has_its_share(self) -> None:
-        info = without_block(disturbed()).info
-        assert info.excluded_regimes == ("catching up",)
-        assert info.excluded_share == pytest.approx((441 / 1801,) * 2)
+        assert np.array_equal(part(segment, 500, 1200).mask, segment.mask[500:1200])
+        assert segment.info.excluded_regimes == ("catching up",)
+        assert segment.info.excluded_share == pytest.approx((441 / 1801,) * 2)
         assert disturbed().info.excluded_share == ()
 
 
@@ -206,11 +198,11 @@ class TestLabels:
         assert regimes.names == REGIMES
         assert regimes.shares[0] == pytest.approx([count / 601 for count in counts])
 
-    def test_a_driver_comes_before_standstill_and_time_gap(self, recording: Recording) -> None:
+    def test_a_driver_comes_first_and_a_window_is_mapped_to_its_samples(
+        self, recording: Recording
+    ) -> None:
         by_hand = replace(recording, mode=np.full((601, 2), Mode.HUMAN, np.int8))
         assert set(label_regimes(cut(by_hand, 0, 60), by_hand).codes.ravel()) == {MANUAL}
-
-    def test_a_window_is_mapped_to_its_samples(self, recording: Recording) -> None:
         codes = label_regimes(cut(recording, 35.3, 20), recording).codes[:, 0]
         assert np.flatnonzero(codes == MANUAL).tolist() == list(range(27, 47))
 
@@ -222,18 +214,18 @@ class TestLabels:
         # Samples 380 to 399 stand at 38.04 to 39.94 s now, next to the instants 38.0 and 40.0 s.
         assert np.flatnonzero(codes == MANUAL).tolist() == list(range(380, 401))
 
-    @pytest.mark.parametrize("known", [True, False])
-    def test_unknown_modes_are_known_to_be(self, recording: Recording, known: bool) -> None:
+    def test_unknown_modes_are_known_to_be_and_another_recording_is_refused(
+        self, recording: Recording
+    ) -> None:
         silent = replace(recording, mode=np.full((601, 2), Mode.UNKNOWN, np.int8))
         segment = cut(silent, 0, 60)
-        regimes = label_regimes(segment, silent if known else None)
-        assert regimes.mode_known == (False,)
-        assert MANUAL not in regimes.codes
+        for source in (silent, None):
+            regimes = label_regimes(segment, source)
+            assert regimes.mode_known == (False,)
+            assert MANUAL not in regimes.codes
         assert label_regimes(segment, recording).mode_known == (True,)
-
-    def test_another_recording_is_refused(self, recording: Recording) -> None:
         with pytest.raises(SegmentError, match="not the recording"):
-            label_regimes(cut(recording, 0, 60), replace(recording, sha256="other"))
+            label_regimes(segment, replace(recording, sha256="other"))
 
 
 class TestRibbons:
@@ -282,19 +274,17 @@ class TestExcluding:
         assert exclude_regimes(disturbed(), regimes, ()) is disturbed()
         assert asked.info.digest == disturbed().info.digest
 
-    def test_twice_excludes_both(self, recording: Recording) -> None:
+    def test_twice_excludes_both_and_other_names_are_refused(self, recording: Recording) -> None:
         segment = cut(recording, 0, 60)
         regimes = label_regimes(segment, recording)
-        once = exclude_regimes(segment, regimes, ["manual"])
-        both = exclude_regimes(once, regimes, ["standstill"])
+        both = exclude_regimes(
+            exclude_regimes(segment, regimes, ["manual"]), regimes, ["standstill"]
+        )
         assert both.excluded_regimes == ("manual", "standstill")
         assert (~both.mask).sum() == 50
-
-    @pytest.mark.parametrize("name", ["car-following", "asleep"])
-    def test_other_names_are_refused(self, recording: Recording, name: str) -> None:
-        segment = cut(recording, 0, 60)
-        with pytest.raises(SegmentError, match=f'"{name}" cannot be excluded; choose from'):
-            exclude_regimes(segment, label_regimes(segment, recording), [name])
+        for name in ("car-following", "asleep"):
+            with pytest.raises(SegmentError, match=f'"{name}" cannot be excluded; choose from'):
+                exclude_regimes(segment, regimes, [name])
 
     def test_too_little_left_is_refused(self) -> None:
         codes = np.full((1801, 2), FOLLOWING, np.uint8)

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from accpinn.study.worker import Job, Worker, helpful, is_worthwhile
 
 from accpinn.errors import SegmentError
 from accpinn.methods.method import TaskContext
@@ -11,7 +12,6 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut
 from accpinn.study import worker as module
-from accpinn.study.worker import Job, Worker, helpful, is_worthwhile
 from tests.support.command import THREE
 
 ALONE = TaskContext()

@@ -15,9 +15,9 @@ class Publisher:
 
     files: dict[str, bytes]
     faults: dict[str, list[str]] = field(default_factory=dict)
-    """Of "break", "stall", "plain" (no ranges), "changed" or a status."""
-    requests: list[tuple[str, str]] = field(default_factory=list)
-    """Path and range of each request."""
+    """Each is "break", "stall" or a status."""
+    requests: list[str] = field(default_factory=list)
+    """The path of each request."""
     url: str = ""
     at_once: int = 0
     most_at_once: int = 0
@@ -48,9 +48,8 @@ def publisher(
         def _answer(self) -> bytes:
             """Answer, but for the end of the body, which is returned."""
             path = unquote(self.path).strip("/")
-            asked = self.headers.get("Range", "")
             with lock:
-                state.requests.append((path, asked))
+                state.requests.append(path)
                 faults = state.faults.get(path, [])
                 fault = faults.pop(0) if faults else ""
             content = state.files.get(path)
@@ -59,30 +58,17 @@ def publisher(
                 self.send_header("Content-Length", "0")
                 self.end_headers()
                 return b""
-            if fault == "changed":
-                content = state.files[path] = content[::-1]
-            tag = f'"{hash(content)}"'
-            start = 0
-            if asked and fault != "plain" and self.headers.get("If-Range", tag) == tag:
-                start = int(asked.removeprefix("bytes=").rstrip("-"))
-                self.send_response(206)
-                self.send_header(
-                    "Content-Range", f"bytes {start}-{len(content) - 1}/{len(content)}"
-                )
-            else:
-                self.send_response(200)
-            body = content[start:]
-            self.send_header("ETag", tag)
-            self.send_header("Content-Length", str(len(body)))
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(content)))
             self.end_headers()
             if fault in ("break", "stall"):
-                self.wfile.write(body[: len(body) // 2])
+                self.wfile.write(content[: len(content) // 2])
                 self.wfile.flush()
                 time.sleep(1.0 if fault == "stall" else 0.0)
                 self.close_connection = True
                 return b""
             time.sleep(0.02)
-            return body
+            return content
 
     server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
     server.daemon_threads = True

@@ -5,6 +5,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
+from accpinn.results.snapshot.archive import seal, to_bytes, unpack
 
 from accpinn.inference.intervals import intervals
 from accpinn.inference.model_adequacy import Adequacy, BetterForm, ModelForm
@@ -12,8 +14,6 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.state_space import FORMS
 from accpinn.model.cthp import Parameters
-from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
-from accpinn.results.snapshot.archive import seal, to_bytes, unpack
 from accpinn.segment.segment import Segment
 from accpinn.serial import dump, read_json, write_json
 from accpinn.study.comparison import compare, results_among

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from accpinn.findings import Labelled, percent
 from accpinn.recordings.recording import HUMAN_FLAG, Recording, Window
 from accpinn.results.messages import messages
-from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION
-from accpinn.segment.rating import Grade, Question, Rating
+from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION, Grade, Question, Rating
 from accpinn.segment.suggestion import Suggestion
 
 FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import streamlit as st
+from accpinn.inference.multistart import summarise
 
 from accpinn.inference.identifiability import (
     INCREASE,
@@ -14,7 +15,6 @@ from accpinn.inference.identifiability import (
     profiles,
 )
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.multistart import summarise
 from accpinn.methods.fit import Fit, ParameterTrack
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import pandas as pd
 import streamlit as st
+from accpinn.results.snapshot.saved import Entry
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
@@ -15,7 +16,6 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.summary import unfinished
-from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
 from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.components import frame, show

@@ -26,8 +26,7 @@ from accpinn.results.messages.recording import (
     suggestion_reasons,
 )
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
-from accpinn.segment.quality import assess_quality, label_regimes
-from accpinn.segment.rating import Grade, rate
+from accpinn.segment.quality import Grade, assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import Information, Suggestion, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

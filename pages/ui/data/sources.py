@@ -9,9 +9,10 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import FOLDER_VARIABLE, catalogue
+from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.storage import variable
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ASK, pending_of, show_pending
@@ -177,8 +178,8 @@ def _choose_file(workspace: Workspace) -> None:
     paths = [path for path in listed() if path not in published]
     if not paths:
         st.caption(
-            f"Other files in the server's folder of recordings are listed here; `{FOLDER_VARIABLE}`"
-            " names that folder."
+            "Other files in the server's folder of recordings are listed here;"
+            f" `{variable('recordings')}` names that folder."
         )
         return
     path = st.selectbox(
@@ -186,6 +187,6 @@ def _choose_file(workspace: Workspace) -> None:
         paths,
         format_func=lambda path: str(path.relative_to(root)),
         key="data_file",
-        help=f"The folder that `{FOLDER_VARIABLE}` names, with its subfolders.",
+        help=f"The folder that `{variable('recordings')}` names, with its subfolders.",
     )
     _open_file(workspace, path, "Open this recording")

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from functools import lru_cache
 
+from accpinn.results.snapshot import Snapshot
+
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.results.snapshot import Snapshot
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import Seconds

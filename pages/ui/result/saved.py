@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import streamlit as st
+from accpinn.results.snapshot import Snapshot
 
 from accpinn.results.figures.recording import preview
-from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

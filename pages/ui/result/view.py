@@ -5,6 +5,7 @@ from itertools import groupby
 from pathlib import Path
 
 import streamlit as st
+from accpinn.results.snapshot import Snapshot
 
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
@@ -18,7 +19,6 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.summary import BAND, about_curves, conditional
-from accpinn.results.snapshot import Snapshot
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table

@@ -9,8 +9,9 @@ import time
 from contextlib import suppress
 from hashlib import sha256
 
-from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
+
+from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
 from pages.ui.session import identity
 from pages.ui.session.resources import library

@@ -7,9 +7,9 @@ import streamlit as st
 
 from accpinn.errors import RecordingError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import FOLDER_VARIABLE, default_folder
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.storage import folder, variable
 
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
@@ -66,7 +66,7 @@ def find_recording(
             return recording
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
-        f" there ({FOLDER_VARIABLE})."
+        f" there ({variable('recordings')})."
     )
 
 
@@ -100,7 +100,7 @@ def forget() -> None:
 
 def recordings_folder() -> Path:
     """The server's folder of recordings, which need not exist."""
-    return default_folder().resolve()
+    return folder("recordings").resolve()
 
 
 def folders(root: Path) -> tuple[str, ...]:

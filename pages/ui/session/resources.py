@@ -5,11 +5,11 @@ from functools import lru_cache
 from typing import Any
 
 import streamlit as st
-
 from accpinn.methods.store import Store
-from accpinn.recordings.recording import Recording
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
+
+from accpinn.recordings.recording import Recording
 from accpinn.stability.report import stability_report
 from accpinn.tasks.queue import TaskQueue
 

@@ -7,11 +7,11 @@ upload is asked for; its window and result return with it.
 from contextlib import suppress
 
 import msgspec
+from accpinn.results.snapshot.saved import write_whole
 
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot.saved import write_whole
 from pages.ui.session.recordings import find_recording, find_sample
 from pages.ui.session.workspace import Opened, Workspace
 

@@ -10,10 +10,11 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Entry, Library
+
+from accpinn.errors import SnapshotError
 from accpinn.units import Seconds
 
 KEPT_RUNS = 20

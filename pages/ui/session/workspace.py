@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+from accpinn.inference.multistart import Trial
+from accpinn.results.snapshot import Snapshot, create
+from accpinn.results.snapshot.verification import recover
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
-from accpinn.inference.multistart import Trial
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import PinnConfig, PresetName
 from accpinn.methods.pinn.request import TrainingRequest, WarmStart
@@ -21,8 +23,6 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.snapshot import Snapshot, create
-from accpinn.results.snapshot.verification import recover
 from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
 from accpinn.segment.quality import exclude_regimes, label_regimes

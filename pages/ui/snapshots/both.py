@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import streamlit as st
+from accpinn.results.snapshot import Snapshot, stability
 
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import vehicle_colours
-from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
 from pages.ui.components import show

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from itertools import islice
 
 import streamlit as st
+from accpinn.results.snapshot.saved import Entry
 
 from accpinn.channels import PARAMETERS
-from accpinn.results.snapshot.saved import Entry
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, TITLES
 from pages.ui.components.show import escape_markdown
 

@@ -3,8 +3,6 @@
 from dataclasses import replace
 
 import streamlit as st
-
-from accpinn.recordings.recording import Recording
 from accpinn.results.messages.snapshot import (
     check_rows,
     counted,
@@ -13,9 +11,6 @@ from accpinn.results.messages.snapshot import (
     standing_rows,
     verification_summary,
 )
-from accpinn.results.messages.stability import headline
-from accpinn.results.messages.summary import unfinished
-from accpinn.results.report import render_report
 from accpinn.results.snapshot import SUFFIX, Snapshot
 from accpinn.results.snapshot.saved import Entry
 from accpinn.results.snapshot.verification import (
@@ -27,6 +22,11 @@ from accpinn.results.snapshot.verification import (
     verify,
     verify_parameters,
 )
+
+from accpinn.recordings.recording import Recording
+from accpinn.results.messages.stability import headline
+from accpinn.results.messages.summary import unfinished
+from accpinn.results.report import render_report
 from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.table import Column, Table
 from accpinn.segment.segment import Segment

@@ -1,12 +1,12 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
 import streamlit as st
+from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
+from accpinn.results.snapshot.saved import Entry
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.results.messages.summary import unfinished
-from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
-from accpinn.results.snapshot.saved import Entry
 from pages.ui.components import frame, show
 from pages.ui.result.saved import banner
 from pages.ui.session import owners

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accpinn.methods.store import Store
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import surrogate_errors
@@ -17,7 +18,6 @@ from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
 from accpinn.methods.pinn.evidence_output import OutputLayer
 from accpinn.methods.pinn.network import FourierFeatures, HiddenLayers, stack_outputs
 from accpinn.methods.pinn.request import WarmStart
-from accpinn.methods.store import Store
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray

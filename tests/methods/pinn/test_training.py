@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.methods.store import Say, Store
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
@@ -29,7 +30,6 @@ from accpinn.methods.method import one_thread
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
 from accpinn.methods.pinn.request import TrainingRequest
-from accpinn.methods.store import Say, Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from accpinn.methods.store import Store
 
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, StartedFrom
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.methods.pinn.request import TrainingRequest, WarmStart
-from accpinn.methods.store import Store
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from tests.support.driving import MIXED, driven

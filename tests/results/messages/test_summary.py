@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+from accpinn.results.snapshot import Snapshot, stability
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
@@ -18,7 +19,6 @@ from accpinn.results.messages.summary import (
     summary,
     title,
 )
-from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.tables.estimates import name_of
 from tests.support.snapshots import delayed, small, whole
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 from accpinn.results.messages.snapshot import check_rows
-from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
 from accpinn.results.snapshot.verification import QUICK, Verification, verify
+
+from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
 from accpinn.results.tables.estimates import name_of
 from tests.support.snapshots import delayed, small, whole
 

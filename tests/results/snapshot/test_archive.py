@@ -15,10 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
-
-from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import MANIFEST, TITLES
 from accpinn.results.snapshot.archive import (
     load,
@@ -30,6 +26,10 @@ from accpinn.results.snapshot.archive import (
     unpack_arrays,
 )
 from accpinn.results.snapshot.verification import verify
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from accpinn.errors import SnapshotError
 from tests.support.command import ROOT
 from tests.support.snapshots import entries, small, small_bytes
 

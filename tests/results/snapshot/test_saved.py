@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-
-from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.archive import to_bytes
 from accpinn.results.snapshot.saved import Library, save
+
+from accpinn.errors import SnapshotError
 from tests.support.snapshots import small, small_bytes, whole
 
 

@@ -10,6 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.results.snapshot import SCHEMA, create
+from accpinn.results.snapshot.archive import load, to_bytes
+from accpinn.results.snapshot.saved import save
+from accpinn.results.snapshot.verification import verify
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome, WeaklyDetermined
@@ -17,10 +21,6 @@ from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.snapshot import SCHEMA, create
-from accpinn.results.snapshot.archive import load, to_bytes
-from accpinn.results.snapshot.saved import save
-from accpinn.results.snapshot.verification import verify
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.units import Stretch

@@ -5,11 +5,11 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
-
-from accpinn.errors import SnapshotError
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.archive import load, pack, seal, to_bytes
 from accpinn.results.snapshot.validate import MOST_COMPUTED, SHAPES
+
+from accpinn.errors import SnapshotError
 from tests.support.snapshots import entries, put, resealed, small, small_bytes, whole
 
 LONG = "x" * 500_000

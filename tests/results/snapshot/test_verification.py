@@ -8,16 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from accpinn.errors import SnapshotError
-from accpinn.evaluation.evaluation import pooled_holdout_errors
-from accpinn.inference.intervals import from_draws, judged
-from accpinn.methods import splines
-from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.config import preset
-from accpinn.model.cthp import Parameters
-from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Window
 from accpinn.results.messages.snapshot import parameters_rest_on, verification_summary
 from accpinn.results.snapshot import ATTRIBUTION, Snapshot, create
 from accpinn.results.snapshot.archive import load, seal, to_bytes
@@ -31,6 +21,16 @@ from accpinn.results.snapshot.verification import (
     refit_seconds,
     verify,
 )
+
+from accpinn.errors import SnapshotError
+from accpinn.evaluation.evaluation import pooled_holdout_errors
+from accpinn.inference.intervals import from_draws, judged
+from accpinn.methods import splines
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import preset
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import WindowShortened
 from accpinn.serial import flatten, read_json, write_json
