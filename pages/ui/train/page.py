@@ -1,8 +1,8 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 
+import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import ConfigError
@@ -11,12 +11,17 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.request import WarmStart
 from accpinn.model.cthp import Parameters
-from accpinn.results.figures.live import TERMS, LiveChart, live_history, live_motion
-from accpinn.results.figures.style import LEADER, MODEL, SERIES
+from accpinn.results.figures.training import (
+    loss_history,
+    parameter_history,
+    thinned_history,
+    tracking,
+)
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments
 from pages.ui.data.validation import show_validation
 from pages.ui.result.evaluated import of_training
@@ -33,8 +38,10 @@ PRESET_LINES = {
     "fast": "A second: the paper's loss, solved exactly for the output layer and α, β, τ; biased.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
+POINTS = 300
+"""Points a line of the live charts, which are drawn anew again and again."""
 FIRST_DRAWING: Seconds = 1.0
-"""Of training before the first curves: a short one would be slowed by drawing it."""
+"""Seconds of training before the first curves: drawing would slow a short one."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
@@ -97,23 +104,26 @@ def _show_live(training: Task[Fit], truth: Parameters | None) -> None:
     if history is None or request is None or history.seconds[-1] <= FIRST_DRAWING:
         return
     segment, case = request.segment, request.case
-    solved = least_squares.fit(segment, case).parameters
-    loss, alpha, beta, tau = live_history(history, segment.info, truth, solved)
+    solved, drawn = least_squares.fit(segment, case).parameters, thinned_history(history, POINTS)
     show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
-    show.key(zip((f"loss: {name}" for name in TERMS), (LEADER, *SERIES), strict=True))
-    _show_row((loss, alpha))
-    _show_row((beta, tau))
+    _show_row(
+        ("loss", loss_history(drawn)),
+        ("alpha", parameter_history(drawn, 0, segment.info, truth, solved)),
+    )
+    _show_row(
+        ("beta", parameter_history(drawn, 1, segment.info, truth, solved)),
+        ("tau", parameter_history(drawn, 2, segment.info, truth, solved)),
+    )
     if curves := training.surrogate:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
-        show.key(((f"data of {segment.labels[1]}", LEADER), ("the network now", MODEL)))
-        _show_row(live_motion(segment, 0, curves))
+        st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
+        show.chart(tracking(segment, 0, curves, None, points=POINTS), "train_live_tracking")
 
 
-def _show_row(charts: Sequence[LiveChart]) -> None:
-    colour = show.ink(st.context.theme.type)
-    axes = {"config": {"axis": {"labelColor": colour, "titleColor": colour}}} if colour else {}
-    for column, chart in zip(st.columns(len(charts)), charts, strict=True):
-        column.vega_lite_chart(chart.data, chart.spec | axes, key=f"train_live_{chart.name}")
+def _show_row(*charts: tuple[str, go.Figure]) -> None:
+    for column, (name, figure) in zip(st.columns(len(charts)), charts, strict=True):
+        with column:
+            show.chart(figure, f"train_live_{name}")
 
 
 def _show_validation(workspace: Workspace) -> None:

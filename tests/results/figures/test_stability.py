@@ -196,8 +196,9 @@ class TestUncertainty:
         self, learned: tuple[ParameterSet, Uncertainty]
     ) -> None:
         vehicles, uncertainty = learned
-        before = figures.bode(vehicles, stability_report(vehicles.parameters))
-        figure = figures.add_bands(before, vehicles, uncertainty)
+        report = stability_report(vehicles.parameters)
+        before = figures.bode(vehicles, report)
+        figure = figures.bode(vehicles, report, uncertainty)
         assert names(figure)[len(vehicles) :] == names(before)
         assert figure.layout == before.layout
         for k in range(len(vehicles)):
@@ -215,15 +216,15 @@ class TestUncertainty:
         draws = uncertainty.draws.values.copy()
         draws[:, 0] = np.nan
         unknown = replace(uncertainty, draws=Parameters.of(draws))
-        assert "band 0" not in names(figures.add_bands(before, vehicles, unknown))
+        assert "band 0" not in names(figures.bode(vehicles, report, unknown))
 
     @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
     def test_clouds_are_draws(
         self, learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
     ) -> None:
         vehicles, uncertainty = learned
-        chart = figures.stability_map(vehicles, stability_report(vehicles.parameters), 0, plane)
-        cloud = named(figures.add_clouds(chart, vehicles, uncertainty, plane), "cloud 1")
+        report = stability_report(vehicles.parameters)
+        cloud = named(figures.stability_map(vehicles, report, 0, plane, uncertainty), "cloud 1")
         assert len(cloud.x) <= figures.CLOUD
         drawn = uncertainty.draws.values[:, 1][:, [column, 2]]
         for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
