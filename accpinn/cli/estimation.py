@@ -48,7 +48,6 @@ from accpinn.results.messages.methods import outcome_message
 from accpinn.results.snapshot import check_texts, create
 from accpinn.results.snapshot.saved import save, writable_path
 from accpinn.results.tables.estimates import (
-    form_intervals_table,
     intervals_table,
     methods_table,
     model_form_table,
@@ -402,8 +401,6 @@ def _comparison_text(
         stability_interval_table(followers, uncertainty),
         *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
-    if adequacy.recommended:
-        tables.append(form_intervals_table(info, uncertainty, adequacy.recommended))
     said = [
         *(f"{one.method} has no result: {one.fault}" for one in failures),
         *messages(segment.findings, segment),

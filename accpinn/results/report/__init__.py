@@ -57,7 +57,6 @@ from accpinn.results.snapshot import Snapshot, stability
 from accpinn.results.snapshot.verification import QUICK, Verification, verify
 from accpinn.results.tables.estimates import (
     TITLES,
-    form_intervals_table,
     learned_parameters,
     methods_table,
     name_of,
@@ -133,14 +132,12 @@ def render_report(snapshot: Snapshot, verification: Verification | None = None) 
 def tables_of(snapshot: Snapshot) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
     info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.adequacy
+    fit, report = snapshot.fit, snapshot.stability
     errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
     paints = vehicle_colours(info.vehicles)
     first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
     tables = {"parameters": first.coloured(rows)}
-    if uncertainty and adequacy and adequacy.recommended:
-        tables["forms"] = form_intervals_table(info, uncertainty, adequacy.recommended)
     if report:
         vehicles = learned_parameters(info, fit)
         tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
+from accpinn.channels import GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import Uncertainty, parameter_intervals
@@ -19,15 +19,22 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, supported_digits
+from accpinn.results.tables.table import (
+    Cell,
+    Column,
+    Estimate,
+    Filled,
+    Range,
+    Table,
+    estimate_cells,
+    percent_cells,
+    range_cells,
+    supported_digits,
+)
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.comparison import FitRecord, MethodResult, differences
 from accpinn.study.recommendation import Recommendation
-from accpinn.units import FloatArray
-
-Filled = tuple[Column, Iterable[Cell]]
-"""A column with its cells."""
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP_MAE = "MAE of the space-gap"
@@ -37,7 +44,7 @@ DRIVER = "Driver"
 PROBABILITY = "Probability of string stability"
 AGAINST = "Minus the CTHP's"
 TITLES = {key: method.title for key, method in METHODS.items()}
-"""What a method is called wherever people read it."""
+"""The name of a method wherever people read it."""
 
 
 def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
@@ -51,7 +58,7 @@ def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
 
 
 def name_of(fit: Fit) -> str:
-    """The same of a fit."""
+    """The title of a fit's method, as `method_name` has it."""
     return method_name(fit.method, fit.config, fit.outcome)
 
 
@@ -81,10 +88,10 @@ def _driver(share: float) -> str:
     return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
 
 
-def driver_cells(who: Sequence[str], above: int = 0) -> Iterator[Filled]:
-    """Who drives in place of ACC, as a column below ``above`` empty cells; none for nobody."""
+def driver_cells(who: Sequence[str]) -> Iterator[Filled]:
+    """Who drives each follower in place of ACC, as a column; none where nobody does."""
     if who:
-        yield Column(DRIVER), _absent(above, [name or None for name in who])
+        yield Column(DRIVER), [name or None for name in who]
 
 
 def parameter_table(
@@ -100,54 +107,49 @@ def parameter_table(
     Parameters that all followers share (Case I) have a row of their own, the second.
 
     Args:
-        info: of the segment with M followers.
+        info: names the leader and M followers.
         fit: of any method.
         quality: of the segment.
         surrogate: errors of the method's own trajectories.
         closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
         uncertainty: adds intervals to the parameters, and the probability of string stability.
     """
-    estimated = [*(_estimate_cells(fit.parameters, uncertainty) if uncertainty else ())]
-    estimated = estimated or [*parameter_cells(fit.parameters)]
-    of_each: list[Filled] = [
-        (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
-        *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
-        *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
+    numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
+    estimated = [*parameter_cells(fit.parameters)]
+    if uncertainty:
+        estimated = [*_with_intervals(fit.parameters, uncertainty), *probability_cells(uncertainty)]
+    parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
+        (followers, driver_cells(drivers(info))),
+        (parameter_rows(info, fit.case), estimated),
+        (followers, [(Column("Mean time gap", "s", 2), quality.mean_time_gap)]),
     ]
-    probable = [*(probability_cells(uncertainty) if uncertainty else ())]
-    numbers = row_vehicles(info, fit.case)
-
-    def shared(cells: Iterable[Cell] | FloatArray) -> list[Cell]:
-        """Of the followers' parameters; once where all share them."""
-        cells = [*cells]
-        return [None, *([cells[0], *info.followers * [None]] if 0 in numbers else cells)]
-
-    def own(cells: Iterable[Cell]) -> list[Cell]:
-        """Of the leader and the followers."""
-        first, *rest = cells
-        return [first, *([None] if 0 in numbers else []), *rest]
-
-    return Table.of(
-        f"{name_of(fit)}, {where(info, fit.case)}",
-        [
-            (Column("Vehicle"), _labels(info, numbers)),
-            *((column, own(cells)) for column, cells in driver_cells(drivers(info), above=1)),
-            *((column, shared(cells)) for column, cells in (*estimated, *probable)),
-            *((column, own(cells)) for column, cells in of_each),
-        ],
-    )
+    for group, errors, digits, driving in (
+        ("Surrogate fit, MAE", surrogate, 3, info.vehicles),
+        ("Closed-loop simulation, MAE", closed_loop, 2, followers),
+    ):
+        gaps, speeds = (errors.gap_mae, errors.speed_mae[-len(driving) :]) if errors else ((), ())
+        parts.append((followers, [(Column("p", "m", digits, group), gaps)]))
+        parts.append((driving, [(Column("v", "m/s", 3, group), speeds)]))
+    columns: list[Filled] = [(Column("Vehicle"), _labels(info, numbers))]
+    for vehicles, filled in parts:
+        for column, cells in filled:
+            known = dict(zip(vehicles, cells, strict=False))
+            columns.append((column, [known.get(number) for number in numbers]))
+    return Table.of(f"{name_of(fit)}, {where(info, fit.case)}", columns)
 
 
 def estimate_part(table: Table) -> Table:
-    """Of a `parameter_table`: who drives, parameters and probabilities; no row without any."""
-    return table.only(lambda column: column.key in PARAMETER_KEYS or column.group == PROBABILITY
-                      or column.title == DRIVER)  # fmt: skip
+    """The part of a `parameter_table` with drivers, parameters and probabilities."""
+    return table.only(_is_estimate)
 
 
 def error_part(table: Table) -> Table:
-    """Of a `parameter_table`: mean time gap and the errors of both kinds."""
-    return table.only(lambda column: not (column.key or column.group == PROBABILITY)
-                      and column.title != DRIVER)  # fmt: skip
+    """The part of a `parameter_table` with mean time gap and the errors of both kinds."""
+    return table.only(lambda column: not _is_estimate(column))
+
+
+def _is_estimate(column: Column) -> bool:
+    return bool(column.key) or column.group == PROBABILITY or column.title == DRIVER
 
 
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
@@ -165,12 +167,12 @@ def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
-def _estimate_cells(parameters: Parameters, uncertainty: Uncertainty) -> Iterator[Filled]:
+def _with_intervals(parameters: Parameters, uncertainty: Uncertainty) -> Iterator[Filled]:
     """α, β and τ of (M,) followers, each with its interval."""
     group = f"Estimate ({100 * uncertainty.level:.0f} % interval)"
-    ends = uncertainty.lower.values.T, uncertainty.upper.values.T
-    for column, *numbers in zip(PARAMETER_COLUMNS, parameters.values.T, *ends, strict=True):
-        yield replace(column, group=group), [*map(Estimate, *(k.tolist() for k in numbers))]
+    parts = (one.values.T for one in (parameters, uncertainty.lower, uncertainty.upper))
+    for column, *numbers in zip(PARAMETER_COLUMNS, *parts, strict=True):
+        yield replace(column, group=group), estimate_cells(*numbers)
 
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
@@ -227,17 +229,17 @@ def recommendation_table(
         reasons: for each, in words.
     """
     cells: list[list[Cell]] = [
-        [Estimate(number(k.estimate), k.lower, number(k.upper, inf)) for k in one.intervals]
-        for one in found
+        [Estimate(number(k.estimate), k.lower, number(k.upper, inf)) for k in row.intervals]
+        or [None] * len(PARAMETERS)
+        for row in found
     ]
-    cells = [row or [None] * len(PARAMETERS) for row in cells]
-    of = ["All forms, weighted" if one.weighted else "Maximum likelihood" for one in found]
+    of = ["All forms, weighted" if row.weighted else "Maximum likelihood" for row in found]
     group = f"Estimate ({100 * found[0].level:.0f} % interval)"
     columns = (replace(column, group=group) for column in PARAMETER_COLUMNS)
     return Table.of(
         f"Recommended, {where(info)}",
         [
-            (Column("Vehicle"), _labels(info, [one.vehicle for one in found])),
+            (Column("Vehicle"), _labels(info, [row.vehicle for row in found])),
             (Column("Use"), of),
             *zip(columns, zip(*cells, strict=True), strict=True),
             (Column("How sure", prose=True), reasons),
@@ -253,24 +255,24 @@ def number(value: float | None, otherwise: float = nan) -> float:
 def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
     found = [result.evaluation for result in results]
-    collisions = [one.collision_times(info.vehicles)[follower] for one in found]
-
-    def gaps(name: str) -> list[Cell]:
-        return _gaps([getattr(one, name) for one in found], follower)
-
+    errors: list[Filled] = [
+        (Column(title, "m", digits, GAP_MAE), _gaps([getattr(e, kind) for e in found], follower))
+        for kind, title, digits in (
+            ("surrogate", "Surrogate fit", 3), ("closed_loop", "Closed loop", 2),
+            ("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2),
+        )
+    ]  # fmt: skip
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Method"), [name_of(result.fit) for result in results]),
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            (Column("Surrogate fit", "m", 3, GAP_MAE), gaps("surrogate")),
-            (Column("Closed loop", "m", 2, GAP_MAE), gaps("closed_loop")),
-            (Column("Hold-out", "m", 2, GAP_MAE), gaps("holdout")),
-            (Column("Outside the window", "m", 2, GAP_MAE), gaps("out_of_window")),
-            (Column("Collides at", "s", 1), collisions),
+            *errors,
+            (Column("Collides at", "s", 1),
+             [evaluation.collision_times(info.vehicles)[follower] for evaluation in found]),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
-    )
+    )  # fmt: skip
 
 
 def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) -> Table:
@@ -299,25 +301,32 @@ FORMS: dict[Form, str] = {
     "lag": "With an actuator lag λ",
     "delay": "With a delay d",
 }
-
-
 EXTRA_COLUMNS: dict[Form, Column] = {
     "offset": Column("s₀", "m", 1),
     "lag": Column("λ", "s", 2),
     "delay": Column("d", "s", 2),
 }
-"""What each form adds."""
+"""The column of what each form adds."""
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a form of the model, for one follower (0 for the first)."""
+    errors: list[Filled] = [
+        (Column(column.title, "%", 0, "Standard error"),
+         percent_cells([form.deviation[follower, k] for form in forms]))
+        for k, column in enumerate(PARAMETER_COLUMNS)
+    ]  # fmt: skip
+    extras: list[Filled] = [
+        (column, [float(form.extra[follower]) if form.form == key else None for form in forms])
+        for key, column in EXTRA_COLUMNS.items()
+    ]
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Form of the model"), [FORMS[form.form] for form in forms]),
             *parameter_cells(Parameters.stack(form.parameters[follower] for form in forms)),
-            *_relative_errors(forms, follower),
-            *((column, _extra(forms, form, follower)) for form, column in EXTRA_COLUMNS.items()),
+            *errors,
+            *extras,
             (Column("AIC", "", 1, AGAINST), [form.aic[follower] for form in forms]),
             (Column("Held-out log density", "", 1, AGAINST),
              [form.holdout[follower] for form in forms]),
@@ -353,13 +362,6 @@ def form_intervals_table(
             cells += [None, 100 * one.forms[at].probability]
         filled.append((Column(title, "%", 0, "Probability of the form"), cells))
     return Table.of(f"Intervals by form of the model, {where(info)}", filled)
-
-
-def _relative_errors(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
-    """Standard errors of α, β and τ in percent."""
-    for which, column in enumerate(PARAMETER_COLUMNS):
-        errors = [100 * form.deviation[follower, which] for form in forms]
-        yield Column(column.title, "%", 0, "Standard error"), errors
 
 
 def fit_record_table(
@@ -422,9 +424,9 @@ def parameter_cells(
 def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
     """The intervals of α, β and τ as three columns."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
-    lower, upper = uncertainty.lower.values.T, uncertainty.upper.values.T
-    for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
-        yield replace(column, group=percent), [*map(Range, low.tolist(), high.tolist())]
+    ends = uncertainty.lower.values.T, uncertainty.upper.values.T
+    for column, low, high in zip(PARAMETER_COLUMNS, *ends, strict=True):
+        yield replace(column, group=percent), range_cells(low, high)
 
 
 def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -> Table:
@@ -436,49 +438,17 @@ def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -
         found: the errors.
     """
     source = "" if info.source == other.source else f"{other.source}, "
-    return Table.of(
-        "Validation: error of the closed-loop simulation, MAE",
-        [
-            (Column("Follower"), info.labels[1:]),
-            *_validation_cells(info, f"Learned from: {info.window}", "learned", found.learned),
-            *_validation_cells(
-                info, f"Validation: {source}{other.window}", "validation", found.validated
-            ),
-        ],
-    )
-
-
-def _validation_cells(
-    info: SegmentInfo, group: str, key: str, errors: TrackingErrors | None
-) -> Iterator[Filled]:
-    absent = info.followers * [None]
-    yield Column.of(GAP, group, f"{key}_mae_p_m"), errors.gap_mae if errors else absent
-    speeds = errors.speed_mae[1:] if errors else absent
-    yield Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds
-
-
-def _error_cells(
-    info: SegmentInfo, errors: TrackingErrors | None, group: str, digits: int, leader: bool = True
-) -> Iterator[Filled]:
-    """MAE of gap and speed of each vehicle, leader first; its own only where it is no input."""
-    nothing: list[Cell] = [None] * (info.followers + 1)
-    speeds = nothing if errors is None else _absent(0, errors.speed_mae)
-    yield Column("p", "m", digits, group), _absent(1, errors.gap_mae) if errors else nothing
-    yield Column("v", "m/s", 3, group), speeds if leader else _absent(1, speeds[1:])
+    filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
+    for group, key, errors in (
+        (f"Learned from: {info.window}", "learned", found.learned),
+        (f"Validation: {source}{other.window}", "validation", found.validated),
+    ):
+        absent = info.followers * [None]
+        gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)
+        filled.append((Column.of(GAP, group, f"{key}_mae_p_m"), gaps))
+        filled.append((Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds))
+    return Table.of("Validation: error of the closed-loop simulation, MAE", filled)
 
 
 def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
-    return [float(one.gap_mae[follower]) if one else None for one in errors]
-
-
-def _extra(forms: Sequence[ModelForm], name: Form, follower: int) -> list[Cell]:
-    return [float(form.extra[follower]) if form.form == name else None for form in forms]
-
-
-def percent_cells(shares: Sequence[float] | FloatArray) -> list[Cell]:
-    """Shares in percent."""
-    return [100 * float(share) for share in shares]
-
-
-def _absent(above: int, values: Iterable[Cell] | FloatArray) -> list[Cell]:
-    return [None] * above + list(values)
+    return [float(error.gap_mae[follower]) if error else None for error in errors]
