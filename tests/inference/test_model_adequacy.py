@@ -6,16 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn.inference.intervals import intervals
 from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, model_forms
 from accpinn.inference.posterior import STAGES, sample
-from accpinn.methods import least_squares
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import FORMS, coordinates, state_space
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages import messages
-from accpinn.results.tables.estimates import form_intervals_table, model_form_table
+from accpinn.results.tables.estimates import model_form_table
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
@@ -80,12 +78,6 @@ def test_a_term_that_the_recording_shows_is_found(
         beyond = one.upper - one.lower  # a 90 % interval misses now and then, but not by far
         assert one.lower - beyond < true < one.upper + beyond
         assert one.lower < one.likeliest < one.upper
-    table = form_intervals_table(
-        segment.info, intervals(segment, least_squares.fit(segment)), [weighted]
-    )
-    assert len(table.rows) == 2
-    assert sum(table.rows[1][-4:]) == pytest.approx(100.0)
-    assert table.rows[1][2] == (weighted.intervals[0].lower, weighted.intervals[0].upper)
     assert str(round(under.extra, 1))[:3] in messages([better], segment)[0]
 
 

@@ -73,13 +73,6 @@ class TestBode:
         assert figure.layout.xaxis.type == "log"
         assert figure.layout.yaxis.title.text == "Bode magnitude |H(jω)| [dB]"
 
-    def test_stable_and_single_vehicles_are_drawn_without_marks(self) -> None:
-        alone = ParameterSet("Mine", ("calm",), row(CALM))
-        figure = figures.bode(alone, stability_report(alone.parameters))
-        assert set(names(figure)) == {"calm", "peak", "crossover"}
-        assert len(named(figure, "peak").x) == 0
-        assert max(named(figure, "calm").y) < 0
-
 
 @pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
 def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
@@ -101,6 +94,14 @@ def test_names_are_shown_as_they_are() -> None:
     report = stability_report(nasty.parameters)
     for figure in (figures.bode(nasty, report), figures.stability_map(nasty, report, 0, "beta")):
         assert "<b>" not in figure.to_json()
+
+
+def test_a_thumbnail_has_room_for_calm_vehicles() -> None:
+    calm = figures.gains_thumbnail(ParameterSet("Mine", ("calm",), row(CALM)))
+    loud = figures.gains_thumbnail(ASTAZERO)
+    tops = [figure.layout.yaxis.range[1] for figure in (calm, loud)]
+    assert tops[0] == figures.LEAST_PEAK
+    assert max(max(trace.y) for trace in loud.data) < tops[1]
 
 
 class TestCriteria:

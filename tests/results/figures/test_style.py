@@ -53,24 +53,8 @@ class TestColours:
             ]
             assert min(apart) > 20
 
-    def test_translucent_ones_keep_their_hue(self) -> None:
-        assert style.translucent("#0c7eae", 0.2) == "rgba(12, 126, 174, 0.2)"
-
 
 class TestThinning:
-    def test_leaves_short_series_alone(self) -> None:
-        time, values = np.arange(100.0), np.arange(100.0)
-        assert style.thinned(time, values)[1] is values
-
-    def test_keeps_a_single_peak_and_a_single_hole(self) -> None:
-        time, values = np.arange(50_000.0), np.zeros(50_000)
-        values[31_234], values[12_345] = 9.0, np.nan
-        x, y = style.thinned(time, values, 1000)
-        assert len(x) <= 1502
-        assert y[x == 31_234] == 9.0
-        assert np.isnan(y[x == 12_345])
-        assert (x[0], x[-1]) == (0, 49_999)
-
     @given(
         st.lists(st.one_of(st.floats(-50, 50), st.just(float("nan"))), min_size=1, max_size=400),
         st.integers(4, 60),

@@ -14,9 +14,9 @@ import pytest
 
 from accpinn.results.messages.snapshot import check_rows
 from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
-from accpinn.results.snapshot.verification import QUICK, Verification, verify
+from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.results.tables.estimates import name_of
-from tests.support.snapshots import delayed, small, whole
+from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = [
@@ -79,12 +79,6 @@ def drawings(text: str) -> list[dict[str, Any]]:
 class TestPage:
     def test_has_its_sections_in_order(self) -> None:
         assert [text.strip() for text in Reader(page()).within("h2")] == ORDER
-
-    def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp(self) -> None:
-        changed = replace(small(), adequacy=delayed())
-        text = " ".join(text for _, text in Reader(render_report(changed, Verification(()))).texts)
-        assert "All forms, weighted" in text
-        assert "a delay of 0.90 s (0.81 to 0.99)" in text
 
     def test_holds_plotly_once_loads_nothing_and_stays_below_6_mb(self) -> None:
         assert page().count("plotly.js v") == 1
