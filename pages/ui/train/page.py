@@ -1,6 +1,8 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
+import math
 from contextlib import suppress
+from functools import lru_cache
 
 import plotly.graph_objects as go
 import streamlit as st
@@ -40,6 +42,9 @@ PRESET_LINES = {
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""
+REDRAWN = 1.05
+"""Growth of the iterations after which the live charts are drawn anew: less is not seen on their
+logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
 FIRST_DRAWING: Seconds = 1.0
 """Seconds of training before the first curves: drawing would slow a short one."""
 CONTINUES = (
@@ -103,21 +108,34 @@ def _show_live(training: Task[Fit], truth: Parameters | None) -> None:
     history, request = training.history(), training.request
     if history is None or request is None or history.seconds[-1] <= FIRST_DRAWING:
         return
-    segment, case = request.segment, request.case
-    solved, drawn = least_squares.fit(segment, case).parameters, thinned_history(history, POINTS)
-    show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
-    _show_row(
-        ("loss", loss_history(drawn)),
-        ("alpha", parameter_history(drawn, 0, segment.info, truth, solved)),
-    )
-    _show_row(
-        ("beta", parameter_history(drawn, 1, segment.info, truth, solved)),
-        ("tau", parameter_history(drawn, 2, segment.info, truth, solved)),
-    )
-    if curves := training.surrogate:
+    segment = request.segment
+    show.vehicle_key(segment, bool(truth), segment.shares(request.case), with_solved=True)
+    step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
+    loss, alpha, beta, tau, *curves = _live_figures(training, truth, step)
+    _show_row(("loss", loss), ("alpha", alpha))
+    _show_row(("beta", beta), ("tau", tau))
+    for figure in curves:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
         st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
-        show.chart(tracking(segment, 0, curves, None, points=POINTS), "train_live_tracking")
+        show.chart(figure, "train_live_tracking")
+
+
+@lru_cache(maxsize=8)  # each training at one time needs one
+def _live_figures(
+    training: Task[Fit], truth: Parameters | None, step: int
+) -> tuple[go.Figure, ...]:
+    """The figures of a training at a ``step``: loss, α, β, τ and, if known, the curves."""
+    history, request = training.history(), training.request
+    assert history is not None  # a training that has begun to draw has both
+    assert request is not None
+    segment = request.segment
+    drawn, solved = thinned_history(history, POINTS), least_squares.fit(segment, request.case)
+    curves = training.surrogate
+    return (
+        loss_history(drawn),
+        *(parameter_history(drawn, k, segment.info, truth, solved.parameters) for k in range(3)),
+        *([tracking(segment, 0, curves, None, points=POINTS)] if curves else ()),
+    )
 
 
 def _show_row(*charts: tuple[str, go.Figure]) -> None:

@@ -84,7 +84,7 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
 def test_a_thumbnail_is_all_speeds_without_axes() -> None:
     figure = speeds_thumbnail(cut(recording(), 5.0, 30.0))
     assert len(figure.data) == 3
-    assert not (figure.layout.xaxis.visible or figure.layout.yaxis.visible)
+    assert [axis.visible for axis in (figure.layout.xaxis, figure.layout.yaxis)] == [False, False]
 
 
 def test_preview_has_every_vehicle_in_the_recordings_time() -> None:
