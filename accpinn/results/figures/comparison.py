@@ -136,12 +136,12 @@ def tracks(
 
 
 def profiles(
-    found: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
+    profiled: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
 ) -> go.Figure:
     """The increase of the least-squares criterion with one parameter held, in percent.
 
     Args:
-        found: of α, β, τ.
+        profiled: of α, β, τ.
         colour: of the vehicle.
         lower: (3,) ends of the intervals behind the profiles; nan where there is none.
         upper: (3,) may be infinite.
@@ -150,11 +150,11 @@ def profiles(
         {"x": profile.values, "y": 100 * profile.increase, "mode": "lines", **axes_of(which + 1),
          "line": {"color": colour, "width": 2.5},
          "hovertemplate": f"{named_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"}
-        for which, (profile, quantity) in enumerate(zip(found, PARAMETERS, strict=True))
+        for which, (profile, quantity) in enumerate(zip(profiled, PARAMETERS, strict=True))
     ]  # fmt: skip
     limit = {"color": LEADER, "width": 1, "dash": "dash"}
     lines = [across(axes_of(panel)["yaxis"], 100 * INCREASE, line=limit) for panel in (1, 2, 3)]
-    ends = [profile.values[[0, -1]] for profile in found]
+    ends = [profile.values[[0, -1]] for profile in profiled]
     figure = _beside_each_other(
         traces, 240, "compare-profiles", lower, upper, ends, lines, {"range": [0, 200 * INCREASE]}
     )

@@ -48,7 +48,7 @@ INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
 HOVERED = 3000
-"""With more points than this, they tell their values only."""
+"""Largest number of points that tell their windows when hovered over."""
 UNITS_OF_TAU = {
     "alpha": Quantity("Gain on spacing in units of τ", "ατ²", "", 3, 0.0, 10.0),
     "beta": Quantity("Gain on relative speed in units of τ", "βτ", "", 3, 0.0, 10.0),
@@ -60,13 +60,13 @@ def label_of(values: Sequence[str]) -> str:
     return " · ".join(value or ABSENT for value in values) or "all"
 
 
-def forest(found: Groups) -> go.Figure:
+def forest(grouped: Groups) -> go.Figure:
     """The medians of τ, α and β of each group, with their intervals; the shortest τ on top.
 
     A marker's size tells the number of windows. A gain whose estimate is not above zero stands as a
     triangle at the left edge.
     """
-    largest = sorted(found.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
+    largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
     groups = sorted(largest, key=lambda group: (not np.isnan(group.tau.median), -group.tau.median))
     names = [html.escape(label_of(group.values)) for group in groups]
     places = np.arange(len(groups))

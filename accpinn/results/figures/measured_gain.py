@@ -46,40 +46,40 @@ class Model:
 
 
 def measured_bode(
-    found: MeasuredGain, name: str, colour: str, model: Model | None = None
+    measured: MeasuredGain, name: str, colour: str, model: Model | None = None
 ) -> go.Figure:
     """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below.
 
     Args:
-        found: the measured gain.
+        measured: the measured gain.
         name: of the vehicle that was measured.
         colour: of the vehicle.
         model: whose curve is drawn as well.
     """
-    low, high = min(SPAN[0], float(found.omega[0])), max(SPAN[1], float(found.omega[-1]))
-    traces = [*_model_curve(model, low, high, colour, found.level)] if model else []
-    levels = decibels(found.gain)
-    bounds = [np.abs(decibels(end) - levels) for end in (found.upper, found.lower)]
+    low, high = min(SPAN[0], float(measured.omega[0])), max(SPAN[1], float(measured.omega[-1]))
+    traces = [*_model_curve(model, low, high, colour, measured.level)] if model else []
+    levels = decibels(measured.gain)
+    bounds = [np.abs(decibels(end) - levels) for end in (measured.upper, measured.lower)]
     for part, words, opacity, symbol in (
-        (found.coherent, "measured", 1.0, "circle"),
-        (~found.coherent, "measured, not coherent", 0.35, "circle-open"),
+        (measured.coherent, "measured", 1.0, "circle"),
+        (~measured.coherent, "measured, not coherent", 0.35, "circle-open"),
     ):
         above, below = (np.minimum(end[part], CEILING) for end in bounds)
         bars = {"type": "data", "symmetric": False, "array": above, "arrayminus": below,
                 "width": 0, "thickness": 1.2}  # fmt: skip
         gain = f"{html.escape(name)}, {words}"
         points = {
-            "x": found.omega[part], "mode": "markers", "opacity": opacity,
+            "x": measured.omega[part], "mode": "markers", "opacity": opacity,
             "marker": {"color": LEADER, "size": 7, "symbol": symbol},
             "hovertemplate": "%{y:.2f} at %{x:.3f} rad/s",
         }  # fmt: skip
         traces += [
             points | axes_of(1) | {"y": levels[part], "name": gain, "showlegend": True}
             | ({"error_y": bars} if symbol == "circle" else {}),
-            points | axes_of(2) | {"y": found.coherence[part], "name": f"coherence, {gain}",
+            points | axes_of(2) | {"y": measured.coherence[part], "name": f"coherence, {gain}",
                                    "showlegend": False},
         ]  # fmt: skip
-    top = float(np.max((levels + bounds[0])[found.coherent], initial=3.0))
+    top = float(np.max((levels + bounds[0])[measured.coherent], initial=3.0))
     every = {"x": {"type": "log", "range": np.log10([low, high]).tolist(), **TICKS}}
     axes = {
         "x2": titled("Frequency ω [rad/s]"),

@@ -202,7 +202,7 @@ def _peaks(vehicles: ParameterSet, report: StabilityReport) -> Iterator[Part]:
 
 def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
     """Criteria and gains along the platoon: the paper's figure, with the exact gains below it."""
-    found, platoon = report.vehicles, report.platoon
+    rows, platoon = report.vehicles, report.platoon
     places = list(range(1, len(vehicles) + 1))
     traces = [
         {"x": places, "y": values, "name": name, "mode": "lines+markers", **axes_of(panel),
@@ -211,10 +211,10 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
          "marker": {"symbol": symbol, "size": 8, "color": colour},
          "hovertemplate": f"%{{y:.4g}}<extra>{name}</extra>"}
         for panel, name, values, colour, symbol in (
-            (1, "L₂ criterion", [v.l2.value for v in found], L2, "circle"),
-            (1, "L∞ criterion of the paper", [v.linf_paper.value for v in found], PAPER, "square"),
-            (2, "Peak of |H|", [v.peak.gain for v in found], L2, "circle"),
-            (2, "Exact L∞ gain ‖h‖₁", [v.linf_gain for v in found], EXACT, "diamond"),
+            (1, "L₂ criterion", [v.l2.value for v in rows], L2, "circle"),
+            (1, "L∞ criterion of the paper", [v.linf_paper.value for v in rows], PAPER, "square"),
+            (2, "Peak of |H|", [v.peak.gain for v in rows], L2, "circle"),
+            (2, "Exact L∞ gain ‖h‖₁", [v.linf_gain for v in rows], EXACT, "diamond"),
             (2, "|H| from the leader", [p.gain for p in platoon.peaks], L2, "circle-open"),
             (2, "‖h‖₁ from the leader", platoon.linf.gain.tolist(), EXACT, "diamond-open"),
         )

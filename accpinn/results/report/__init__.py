@@ -72,13 +72,14 @@ from accpinn.results.tables.table import STYLE, Table
 
 HERE = Path(__file__).parent
 WIDE = 9
-"""Columns beyond which a table is set smaller."""
+"""Number of columns beyond which a table is set smaller."""
 FOLLOWERS = 8
-"""Of the simulated platoon."""
+"""Followers of the simulated platoon where only one is known."""
 DIGITS = 5
-"""Significant ones of every number drawn; a screen shows four."""
+"""Significant digits of every number drawn; a screen shows four."""
 ALL_POINTS, FEWEST_POINTS = 70_000, 150
-"""Of all lines together, and of one: the page is to stay below 6 MB, and plotly takes 5."""
+"""Points of all lines together, and of a single line at least. The page is to stay below 6 MB, of
+which plotly takes 5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +195,15 @@ def _story(snapshot: Snapshot, checked: Verification, shown: list[Picture]) -> d
 
 
 def _reasons(snapshot: Snapshot) -> list[tuple[str, list[str]]]:
-    """Per vehicle, and for the platoon, a sentence for every verdict."""
+    """For each vehicle, and for the platoon, sentences that say what the table does not.
+
+    The table has all that is to be said about a vehicle's L₂ verdict.
+    """
     report = snapshot.stability
     if report is None:
         return []
     reasons = [
-        (label, [reason(verdict, v) for verdict in (v.l2, v.linf_paper, v.linf_exact)])
+        (label, [reason(verdict, v) for verdict in (v.linf_paper, v.linf_exact)])
         for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
     ]
     if len(report.vehicles) > 1:

@@ -170,7 +170,7 @@ def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
 def _with_intervals(parameters: Parameters, uncertainty: Uncertainty) -> Iterator[Filled]:
     """α, β and τ of (M,) followers, each with its interval."""
     group = f"Estimate ({100 * uncertainty.level:.0f} % interval)"
-    parts = (one.values.T for one in (parameters, uncertainty.lower, uncertainty.upper))
+    parts = (part.values.T for part in (parameters, uncertainty.lower, uncertainty.upper))
     for column, *numbers in zip(PARAMETER_COLUMNS, *parts, strict=True):
         yield replace(column, group=group), estimate_cells(*numbers)
 
@@ -219,27 +219,29 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
 
 
 def recommendation_table(
-    info: SegmentInfo, found: Sequence[Recommendation], reasons: Sequence[str]
+    info: SegmentInfo, recommendations: Sequence[Recommendation], reasons: Sequence[str]
 ) -> Table:
     """One row a follower, or one for all that share: what to use, and how sure that is.
 
     Args:
         info: names the followers.
-        found: the recommendations, at least one.
+        recommendations: the recommendations, at least one.
         reasons: for each, in words.
     """
     cells: list[list[Cell]] = [
         [Estimate(number(k.estimate), k.lower, number(k.upper, inf)) for k in row.intervals]
         or [None] * len(PARAMETERS)
-        for row in found
+        for row in recommendations
     ]
-    of = ["All forms, weighted" if row.weighted else "Maximum likelihood" for row in found]
-    group = f"Estimate ({100 * found[0].level:.0f} % interval)"
+    of = [
+        "All forms, weighted" if row.weighted else "Maximum likelihood" for row in recommendations
+    ]
+    group = f"Estimate ({100 * recommendations[0].level:.0f} % interval)"
     columns = (replace(column, group=group) for column in PARAMETER_COLUMNS)
     return Table.of(
         f"Recommended, {where(info)}",
         [
-            (Column("Vehicle"), _labels(info, [row.vehicle for row in found])),
+            (Column("Vehicle"), _labels(info, [row.vehicle for row in recommendations])),
             (Column("Use"), of),
             *zip(columns, zip(*cells, strict=True), strict=True),
             (Column("How sure", prose=True), reasons),
@@ -254,9 +256,10 @@ def number(value: float | None, otherwise: float = nan) -> float:
 
 def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
-    found = [result.evaluation for result in results]
+    evaluations = [result.evaluation for result in results]
     errors: list[Filled] = [
-        (Column(title, "m", digits, GAP_MAE), _gaps([getattr(e, kind) for e in found], follower))
+        (Column(title, "m", digits, GAP_MAE),
+         _gaps([getattr(evaluation, kind) for evaluation in evaluations], follower))
         for kind, title, digits in (
             ("surrogate", "Surrogate fit", 3), ("closed_loop", "Closed loop", 2),
             ("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2),
@@ -269,15 +272,15 @@ def methods_table(info: SegmentInfo, results: Sequence[MethodResult], follower: 
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
             *errors,
             (Column("Collides at", "s", 1),
-             [evaluation.collision_times(info.vehicles)[follower] for evaluation in found]),
+             [evaluation.collision_times(info.vehicles)[follower] for evaluation in evaluations]),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
     )  # fmt: skip
 
 
-def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) -> Table:
+def multistart_table(info: SegmentInfo, trainings: MultistartResult, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
-    trials = found.trials
+    trials = trainings.trials
     starts = [", ".join(f"{value:g}" for value in trial.initial.values) for trial in trials]
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
@@ -290,7 +293,7 @@ def multistart_table(info: SegmentInfo, found: MultistartResult, follower: int) 
     table = Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
     if len(trials) < 2:
         return table
-    spread = [f"{v:.2f} %" if np.isfinite(v) else None for v in found.spread[follower]]
+    spread = [f"{v:.2f} %" if np.isfinite(v) else None for v in trainings.spread[follower]]
     last: tuple[Cell, ...] = ("Spread", *spread, None, None, None, None)
     return replace(table, rows=(*table.rows, last))
 
@@ -429,19 +432,19 @@ def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
         yield replace(column, group=percent), range_cells(low, high)
 
 
-def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -> Table:
+def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
     """A row a follower: MAE of space-gap and speed in closed loop, on both windows.
 
     Args:
         info: of the segment learned from.
         other: of the one validated on.
-        found: the errors.
+        validation: the errors.
     """
     source = "" if info.source == other.source else f"{other.source}, "
     filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
     for group, key, errors in (
-        (f"Learned from: {info.window}", "learned", found.learned),
-        (f"Validation: {source}{other.window}", "validation", found.validated),
+        (f"Learned from: {info.window}", "learned", validation.learned),
+        (f"Validation: {source}{other.window}", "validation", validation.validated),
     ):
         absent = info.followers * [None]
         gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)

@@ -72,10 +72,10 @@ def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
 
 
 def sensitivity_table(
-    info: SegmentInfo, found: Sequence[SensitivityResult], follower: int
+    info: SegmentInfo, sensitivities: Sequence[SensitivityResult], follower: int
 ) -> Table:
     """One row a choice of instants: what each method estimates for one follower from them."""
-    of_method = {key: [row for row in found if row.method == key] for key in COMPARED}
+    of_method = {key: [row for row in sensitivities if row.method == key] for key in COMPARED}
     rows = of_method[COMPARED[0]]
     unknown = Parameters(np.nan, np.nan, np.nan)
     filled: list[Filled] = [

@@ -53,21 +53,21 @@ def stability_table(
         report: theirs.
         uncertainty: of the fit that they are from; adds the probabilities of string stability.
     """
-    found = report.vehicles
-    headways = [vehicle.smallest_tau for vehicle in found]
+    assessed = report.vehicles
+    headways = [vehicle.smallest_tau for vehicle in assessed]
     return Table.of(
         f"String stability, {vehicles.title}",
         [
             *_heads(vehicles, report, uncertainty),
             *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
-            (Column("Stable", group=L2), [answer(v.l2) for v in found]),
-            (PEAK, [v.peak.db for v in found]),
-            (PEAK_AT, [v.peak.omega or None for v in found]),
-            (replace(PEAK_AT, title="Amplified below"), [v.crossover for v in found]),
+            (Column("Stable", group=L2), [answer(v.l2) for v in assessed]),
+            (PEAK, [v.peak.db for v in assessed]),
+            (PEAK_AT, [v.peak.omega or None for v in assessed]),
+            (replace(PEAK_AT, title="Amplified below"), [v.crossover for v in assessed]),
             *_probability(LINF, uncertainty.probability_linf if uncertainty else None),
-            (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in found]),
-            (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in found]),
-            (GAIN, [v.linf_gain for v in found]),
+            (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
+            (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in assessed]),
+            (GAIN, [v.linf_gain for v in assessed]),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],
@@ -101,8 +101,8 @@ def verdict_table(
         report: theirs.
         uncertainty: of the fit that they are from.
     """
-    found, known = report.vehicles, uncertainty
-    peaks, gains = [v.peak.db for v in found], [v.linf_gain for v in found]
+    assessed, known = report.vehicles, uncertainty
+    peaks, gains = [v.peak.db for v in assessed], [v.linf_gain for v in assessed]
     decibels = _decibels(known.peak_gain) if known else None
     l2, linf = (known.probability_l2, known.probability_linf) if known else (None, None)
     return Table.of(
@@ -110,11 +110,11 @@ def verdict_table(
         [
             *_heads(vehicles, report, known),
             *_probability(L2, l2),
-            (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in found])),
+            (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in assessed])),
             (PEAK, _with_ends(peaks, decibels)),
-            (PEAK_AT, [v.peak.omega or None for v in found]),
+            (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *_probability(LINF, linf),
-            (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in found])),
+            (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in assessed])),
             (GAIN, _with_ends(gains, known.linf_gain if known else None)),
         ],
     )
@@ -187,14 +187,14 @@ def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     )
 
 
-def measured_gain_table(label: str, found: MeasuredGain) -> Table:
+def measured_gain_table(label: str, measured: MeasuredGain) -> Table:
     """One row a frequency: the gain measured by Welch's method, its band and the coherence."""
     return Table.of(
         f"Measured gain, {label}",
         [
-            (Column.of(FREQUENCY), found.omega),
-            (Column("Gain", "", 3), estimate_cells(found.gain, found.lower, found.upper)),
-            (Column("Coherence", "", 3), found.coherence),
+            (Column.of(FREQUENCY), measured.omega),
+            (Column("Gain", "", 3), estimate_cells(measured.gain, measured.lower, measured.upper)),
+            (Column("Coherence", "", 3), measured.coherence),
         ],
     )
 

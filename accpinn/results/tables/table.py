@@ -337,8 +337,8 @@ def _template() -> "Template":
 def latex(text: str) -> str:
     """Text as LaTeX shows it, whatever it holds."""
     shown = "".join(
-        _LATEX.get(one) or (one if one.isprintable() and one <= _LATIN else f"(U+{ord(one):04X})")
-        for one in text
+        _LATEX.get(c) or (c if c.isprintable() and c <= _LATIN else f"(U+{ord(c):04X})")
+        for c in text
     )
     # After the end of a row a bracket would be read as its option.
     return f"{{}}{shown}" if shown.startswith("[") else shown
