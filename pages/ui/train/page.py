@@ -42,7 +42,7 @@ PRESET_LINES = {
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""
-REDRAWN = 1.05
+REDRAWN = 1.1
 """Growth of the iterations after which the live charts are drawn anew: less is not seen on their
 logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
 FIRST_DRAWING: Seconds = 1.0
