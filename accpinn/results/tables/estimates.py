@@ -11,8 +11,8 @@ import numpy as np
 from accpinn.channels import GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
-from accpinn.inference.intervals import Uncertainty, parameter_intervals
-from accpinn.inference.model_adequacy import ModelForm, WeightedForms
+from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import ModelForm
 from accpinn.inference.multistart import MultistartResult
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
@@ -24,7 +24,6 @@ from accpinn.results.tables.table import (
     Column,
     Estimate,
     Filled,
-    Range,
     Table,
     estimate_cells,
     percent_cells,
@@ -233,16 +232,12 @@ def recommendation_table(
         or [None] * len(PARAMETERS)
         for row in recommendations
     ]
-    of = [
-        "All forms, weighted" if row.weighted else "Maximum likelihood" for row in recommendations
-    ]
     group = f"Estimate ({100 * recommendations[0].level:.0f} % interval)"
     columns = (replace(column, group=group) for column in PARAMETER_COLUMNS)
     return Table.of(
         f"Recommended, {where(info)}",
         [
             (Column("Vehicle"), _labels(info, [row.vehicle for row in recommendations])),
-            (Column("Use"), of),
             *zip(columns, zip(*cells, strict=True), strict=True),
             (Column("How sure", prose=True), reasons),
         ],
@@ -335,36 +330,6 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
              [form.holdout[follower] for form in forms]),
         ],
     )  # fmt: skip
-
-
-def form_intervals_table(
-    info: SegmentInfo, uncertainty: Uncertainty, weighted: Sequence[WeightedForms]
-) -> Table:
-    """The intervals under the CTHP and over all forms, two rows a follower.
-
-    Args:
-        info: of the segment.
-        uncertainty: the intervals under the CTHP.
-        weighted: over all forms; those of vehicle 0 are of all followers together.
-    """
-    names, forms, intervals = list[str](), list[str](), list[list[Range]]()
-    for one in weighted:
-        k = info.vehicles.index(one.vehicle) - 1 if one.vehicle else 0
-        names += 2 * [info.label(one.vehicle)]
-        forms += [FORMS["cthp"], "All forms, weighted"]
-        for each in (parameter_intervals(uncertainty, k), one.intervals):
-            intervals.append([Range(end.lower, number(end.upper, inf)) for end in each])
-    percent = f"{100 * uncertainty.level:.0f} % interval"
-    filled: list[Filled] = [(Column("Follower"), names), (Column("Form of the model"), forms)]
-    for column, ranges in zip(PARAMETER_COLUMNS, zip(*intervals, strict=True), strict=True):
-        filled.append((replace(column, group=percent), ranges))
-    for at, of in enumerate(one.form for one in weighted[0].forms):
-        title = EXTRA_COLUMNS[of].title if of in EXTRA_COLUMNS else FORMS[of]
-        cells: list[Cell] = []
-        for one in weighted:
-            cells += [None, 100 * one.forms[at].probability]
-        filled.append((Column(title, "%", 0, "Probability of the form"), cells))
-    return Table.of(f"Intervals by form of the model, {where(info)}", filled)
 
 
 def fit_record_table(
