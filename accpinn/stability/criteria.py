@@ -15,6 +15,9 @@ criterion holds from some headway on:
     L∞, paper   τ = (2√α - β) / α, or 0
     L∞, exact   τ = (2√α - β) / α where β² < α, otherwise 1/β
 
+and with α and τ kept, from some β on: 1/τ - ατ/2 or 0 (L₂); 2√α - ατ or 0 where ατ² > 1, otherwise
+1/τ (L∞, exact).
+
 The gain itself, ‖h‖₁, and the overshoot of the step response follow from the same expressions.
 The largest ratio of the peaks of two consecutive speed deviations is ‖h‖₁ = ∫|h|, the total
 variation of the step response u. In units of 1/√α, with
@@ -139,6 +142,17 @@ def smallest_headway_exact(parameters: Parameters) -> FloatArray:
     stiff = parameters.beta >= np.sqrt(parameters.alpha)
     inverse = 1.0 / np.where(stiff & (parameters.beta > 0), parameters.beta, np.nan)
     return np.where(stiff, inverse, _critical_damping(parameters))
+
+
+def smallest_beta_l2(alpha: FloatArray, tau: float) -> FloatArray:
+    """The smallest β in 1/s that is L₂ stable with (..) α > 0 in 1/s² and a τ > 0 in s."""
+    return np.maximum(1.0 / tau - alpha * tau / 2.0, 0.0)
+
+
+def smallest_beta_exact(alpha: FloatArray, tau: float) -> FloatArray:
+    """The smallest β in 1/s with ‖h‖₁ = 1 at (..) α > 0 in 1/s² and a τ > 0 in s."""
+    damped = np.maximum(2.0 * np.sqrt(alpha) - alpha * tau, 0.0)
+    return np.where(alpha * tau**2 > 1.0, damped, 1.0 / tau)
 
 
 def _critical_damping(parameters: Parameters) -> FloatArray:

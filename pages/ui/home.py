@@ -9,7 +9,8 @@ from accpinn.results.snapshot.saved import Entry
 
 from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.model.published import PUBLISHED
-from accpinn.results.figures import thumbnails
+from accpinn.results.figures.recording import speeds_thumbnail
+from accpinn.results.figures.stability import gains_thumbnail
 from accpinn.segment.cut import cut
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -25,7 +26,7 @@ from pages.ui.snapshots.listing import first_estimate
 LAST_RUNS = 3
 CARDS = 4
 """In a row."""
-_gains = cache(thumbnails.of_gains)
+_gains = cache(gains_thumbnail)
 _STYLE = """<style>
 .st-key-home_drop [data-testid="stFileUploaderDropzone"] { min-height: 7.5rem;
   align-items: center; justify-content: center; }
@@ -175,4 +176,4 @@ def _picture(figure: go.Figure, key: str) -> None:
 
 @st.cache_resource(max_entries=8, show_spinner=False)
 def _speeds(path: Path) -> go.Figure:
-    return thumbnails.of_speeds(cut(sample(path)[0]))
+    return speeds_thumbnail(cut(sample(path)[0]))

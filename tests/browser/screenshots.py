@@ -164,7 +164,7 @@ def training(camera: Camera) -> None:
         page.get_by_text("Options", exact=True).click()
         page.get_by_role("button", name="Start training").click()
         page.get_by_text("left at most").wait_for()
-        page.get_by_test_id("stVegaLiteChart").nth(5).wait_for()  # the fit comes last
+        page.get_by_test_id("stPlotlyChart").nth(4).wait_for()  # the fit comes last
         camera.shoot(page, "train_live", whole=False)
         open_sample(other)
         fill(other, "Window starts at", "10")  # else an earlier result is shown

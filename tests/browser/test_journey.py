@@ -175,8 +175,8 @@ def test_a_paper_training_is_watched_stopped_and_continued(opened: Open) -> None
 
     page.reload()  # a training outlives its page
     expect(progress).to_be_visible()
-    live = page.get_by_test_id("stVegaLiteChart")
-    expect(live).to_have_count(6)  # the network's curves, too
+    live = page.get_by_test_id("stPlotlyChart")
+    expect(live).to_have_count(5)  # the network's curves, too
     page.get_by_role("button", name="Stop training").click()
     expect(page.get_by_text("Stopped by the user")).to_be_visible()
 

@@ -232,7 +232,7 @@ class TestRibbons:
     def test_cover_the_window_in_the_recordings_time(self, recording: Recording) -> None:
         segment = cut(recording, 5.0, 40.0)
         drawn = regime_ribbons(segment, label_regimes(segment, recording))
-        ends = {trace.name: [x for x in trace.x if x is not None] for trace in drawn}
+        ends = {bars["name"]: [x for x in bars["x"] if x is not None] for bars in drawn}
         assert set(ends) == {f"2 {name}" for name in REGIMES}
         assert ends["2 catching up"] == pytest.approx([9.95, 29.95])
         assert ends["2 standstill"] == pytest.approx([39.95, 42.95])

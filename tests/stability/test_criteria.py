@@ -12,8 +12,11 @@ from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     checked,
     exact_margin,
+    l2_criterion,
     l2_margin,
     paper_margin,
+    smallest_beta_exact,
+    smallest_beta_l2,
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
@@ -39,6 +42,17 @@ def test_each_margin_changes_sign_at_the_smallest_headway(vehicle: Parameters, o
         )
         assert above > 0
         assert below < 0 or headway == 0
+
+
+def test_the_smallest_beta_separates_what_the_criteria_separate() -> None:
+    rng = np.random.default_rng(0)
+    alpha, beta = rng.uniform(1e-3, 2, 400), rng.uniform(0, 2, 400)
+    for tau in (0.7, 2.0):
+        vehicles = Parameters(alpha, beta, np.full(400, tau))
+        stable = l2_criterion(vehicles) >= 0
+        np.testing.assert_array_equal(beta >= smallest_beta_l2(alpha, tau), stable)
+        stable = exact_margin(vehicles) >= 0
+        np.testing.assert_array_equal(beta >= smallest_beta_exact(alpha, tau), stable)
 
 
 def test_without_alpha_the_smallest_headways_are_the_limits() -> None:

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from accpinn.channels import SPEED
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.figures.platoon import CAR_LENGTH, Cast, close_up, samples
-from accpinn.results.figures.style import CLEAR, LEADER, finished, panels
+from accpinn.results.figures.style import (
+    CLEAR,
+    LEADER,
+    across,
+    axes_of,
+    composed,
+    stack,
+    titled,
+)
 from accpinn.units import FloatArray
 
 FRAMES = 60
@@ -33,51 +41,47 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         ({"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y})
         for x, y in zip(_rounded(behind, 2), _rounded(speeds, 3), strict=True)
     ]
-    figure = panels(0.2, 0.8, spacing=0.04)
     look = {"color": cast.colours, "line": {"width": 0}}
     road, track = pictures[0]
-    figure.add_scatter(
-        **road, mode="markers", marker={**look, "symbol": "square", "size": 13}, text=cast.names,
-        hovertemplate="%{text}<br>%{x:.1f} m<extra></extra>", row=1, col=1,
+    traces = [
+        {**road, **axes_of(1), "mode": "markers", "text": cast.names,
+         "marker": {**look, "symbol": "square", "size": 13},
+         "hovertemplate": "%{text}<br>%{x:.1f} m<extra></extra>"},
+        {**track, **axes_of(2), "mode": "lines+markers", "text": cast.names,
+         "line": {"color": LEADER, "width": 1.2}, "marker": {**look, "size": 10},
+         "hovertemplate": "%{text}<br>%{y:.2f} m/s<extra></extra>"},
+        *(  # for `with_legend`
+            {"x": [None], "y": [None], **axes_of(1), "mode": "markers", "name": name,
+             "hoverinfo": "skip", "marker": {"symbol": "square", "size": 13, "color": colour}}
+            for name, colour in zip(cast.names, cast.colours, strict=True)
+        ),
+    ]  # fmt: skip
+    # The axes stand still while the cars move.
+    rear = float(np.nanmin(behind))
+    margin = 2.0 - 0.06 * rear
+    low, high = float(np.nanmin(speeds)), float(np.nanmax(speeds))
+    rim = 0.1 * (high - low) + 0.05
+    axes = {
+        "y": {"visible": False, "range": [-1, 1]},
+        "y2": titled(SPEED.axis) | {"range": [low - rim, high + rim]},
+        "x2": titled("Position behind the leader [m], driving to the right"),
+    }
+    figure = composed(
+        traces, 490, "platoon-wave", axes, {"x": {"range": [rear - margin, margin]}},
+        stack(0.2, 0.8, spacing=0.04), hovermode="closest", updatemenus=[_buttons()],
+        sliders=[_slider(moments)], margin={"l": 62, "r": 14, "t": 10, "b": 156},
+        shapes=[across("y", -0.55, line={"color": LEADER, "width": 1})],
     )  # fmt: skip
-    figure.add_scatter(
-        **track, mode="lines+markers", line={"color": LEADER, "width": 1.2}, text=cast.names,
-        marker={**look, "size": 10}, hovertemplate="%{text}<br>%{y:.2f} m/s<extra></extra>",
-        row=2, col=1,
-    )  # fmt: skip
-    for name, colour in zip(cast.names, cast.colours, strict=True):  # for `with_legend`
-        figure.add_scatter(
-            x=[None], y=[None], mode="markers", name=name, hoverinfo="skip",
-            marker={"symbol": "square", "size": 13, "color": colour}, row=1, col=1,
-        )  # fmt: skip
     figure.frames = [
         go.Frame(name=moment, data=list(picture), traces=[0, 1])
         for moment, picture in zip(moments, pictures, strict=True)
     ]
-    _ranges(figure, behind, speeds)
-    figure = finished(figure, 490, "platoon-wave")
-    return figure.update_layout(
-        hovermode="closest", margin_b=156, updatemenus=[_buttons()], sliders=[_slider(moments)]
-    )
+    return figure
 
 
 def _rounded(values: FloatArray, digits: int) -> list[list[float | None]]:
     """Rows as a figure takes them; None for a vehicle that has collided."""
     return [[None if v != v else v for v in row] for row in values.round(digits).tolist()]
-
-
-def _ranges(figure: go.Figure, behind: FloatArray, speeds: FloatArray) -> None:
-    """Axes that stand still while the cars move."""
-    rear = float(np.nanmin(behind))
-    margin = 2.0 - 0.06 * rear
-    figure.update_xaxes(range=[rear - margin, margin])
-    low, high = float(np.nanmin(speeds)), float(np.nanmax(speeds))
-    rim = 0.1 * (high - low) + 0.05
-    figure.update_yaxes(visible=False, range=[-1, 1], row=1, col=1)
-    figure.add_hline(y=-0.55, line={"color": LEADER, "width": 1}, row=1, col=1)
-    figure.update_yaxes(title_text=SPEED.axis, range=[low - rim, high + rim], row=2, col=1)
-    title = "Position behind the leader [m], driving to the right"
-    figure.update_xaxes(title_text=title, row=2, col=1)
 
 
 def _motion(duration: int) -> dict[str, Any]:
@@ -99,7 +103,9 @@ def _buttons() -> dict[str, Any]:
 
 def _slider(moments: Sequence[str]) -> dict[str, Any]:
     still = _motion(0)
-    steps = [{"label": one, "method": "animate", "args": [[one], still]} for one in moments]
+    steps = [
+        {"label": moment, "method": "animate", "args": [[moment], still]} for moment in moments
+    ]
     return {
         "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},
         "ticklen": 0, "minorticklen": 0, "bordercolor": CLEAR,

@@ -17,14 +17,18 @@ from accpinn.results.figures.style import (
     LEADER,
     SERIES,
     TRUTH,
+    Part,
+    across,
+    axes_of,
     band,
-    finished,
+    composed,
+    curve,
     limits,
     named_value,
-    panels,
-    subplots,
-    thinned,
+    row,
+    stack,
     ticks,
+    titled,
     with_legend,
 )
 from accpinn.units import FloatArray, Seconds
@@ -38,13 +42,13 @@ EARLY = 0.25
 
 @dataclass(frozen=True, eq=False)
 class NamedEstimate:
-    """One row of the chart."""
+    """A method's estimate: one row of the chart."""
 
     name: str
     values: FloatArray
     """(3,) α, β, τ; nan where undetermined."""
     earlier: bool = False
-    """From an earlier run, drawn as a ring."""
+    """Whether it is from an earlier run, which is drawn as a ring."""
 
 
 def estimates(
@@ -63,30 +67,28 @@ def estimates(
         follower: 0 for the first.
         truth: dashed, where it is known.
     """
-    figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
     true = truth.values.tolist() if truth else []
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
     names = [html.escape(row.name).replace(" (", "<br>(", 1) for row in rows]
+    marker = {
+        "size": 10, "color": colour, "line": {"width": 2, "color": colour},
+        "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
+    }  # fmt: skip
+    values = np.array([row.values for row in rows])
+    traces = [
+        {"x": column, "y": names, "mode": "markers", "marker": marker, **axes_of(which + 1),
+         "hovertemplate": f"%{{y}}<br>{named_value(quantity, 'x')}<extra></extra>"}
+        for which, (quantity, column) in enumerate(zip(PARAMETERS, values.T, strict=True))
+    ]  # fmt: skip
     lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
-    for which, quantity in enumerate(PARAMETERS):
-        values = np.array([row.values[which] for row in rows])
-        marker = {
-            "size": 10, "color": colour, "line": {"width": 2, "color": colour},
-            "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
-        }  # fmt: skip
-        dots = go.Scatter(
-            x=values, y=names, mode="markers", marker=marker,
-            hovertemplate=f"%{{y}}<br>{named_value(quantity, 'x')}<extra></extra>",
-        )  # fmt: skip
-        ends = float(lower[which]), float(upper[which])
-        _add_panel(figure, which, dots, ends, [*values, *true[which : which + 1]])
-        if true:
-            figure.add_vline(x=true[which], line=TRUTH | {"width": 2}, row=1, col=which + 1)
-    figure = finished(figure, 110 + 30 * len(rows), "compare-estimates")
-    figure.update_yaxes(
-        categoryorder="array", categoryarray=names[::-1], showgrid=True, automargin=True
+    others = [[*column, *true[k : k + 1]] for k, column in enumerate(values.T)]
+    lines = [across(axes_of(k + 1)["xaxis"], value, line=TRUTH | {"width": 2})
+             for k, value in enumerate(true)]  # fmt: skip
+    categories = {"categoryorder": "array", "categoryarray": names[::-1], "showgrid": True,
+                  "automargin": True}  # fmt: skip
+    return _beside_each_other(
+        traces, 110 + 30 * len(rows), "compare-estimates", lower, upper, others, lines, categories
     )
-    return figure.update_layout(hovermode="closest", dragmode=False)
 
 
 def tracks(
@@ -103,78 +105,77 @@ def tracks(
         truth: dashed, where it is known.
         start: of the segment, in s from the recording's first sample.
     """
-    figure = panels(1, 1, 1)
     true = truth.values.tolist() if truth else []
+    traces, axes = list[Part](), dict[str, Part]()
     for which, quantity in enumerate(PARAMETERS):
-        row = which + 1
-        late = [np.array(true[which:row])]
+        panel = axes_of(which + 1)
+        late = [np.array(true[which : which + 1])]
         for (title, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
             name = html.escape(title)
             values = track.parameters.values[:, follower, which]
             late.append(values[int(EARLY * len(values)) :])
-            time, drawn = thinned(start + track.time, values)
             if track.deviation is not None:
                 around = track.deviation[:, follower, which]
                 late.append(values[-1] + around[-1] * np.array([-1, 1]))
                 known = np.flatnonzero(np.isfinite(values) & np.isfinite(around))
                 known = known[:: max(1, len(known) // BAND_POINTS)]
                 low, high = (values + around * np.array([[-1], [1]]))[:, known]
-                figure.add_trace(band(start + track.time[known], low, high, colour, 0.10), row, 1)
-            figure.add_scatter(
-                x=time, y=drawn, name=name, line={"color": colour, "width": 2, "dash": dash},
-                legendgroup=name, showlegend=which == 0,
-                hovertemplate=f"{named_value(quantity, 'y')}<extra>{name}</extra>", row=row, col=1,
-            )  # fmt: skip
-        if true:
-            figure.add_hline(y=true[which], line=TRUTH, row=row, col=1)
+                traces.append(band(start + track.time[known], low, high, colour, 0.10, **panel))
+            traces.append(curve(
+                start + track.time, values, name=name, legendgroup=name, showlegend=which == 0,
+                line={"color": colour, "width": 2, "dash": dash}, **panel,
+                hovertemplate=f"{named_value(quantity, 'y')}<extra>{name}</extra>",
+            ))  # fmt: skip
         shown = limits(np.concatenate(late)) or None
-        figure.update_yaxes(title_text=quantity.heading, range=shown, row=row, col=1)
-    figure.update_xaxes(title_text=TIME.axis, row=3, col=1)
-    return with_legend(finished(figure, 560, "compare-tracks"))
+        axes[panel["yaxis"]] = titled(quantity.heading) | {"range": shown}
+    shapes = [across(axes_of(k + 1)["yaxis"], value, line=TRUTH) for k, value in enumerate(true)]
+    axes["x3"] = titled(TIME.axis)
+    return with_legend(
+        composed(traces, 560, "compare-tracks", axes, grid=stack(1, 1, 1), shapes=shapes)
+    )
 
 
 def profiles(
-    found: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
+    profiled: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
 ) -> go.Figure:
     """The increase of the least-squares criterion with one parameter held, in percent.
 
     Args:
-        found: of α, β, τ.
+        profiled: of α, β, τ.
         colour: of the vehicle.
         lower: (3,) ends of the intervals behind the profiles; nan where there is none.
         upper: (3,) may be infinite.
     """
-    figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.03)
-    for which, (one, quantity) in enumerate(zip(found, PARAMETERS, strict=True)):
-        hover = f"{named_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"
-        curve = go.Scatter(
-            x=one.values, y=100 * one.increase, mode="lines",
-            line={"color": colour, "width": 2.5}, hovertemplate=hover,
-        )  # fmt: skip
+    traces = [
+        {"x": profile.values, "y": 100 * profile.increase, "mode": "lines", **axes_of(which + 1),
+         "line": {"color": colour, "width": 2.5},
+         "hovertemplate": f"{named_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"}
+        for which, (profile, quantity) in enumerate(zip(profiled, PARAMETERS, strict=True))
+    ]  # fmt: skip
+    limit = {"color": LEADER, "width": 1, "dash": "dash"}
+    lines = [across(axes_of(panel)["yaxis"], 100 * INCREASE, line=limit) for panel in (1, 2, 3)]
+    ends = [profile.values[[0, -1]] for profile in profiled]
+    figure = _beside_each_other(
+        traces, 240, "compare-profiles", lower, upper, ends, lines, {"range": [0, 200 * INCREASE]}
+    )
+    return figure.update_layout(yaxis_title_text="Worse by [%]")
+
+
+def _beside_each_other(
+    traces: Sequence[Part], height: int, revision: str, lower: FloatArray, upper: FloatArray,
+    others: Sequence[Sequence[float] | FloatArray], lines: Sequence[Part], vertical: Part,
+) -> go.Figure:  # fmt: skip
+    """A panel for each of α, β, τ: its interval, on an axis that holds that and the others."""
+    axes, areas = dict[str, Part](), list[Part]()
+    for which, quantity in enumerate(PARAMETERS):
         ends = float(lower[which]), float(upper[which])
-        _add_panel(figure, which, curve, ends, one.values[[0, -1]])
-        limit = {"color": LEADER, "width": 1, "dash": "dash"}
-        figure.add_hline(y=100 * INCREASE, line=limit, row=1, col=which + 1)
-    figure.update_yaxes(range=[0, 200 * INCREASE])
-    figure.update_yaxes(title_text="Worse by [%]", row=1, col=1)
-    figure = finished(figure, 240, "compare-profiles")
-    return figure.update_layout(hovermode="closest", dragmode=False)
-
-
-def _add_panel(
-    figure: go.Figure, which: int, trace: go.Scatter, ends: tuple[float, float],
-    others: Sequence[float] | FloatArray,
-) -> None:  # fmt: skip
-    """One parameter's panel: its trace over its interval, on an axis that holds them and others."""
-    shown = limits(np.array([*ends, *others])) or [0.0, 1.0]
-    figure.add_trace(trace, 1, which + 1)
-    # After the trace, as plotly draws no area in a panel without one.
-    if np.isfinite(ends[0]):
-        figure.add_vrect(
-            x0=ends[0], x1=min(ends[1], shown[1]), fillcolor=BAND, line_width=0, layer="below",
-            row=1, col=which + 1,
-        )  # fmt: skip
-    figure.update_xaxes(
-        title_text=PARAMETERS[which].heading, range=shown, tickangle=0, **ticks(shown), row=1,
-        col=which + 1,
+        shown = limits(np.array([*ends, *others[which]])) or [0.0, 1.0]
+        panel = axes_of(which + 1)
+        if np.isfinite(ends[0]):
+            areas.append(across(panel["xaxis"], ends[0], min(ends[1], shown[1]), fillcolor=BAND,
+                                line={"width": 0}, layer="below"))  # fmt: skip
+        axes[panel["xaxis"]] = titled(quantity.heading) | {"range": shown, **ticks(shown)}
+    return composed(
+        traces, height, revision, axes, {"x": {"tickangle": 0}, "y": vertical}, row(3, 0.03),
+        shapes=[*areas, *lines], hovermode="closest", dragmode=False,
     )  # fmt: skip

@@ -6,7 +6,7 @@ that is stable. Both criteria keep their form when time is counted in units of �
 """
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 
 import numpy as np
@@ -15,16 +15,25 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, PARAMETERS, SPEED, TAU, TIME_GAP, Quantity
-from accpinn.model.cthp import Parameters
-from accpinn.results.figures.stability import EXACT, L2, annotate
-from accpinn.results.figures.style import FOLLOWERS, LEADER, finished, limits, subplots
+from accpinn.results.figures.stability import EXACT, L2
+from accpinn.results.figures.style import (
+    FOLLOWERS,
+    LEADER,
+    Part,
+    axes_of,
+    composed,
+    corner,
+    limits,
+    row,
+    titled,
+)
 from accpinn.results.tables.table import ABSENT
-from accpinn.stability.criteria import smallest_headway_exact, smallest_headway_l2
+from accpinn.stability.criteria import smallest_beta_exact, smallest_beta_l2
 from accpinn.study.groups import Groups
 from accpinn.units import FloatArray
 
 MOST_GROUPS = 16
-"""In a forest plot; those with most windows."""
+"""Largest number of groups in a forest plot; those with most windows are drawn."""
 LINE, NARROW_LINE, RIM = 28, 22, 74
 """Pixels of a group, of one among many, and of what is above and below all of them."""
 FEW = 10
@@ -39,7 +48,7 @@ INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
 HOVERED = 3000
-"""With more points than this, they tell their values only."""
+"""Largest number of points that tell their windows when hovered over."""
 UNITS_OF_TAU = {
     "alpha": Quantity("Gain on spacing in units of τ", "ατ²", "", 3, 0.0, 10.0),
     "beta": Quantity("Gain on relative speed in units of τ", "βτ", "", 3, 0.0, 10.0),
@@ -51,59 +60,53 @@ def label_of(values: Sequence[str]) -> str:
     return " · ".join(value or ABSENT for value in values) or "all"
 
 
-def forest(found: Groups) -> go.Figure:
+def forest(grouped: Groups) -> go.Figure:
     """The medians of τ, α and β of each group, with their intervals; the shortest τ on top.
 
     A marker's size tells the number of windows. A gain whose estimate is not above zero stands as a
     triangle at the left edge.
     """
-    largest = sorted(found.groups, key=lambda one: -one.windows)[:MOST_GROUPS]
-    groups = sorted(largest, key=lambda one: (not np.isnan(one.tau.median), -one.tau.median))
-    names = [html.escape(label_of(one.values)) for one in groups]
+    largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
+    groups = sorted(largest, key=lambda group: (not np.isnan(group.tau.median), -group.tau.median))
+    names = [html.escape(label_of(group.values)) for group in groups]
     places = np.arange(len(groups))
-    figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.025)
-    for column, which in enumerate((2, 0, 1), 1):  # τ, α, β
-        quantity, typical = PARAMETERS[which], [one.parameters[which] for one in groups]
+    traces, axes = list[Part](), dict[str, Part]()
+    for panel, which in enumerate((2, 0, 1), 1):  # τ, α, β
+        quantity, typical = PARAMETERS[which], [group.parameters[which] for group in groups]
         on_log_axis = quantity is not TAU
-        values = np.array([(one.median, one.low, one.high) for one in typical]).reshape(-1, 3)
+        values = np.array([(t.median, t.low, t.high) for t in typical]).reshape(-1, 3)
         low, high = _axis(values, on_log_axis)
         middle, ends = np.clip(values[:, 0], low, high), np.clip(values[:, 1:], low, high)
-        at_edge = values[:, 0] <= low
-        figure.add_scatter(
-            x=middle, y=places, mode="markers", name=quantity.symbol, showlegend=False,
-            cliponaxis=False,
-            marker={
+        traces.append({
+            "x": middle, "y": places, "mode": "markers", "name": quantity.symbol,
+            "showlegend": False, "cliponaxis": False, **axes_of(panel),
+            "marker": {
                 "color": FOLLOWERS[0],
-                "size": [_size(one.windows) for one in groups],
-                "symbol": ["triangle-left" if edge else "circle" for edge in at_edge],
+                "size": [_size(group.windows) for group in groups],
+                "symbol": ["triangle-left" if edge else "circle" for edge in values[:, 0] <= low],
             },
-            error_x={
+            "error_x": {
                 "array": ends[:, 1] - middle, "arrayminus": middle - ends[:, 0],
                 "color": FOLLOWERS[0], "thickness": 1.6, "width": 3,
             },
-            customdata=[
+            "customdata": [
                 (names[k], *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row),
                  groups[k].windows)
                 for k, row in enumerate(values)
             ],
-            hovertemplate=(
+            "hovertemplate": (
                 f"%{{customdata[0]}}<br>{quantity.symbol} %{{customdata[1]}} {quantity.unit}"
                 " (%{customdata[2]} to %{customdata[3]}), %{customdata[4]} windows<extra></extra>"
             ),
-            row=1, col=column,
-        )  # fmt: skip
-        figure.update_xaxes(
-            title_text=quantity.heading, row=1, col=column,
-            **({"type": "log", "range": np.log10([low, high]).tolist(), **_decades(low, high)}
-               if on_log_axis else {"range": [low, high]}),
-        )  # fmt: skip
-    figure.update_yaxes(range=[-0.7, len(groups) - 0.3], showgrid=True)
-    figure.update_yaxes(tickvals=places, ticktext=names, row=1, col=1)
+        })  # fmt: skip
+        scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
+        axes[axes_of(panel)["xaxis"]] = titled(quantity.heading) | scale
+    # The groups' names may be long.
+    axes["y"] = {"tickvals": places, "ticktext": names, "automargin": True}
+    every = {"y": {"range": [-0.7, len(groups) - 0.3], "showgrid": True}}
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
-    figure = finished(figure, height, "forest")
-    figure.update_yaxes(automargin=True, row=1, col=1)  # the groups' names may be long
-    return figure.update_layout(hovermode="closest")
+    return composed(traces, height, "forest", axes, every, row(3, 0.025), hovermode="closest")
 
 
 def _size(windows: int) -> float:
@@ -124,8 +127,8 @@ def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
     return float(low), float(min(known.max() + 1.0, max(known.max(), ends.max(initial=0)) + 0.1))
 
 
-def _decades(low: float, high: float) -> dict[str, list[float] | list[str]]:
-    """Few round values, as there is little room."""
+def _decades(low: float, high: float) -> Part:
+    """A logarithmic axis with few round values, as there is little room."""
     chosen: list[float] = []
     for digits in ((1,), (1, 5), (1, 2, 5)):
         every = (d * 10.0**p for p in range(-5, 3) for d in digits)
@@ -136,16 +139,16 @@ def _decades(low: float, high: float) -> dict[str, list[float] | list[str]]:
     for tick in chosen:
         if not kept or np.log(tick / kept[-1]) > APART * np.log(high / low):
             kept.append(tick)
-    return {"tickvals": kept, "ticktext": [f"{tick:g}" for tick in kept]}
+    return {"tickvals": kept, "ticktext": [f"{tick:g}" for tick in kept],
+            "range": np.log10([low, high]).tolist()}  # fmt: skip
 
 
 def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
     """Colour and symbol of each label, those that occur most first; others share one."""
     counts = pd.Series(list(labels), dtype=str).value_counts()
     named = list(counts.index[:MOST_NAMED])
-    looks = zip(FOLLOWERS, cycle(SYMBOLS))
-    found = dict(zip(named, looks, strict=False))
-    return found | ({OTHERS: (LEADER, "circle-open")} if len(counts) > len(named) else {})
+    looks = dict(zip(named, zip(FOLLOWERS, cycle(SYMBOLS)), strict=False))
+    return looks | ({OTHERS: (LEADER, "circle-open")} if len(counts) > len(named) else {})
 
 
 def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
@@ -160,47 +163,36 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)
-    figure = go.Figure()
-    for name, colour, symbol, part in (
-        ("L₂ unstable", UNSTABLE, "circle-open", ~stable),
-        ("L₂ stable", STABLE, "diamond", stable),
-    ):
-        _add_points(figure, rows, x, y, np.flatnonzero(part & np.isfinite(x + y)), name, colour,
-                    symbol)  # fmt: skip
+    traces = [
+        _points(rows, x, y, np.flatnonzero(part & np.isfinite(x + y)), name, colour, symbol)
+        for name, colour, symbol, part in (
+            ("L₂ unstable", UNSTABLE, "circle-open", ~stable),
+            ("L₂ stable", STABLE, "diamond", stable),
+        )
+    ]
     right, top = _end(x), max(_end(y), 1.15 / at)
     along = np.linspace(right / ALONG, right, ALONG)
-    for name, headway, colour, dash in (
-        ("L₂", smallest_headway_l2, L2, "solid"),
-        ("L∞, exact", smallest_headway_exact, EXACT, "dash"),
-    ):
-        figure.add_scatter(
-            x=along, y=smallest_stable_beta(along, at, headway), mode="lines", name=name,
-            line={"color": colour, "width": 2, "dash": dash}, hoverinfo="skip",
-        )  # fmt: skip
-    annotate(figure, "string stable", 0.995, 0.985)
-    x_axis, y_axis = (UNITS_OF_TAU.values()) if in_units_of_tau else (ALPHA, BETA)
-    for axis, quantity, end in (("xaxis", x_axis, right), ("yaxis", y_axis, top)):
-        title = f"{quantity.symbol}, {quantity.axis[0].lower()}{quantity.axis[1:]}"
-        figure.layout[axis].update(title={"text": title}, range=[-0.02 * end, end])
-    return finished(figure, 430, f"plane-{in_units_of_tau}").update_layout(hovermode="closest")
+    traces += [
+        {"x": along, "y": boundary(along, at), "mode": "lines", "name": name, "hoverinfo": "skip",
+         "line": {"color": colour, "width": 2, "dash": dash}}
+        for name, boundary, colour, dash in (
+            ("L₂", smallest_beta_l2, L2, "solid"), ("L∞, exact", smallest_beta_exact, EXACT, "dash")
+        )
+    ]  # fmt: skip
+    quantities = UNITS_OF_TAU.values() if in_units_of_tau else (ALPHA, BETA)
+    axes = {
+        name: titled(f"{quantity.symbol}, {_lower(quantity.axis)}") | {"range": [-0.02 * end, end]}
+        for name, quantity, end in zip("xy", quantities, (right, top), strict=True)
+    }
+    return composed(
+        traces, 430, f"plane-{in_units_of_tau}", axes, hovermode="closest",
+        annotations=[corner("string stable", 0.995, 0.985)],
+    )  # fmt: skip
 
 
-def smallest_stable_beta(
-    alpha: FloatArray, tau: float, headway: Callable[[Parameters], FloatArray]
-) -> FloatArray:
-    """(K,) the β from which on the smallest stable headway is ``tau`` or less.
-
-    Args:
-        alpha: (K,) in 1/s², above zero.
-        tau: in s.
-        headway: the criterion; it falls with β.
-    """
-    low, high = np.zeros_like(alpha), np.full_like(alpha, 4.0 / tau)
-    for _ in range(50):
-        middle = (low + high) / 2
-        enough = headway(Parameters(alpha, middle, tau)) <= tau
-        low, high = np.where(enough, low, middle), np.where(enough, middle, high)
-    return high
+def _lower(text: str) -> str:
+    """The text with a small first letter."""
+    return text[0].lower() + text[1:]
 
 
 def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
@@ -211,53 +203,49 @@ def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
         labels: (K,) of each row's group.
     """
     x, y = (rows[name].to_numpy(float) for name in ("mean_speed", "mean_time_gap"))
-    own = np.array(labels, dtype=str)
-    found = colours(labels)
-    figure = go.Figure()
-    for label, (colour, symbol) in found.items():
-        part = own == label if label != OTHERS else ~np.isin(own, list(found))
+    group_of, looks = np.array(labels, dtype=str), colours(labels)
+    traces = []
+    for label, (colour, symbol) in looks.items():
+        part = group_of == label if label != OTHERS else ~np.isin(group_of, list(looks))
         places = np.flatnonzero(part & np.isfinite(x + y))
-        _add_points(figure, rows, x, y, places, label, colour, symbol)
-    figure.update_xaxes(
-        title_text=f"Mean {SPEED.axis[0].lower()}{SPEED.axis[1:]}", rangemode="tozero"
-    )
-    figure.update_yaxes(
-        title_text=f"Mean {TIME_GAP.axis[0].lower()}{TIME_GAP.axis[1:]}", range=limits(y)
-    )
-    return finished(figure, 430, "gap").update_layout(hovermode="closest")
+        traces.append(_points(rows, x, y, places, label, colour, symbol))
+    axes = {
+        "x": titled(f"Mean {_lower(SPEED.axis)}") | {"rangemode": "tozero"},
+        "y": titled(f"Mean {_lower(TIME_GAP.axis)}") | {"range": limits(y)},
+    }
+    return composed(traces, 430, "gap", axes, hovermode="closest")
 
 
-def _add_points(
-    figure: go.Figure, rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: NDArray[np.intp],
+def _points(
+    rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: NDArray[np.intp],
     name: str, colour: str, symbol: str,
-) -> None:  # fmt: skip
-    said, few = {}, len(rows) <= HOVERED
+) -> Part:  # fmt: skip
+    """The points at some places among the rows; each tells its window while they are few."""
+    few, escaped = len(rows) <= HOVERED, html.escape(name)
+    points = {
+        "type": "scattergl", "x": x[places].round(5), "y": y[places].round(5), "mode": "markers",
+        "name": escaped, "customdata": places,
+        "marker": {"color": colour, "symbol": symbol, "size": 8 if few else 5,
+                   "opacity": 0.85 if few else 0.5, "line": {"width": 1.4 if few else 1}},
+        "selected": {"marker": {"opacity": 1}}, "unselected": {"marker": {"opacity": 0.5}},
+        "hovertemplate": ("%{text}<br>" if few else "")
+        + f"%{{x:.4g}}, %{{y:.4g}}<extra>{escaped}</extra>",
+    }  # fmt: skip
     if few:
         part = rows.iloc[places]
         who = (part["make"].fillna("") + " " + part["model"].fillna("")).str.strip()
         start, end = part["start"], part["start"] + part["duration"]
-        said["text"] = [
+        points["text"] = [
             html.escape(f"{a or ABSENT}, {b}, {c:.0f}–{d:.0f} s")
             for a, b, c, d in zip(who, part["file"], start, end, strict=True)
         ]
-    figure.add_trace(
-        go.Scattergl(
-            x=x[places].round(5), y=y[places].round(5), mode="markers", name=html.escape(name),
-            customdata=places,
-            marker={"color": colour, "symbol": symbol, "size": 8 if few else 5,
-                    "opacity": 0.85 if few else 0.5, "line": {"width": 1.4 if few else 1}},
-            selected={"marker": {"opacity": 1}}, unselected={"marker": {"opacity": 0.5}},
-            hovertemplate=("%{text}<br>" if few else "")
-            + f"%{{x:.4g}}, %{{y:.4g}}<extra>{html.escape(name)}</extra>",
-            **said,
-        )
-    )  # fmt: skip
+    return points
 
 
 def beyond(figure: go.Figure) -> int:
     """How many points a `plane` does not show before it is zoomed out."""
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    points = [one for one in figure.data if one.type == "scattergl"]
+    points = [trace for trace in figure.data if trace.type == "scattergl"]
     return sum(
         int(((np.asarray(p.x, float) > right) | (np.asarray(p.y, float) > top)).sum())
         for p in points

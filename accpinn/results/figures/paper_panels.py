@@ -4,15 +4,15 @@ from functools import cache
 
 import plotly.graph_objects as go
 
-from accpinn.channels import SPEED, TIME
+from accpinn.channels import SPEED
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
-from accpinn.results.figures.platoon import add_line, cast_of
-from accpinn.results.figures.style import finished, panels
+from accpinn.results.figures.platoon import cast_of, line_of
+from accpinn.results.figures.style import composed
 
 PANEL_POINTS = 500
-"""Drawn per line of the paper's panels."""
+"""Largest number of points a line of the paper's panels."""
 PANEL_FOLLOWERS = 8
 PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
 """AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
@@ -41,14 +41,14 @@ def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
 
 
 def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
-    figure = panels(1)
     cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
-    for who in [*range(1, PANEL_FOLLOWERS + 1), 0]:
-        add_line(figure, driven.time, driven.speeds[:, who], cast, who, 1, PANEL_POINTS)
+    lines = [
+        line_of(driven.time, driven.speeds[:, vehicle], cast, vehicle, points=PANEL_POINTS)
+        for vehicle in [*range(1, PANEL_FOLLOWERS + 1), 0]
+    ]
     speed = run.leader.speed
-    figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text=SPEED.axis, range=[speed - reach, speed + reach])
-    return finished(figure, 300, f"platoon-panel-{letter}")
+    axes = {"y": {"range": [speed - reach, speed + reach]}}
+    return composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
 
 
 def _fate(run: PlatoonRun) -> str:

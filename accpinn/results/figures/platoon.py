@@ -5,7 +5,7 @@ import html
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -23,11 +23,14 @@ from accpinn.results.figures.style import (
     LEADER,
     LEGEND,
     MODEL,
-    finished,
-    label_axes,
-    panels,
-    thinned,
-    vehicle_colour,
+    Part,
+    across,
+    axes_of,
+    composed,
+    curve,
+    stack,
+    titled,
+    vehicle_colours,
 )
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
@@ -35,7 +38,7 @@ from accpinn.units import FloatArray, Metres, Seconds, stretches
 CLOSE: Metres = 5.0
 """Gaps below this make the figure show where zero is."""
 POINTS = 800
-"""Drawn per line of a profile."""
+"""Largest number of points a line of a profile."""
 COLUMNS = 240
 """Instants of the map of speeds."""
 DOTS = 2400
@@ -47,11 +50,11 @@ TRACKS = "tracks"
 STRIPES = 8
 """Periods of a sinusoid on the map of speeds; with more the wave's slope is not seen."""
 CAR_LENGTH: Metres = 4.5
-"""Between the fronts of two cars lie the gap and this; the model has gaps only."""
+"""Length of a car in m: the model has gaps only, not the distance between two fronts."""
 PERIODS = 3
-"""Of a sinusoid in a close-up."""
+"""Periods of a sinusoid in a close-up."""
 WATCHED: Seconds = 120.0
-"""What a close-up shows of any other planned disturbance."""
+"""Length of a close-up of any other planned disturbance, in s."""
 PLACE = "Follower (0 = leader)"
 SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
 SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
@@ -124,7 +127,7 @@ def close_up(run: PlatoonRun) -> Span:
     """The part worth a closer look.
 
     The last periods of a sinusoid, or what follows another disturbance; where a vehicle collides,
-    what goes before. Of a recorded leader it is the whole run.
+    what goes before. With a recorded leader it is the whole run.
     """
     leader, time = run.leader, run.trajectories.time
     first, end = float(time[0]), float(time[-1])
@@ -153,19 +156,30 @@ def profiles(
         measured: the recording whose leader drives, to draw its followers, dashed.
         height: in pixels.
     """
-    driven, figure = run.valid, panels(0.58, 0.42, spacing=0.06)
-    if measured:
-        _add_measured(figure, measured)
+    driven = run.valid
     rows = _within(driven.time, span)
+    traces = [*_measured(measured)] if measured else []
     for k in [*range(1, len(cast.names)), 0]:  # the leader last, on top
-        add_line(figure, driven.time[rows], driven.speeds[rows, k], cast, k, 1)
+        traces.append(line_of(driven.time[rows], driven.speeds[rows, k], cast, k))
         if k:
-            add_line(figure, driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2)
+            traces.append(line_of(driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2))
+    shapes, words = list[Part](), list[Part]()
     if np.nanmin(driven.gaps[rows]) < CLOSE:
-        figure.add_hline(y=0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}, row=2, col=1)
-    _mark_collisions(figure, run, span)
-    label_axes(figure, (SPEED, GAP))
-    return finished(figure, height, "platoon-profiles")
+        shapes.append(across("y2", 0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}))
+    if ends := _collisions(run, span):
+        traces += ends
+        first, shown_end = run.contacts[0].time, min(span[1] if span else np.inf, driven.time[-1])
+        words.append({  # within the axes, where no legend above them can be in the way
+            "text": "collision", "x": first, "y": 1, "xref": "x", "yref": "y domain",
+            "xanchor": "left" if first < 0.8 * shown_end else "right", "yanchor": "top",
+            "showarrow": False,
+        })  # fmt: skip
+        dotted = {"color": MODEL, "width": 1, "dash": "dot"}
+        shapes += [across(axis, first, line=dotted) for axis in ("x", "x2")]
+    return composed(
+        traces, height, "platoon-profiles", grid=stack(0.58, 0.42, spacing=0.06),
+        channels=(SPEED, GAP), shapes=shapes, annotations=words,
+    )  # fmt: skip
 
 
 def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
@@ -175,60 +189,60 @@ def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
     return inside if len(inside) > 1 else np.arange(len(time))
 
 
-def _add_measured(figure: go.Figure, measured: Segment) -> None:
+def line_of(
+    time: FloatArray, values: FloatArray, cast: Cast, k: int, panel: int = 1, points: int = POINTS
+) -> Part:
+    """A vehicle's line in a panel, and in the legend if that is the first."""
+    return _line(
+        time, values, panel, points, name=cast.names[k], legendrank=k,
+        line={"color": cast.colours[k], "width": 1.5 if k else 2.5},
+    )  # fmt: skip
+
+
+def _line(
+    time: FloatArray, values: FloatArray, panel: int, points: int = POINTS, **look: Any
+) -> Part:
+    """A line in half the bytes, as there are many."""
+    line = curve(time, values, panel, points, mode="lines", hovertemplate="%{y:.2f}",
+                 showlegend=panel == 1, **look)  # fmt: skip
+    return line | {axis: line[axis].astype(np.float32) for axis in "xy"}
+
+
+def _measured(segment: Segment) -> Iterator[Part]:
     """Speeds and gaps of the recorded followers."""
-    time, leader = measured.start + measured.time, measured.vehicles[0]
-    for k, (number, label) in enumerate(
-        zip(measured.vehicles[1:], measured.labels[1:], strict=True)
-    ):
-        channels = measured.measured_speeds[:, k + 1], measured.measured_gaps[:, k]
-        for row, values in enumerate(channels, 1):
-            x, y = thinned(time, values, POINTS)
-            figure.add_scatter(
-                x=x.astype(np.float32), y=y.astype(np.float32), mode="lines",
-                name=f"{html.escape(label)}, measured", opacity=MEASURED_OPACITY,
-                line={"color": vehicle_colour(number, leader), "width": 1.3, "dash": "dot"},
-                hovertemplate="%{y:.2f}", showlegend=row == 1, legendrank=100 + k, row=row, col=1,
+    time, colours_of = segment.start + segment.time, vehicle_colours(segment.vehicles)
+    for k, label in enumerate(segment.labels[1:]):
+        channels = segment.measured_speeds[:, k + 1], segment.measured_gaps[:, k]
+        for panel, values in enumerate(channels, 1):
+            yield _line(
+                time, values, panel, name=f"{html.escape(label)}, measured", legendrank=100 + k,
+                line={"color": colours_of[k + 1], "width": 1.3, "dash": "dot"},
+                opacity=MEASURED_OPACITY,
             )  # fmt: skip
 
 
-def _mark_collisions(figure: go.Figure, run: PlatoonRun, span: Span | None) -> None:
-    """A cross where a vehicle's motion ends, and the word at the first contact."""
+def _collisions(run: PlatoonRun, span: Span | None) -> list[Part]:
+    """A cross where a vehicle's motion ends; nothing where none ends in sight."""
     driven = run.valid
     start, end = span or (-np.inf, np.inf)
     ended = np.flatnonzero(run.meaningful < len(driven.time))
     at = run.meaningful[ended] - 1
     shown = (driven.time[at] >= start) & (driven.time[at] <= end)
     ended, at = ended[shown], at[shown]
-    if not len(ended):
-        return
-    for row, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1])):
-        figure.add_scatter(
-            x=driven.time[at], y=values, mode="markers", marker=END, name="ends with a collision",
-            hovertemplate="ends with a collision", showlegend=row == 1, legendrank=90, row=row,
-            col=1,
-        )  # fmt: skip
-    first = run.contacts[0].time
-    shown_end = min(end, float(driven.time[-1]))
-    side = "left" if first < 0.8 * shown_end else "right"
-    figure.add_annotation(  # within the axes, where no legend above them can be in the way
-        text="collision", x=first, y=1, xref="x", yref="y domain", xanchor=side, yanchor="top",
-        showarrow=False,
-    )  # fmt: skip
-    figure.add_vline(x=first, line={"color": MODEL, "width": 1, "dash": "dot"})
+    return [
+        _ends(driven.time[at], values)
+        | axes_of(panel)
+        | {"showlegend": panel == 1, "legendrank": 90}
+        for panel, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1]))
+        if len(ended)
+    ]
 
 
-def add_line(
-    figure: go.Figure, time: FloatArray, values: FloatArray, cast: Cast, k: int, row: int,
-    points: int = POINTS,
-) -> None:  # fmt: skip
-    """A vehicle's line in a panel, and in the legend if that is the first."""
-    x, y = thinned(time, values, points)
-    figure.add_scatter(
-        x=x.astype(np.float32), y=y.astype(np.float32), name=cast.names[k], mode="lines",
-        line={"color": cast.colours[k], "width": 1.5 if k else 2.5},
-        hovertemplate="%{y:.2f}", showlegend=row == 1, legendrank=k, row=row, col=1,
-    )  # fmt: skip
+def _ends(time: FloatArray, values: FloatArray | list[float]) -> Part:
+    """Crosses where vehicles collide."""
+    words = "ends with a collision"
+    return {"x": time, "y": values, "mode": "markers", "marker": END, "name": words,
+            "hovertemplate": words}  # fmt: skip
 
 
 def time_space(
@@ -260,41 +274,36 @@ def time_space(
     places[:, 1:] = places[:, :1] - np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     middle = float(speeds[:, 0].mean()) if isinstance(run.leader, Recorded) else run.leader.speed
     limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
-    figure = go.Figure()
-    figure.add_scatter(  # one line with gaps, as each trace costs the browser some milliseconds
-        x=np.tile(np.append(time, np.nan), len(cast.names)).astype(np.float32),
-        y=_with_gaps(places).astype(np.float32),
-        customdata=_with_gaps(speeds).round(3).astype(np.float32),
-        text=np.repeat(cast.numbers, len(time) + 1), mode="lines", name=TRACKS, showlegend=False,
-        line={"color": CLEAR, "width": 8},
-        hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
-    )  # fmt: skip
-    figure.add_traces([*_coloured_tracks(time, places, (speeds - middle) / limit)])
     last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
-    ends = [k for k, at in enumerate(last) if at < len(rows) - 1]
-    figure.add_scatter(
-        x=time[last], y=[places[at, k] for k, at in enumerate(last)], mode="text",
-        text=[f" {number}" for number in cast.numbers], textposition="middle right",
-        cliponaxis=False, hoverinfo="skip", showlegend=False,
-    )  # fmt: skip
-    figure.add_scatter(
-        x=time[[last[k] for k in ends]], y=[places[last[k], k] for k in ends], mode="markers",
-        marker=END, name="ends with a collision", hovertemplate="ends with a collision",
-    )  # fmt: skip
-    ends_of_scale = [middle - limit, middle + limit]
-    figure.add_scatter(  # draws nothing: it brings the bar that says which colour is which speed
-        x=[None, None], y=[None, None], mode="markers", hoverinfo="skip", showlegend=False,
-        marker={"color": ends_of_scale, "coloraxis": "coloraxis"},
-    )  # fmt: skip
-    scale = {"colorscale": TRACK_SCALE, "cmin": ends_of_scale[0], "cmax": ends_of_scale[1]}
+    final = [places[at, k] for k, at in enumerate(last)]
+    collided = [k for k, at in enumerate(last) if at < len(rows) - 1]
+    scale = [middle - limit, middle + limit]
+    traces = [
+        {  # one line with gaps answers to the pointer, as each trace costs the browser milliseconds
+            "x": np.tile(np.append(time, np.nan), len(cast.names)).astype(np.float32),
+            "y": _with_gaps(places).astype(np.float32), "mode": "lines", "name": TRACKS,
+            "customdata": _with_gaps(speeds).round(3).astype(np.float32), "showlegend": False,
+            "text": np.repeat(cast.numbers, len(time) + 1), "line": {"color": CLEAR, "width": 8},
+            "hovertemplate": "%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
+        },
+        *_coloured_tracks(time, places, (speeds - middle) / limit),
+        {"x": time[last], "y": final, "mode": "text", "textposition": "middle right",
+         "text": [f" {number}" for number in cast.numbers], "cliponaxis": False,
+         "hoverinfo": "skip", "showlegend": False},
+        _ends(time[[last[k] for k in collided]], [final[k] for k in collided]),
+        {  # draws nothing: it brings the bar that says which colour is which speed
+            "x": [None, None], "y": [None, None], "mode": "markers", "hoverinfo": "skip",
+            "showlegend": False, "marker": {"color": scale, "coloraxis": "coloraxis"},
+        },
+    ]  # fmt: skip
     bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
-    figure.update_layout(coloraxis=scale | {"colorbar": bar})
-    at_mean = f"seen at {mean:.1f} m/s"
-    seen = {"road": "on the road", "leader": "seen from leader", "observer": at_mean}
-    figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text=f"Position {seen[view]} [m]")
-    figure = finished(figure, height, f"platoon-time-space-{view}")
-    return figure.update_layout(hovermode="closest")
+    seen = {"road": "on the road", "leader": "seen from leader",
+            "observer": f"seen at {mean:.1f} m/s"}  # fmt: skip
+    return composed(
+        traces, height, f"platoon-time-space-{view}",
+        {"x": titled(TIME.axis), "y": titled(f"Position {seen[view]} [m]")}, hovermode="closest",
+        coloraxis={"colorscale": TRACK_SCALE, "cmin": scale[0], "cmax": scale[1], "colorbar": bar},
+    )  # fmt: skip
 
 
 def _with_gaps(values: FloatArray) -> FloatArray:
@@ -302,9 +311,7 @@ def _with_gaps(values: FloatArray) -> FloatArray:
     return np.append(values, np.full((1, values.shape[1]), np.nan), axis=0).T.ravel()
 
 
-def _coloured_tracks(
-    time: FloatArray, places: FloatArray, levels: FloatArray
-) -> Iterator[go.Scatter]:
+def _coloured_tracks(time: FloatArray, places: FloatArray, levels: FloatArray) -> Iterator[Part]:
     """Lines of one colour each, which browsers draw far faster than a dot for each instant.
 
     Args:
@@ -315,65 +322,63 @@ def _coloured_tracks(
     between = (levels[:-1] + levels[1:]) / 2  # nan where either end is
     known = np.isfinite(between)
     shade = np.where(known, ((np.nan_to_num(between) + 1) / 2 * (SHADES - 1)).round(), -1)
-    colours_of = sample_colorscale(TRACK_SCALE, SHADES)
-    for index, colour in enumerate(colours_of):
+    for index, colour in enumerate(sample_colorscale(TRACK_SCALE, SHADES)):
         x, y = list[float](), list[float]()
         for k in range(places.shape[1]):
             for stretch in stretches(shade[:, k] == index):
                 rows = slice(stretch.first, stretch.last + 2)
                 x += [*time[rows].round(2).tolist(), np.nan]
                 y += [*places[rows, k].round(2).tolist(), np.nan]
-        yield go.Scatter(
-            x=np.array(x, np.float32), y=np.array(y, np.float32), mode="lines", hoverinfo="skip",
-            showlegend=False, line={"color": colour, "width": 3},
-        )  # fmt: skip
+        yield {
+            "x": np.array(x, np.float32), "y": np.array(y, np.float32), "mode": "lines",
+            "hoverinfo": "skip", "showlegend": False, "line": {"color": colour, "width": 3},
+        }  # fmt: skip
 
 
 def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     """The amplitude at each vehicle: simulated, and for a sinusoid predicted by |H(jω)|.
 
-    Of a vehicle that does not drive to the end it is the largest deviation so far.
+    For a vehicle that does not drive to the end it is the largest deviation so far.
     """
     wave, driving = run.amplitudes, run.survivors
     measured = wave.measured if wave else run.largest_deviation
     places = np.arange(len(cast.names))
-    figure = go.Figure()
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
+    traces = list[Part]()
     if wave:
-        figure.add_scatter(
-            x=places, y=scaled(wave.predicted), name="Predicted by |H(jω)|", mode="lines",
-            line={"color": LEADER, "width": 2.5},
-            hovertemplate=f"predicted %{{y:.3f}} {unit}<extra></extra>",
-        )  # fmt: skip
+        traces.append({
+            "x": places, "y": scaled(wave.predicted), "name": "Predicted by |H(jω)|",
+            "mode": "lines", "line": {"color": LEADER, "width": 2.5},
+            "hovertemplate": f"predicted %{{y:.3f}} {unit}<extra></extra>",
+        })  # fmt: skip
     for name, values, part, symbol in (
         ("Simulated", measured, slice(None, driving), "circle"),
         ("Largest deviation before the collision", run.largest_deviation, slice(driving, None),
          "circle-open"),
     ):  # fmt: skip
         if len(places[part]):
-            figure.add_scatter(
-                x=places[part], y=scaled(values)[part], name=name, text=cast.names[part],
-                mode="markers" if wave or part.start else "lines+markers",
-                marker={"size": 10, "color": cast.colours[part], "symbol": symbol,
-                        "line": {"width": 2}},
-                line={"color": LEADER, "width": 1.5},
-                hovertemplate=f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
-            )  # fmt: skip
+            traces.append({
+                "x": places[part], "y": scaled(values)[part], "name": name,
+                "text": cast.names[part], "line": {"color": LEADER, "width": 1.5},
+                "mode": "markers" if wave or part.start else "lines+markers",
+                "marker": {"size": 10, "color": cast.colours[part], "symbol": symbol,
+                           "line": {"width": 2}},
+                "hovertemplate": f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
+            })  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
-    figure.update_yaxes(title_text=f"{what} [{'dB re leader' if in_db else unit}]",
-                        rangemode="normal" if in_db else "tozero")  # fmt: skip
-    figure.update_xaxes(title_text=_places_title(cast),
-                        tickvals=places, ticktext=cast.numbers)  # fmt: skip
-    figure = finished(figure, 380, "platoon-amplitude")
-    return figure.update_layout(
-        hovermode="closest", showlegend=len(figure.data) > 1, legend=LEGEND | {"y": 1.0},
-        margin_t=40,
+    vertical = titled(f"{what} [{'dB re leader' if in_db else unit}]")
+    return composed(
+        traces, 380, "platoon-amplitude", top=40, hovermode="closest", showlegend=len(traces) > 1,
+        axes={"x": _vehicle_axis(cast),
+              "y": vertical | {"rangemode": "normal" if in_db else "tozero"}},
+        legend=LEGEND | {"y": 1.0},
     )  # fmt: skip
 
 
-def _places_title(cast: Cast) -> str:
-    """Of an axis with a tick for each vehicle."""
-    return PLACE if cast.numbers[0] == "0" else "Vehicle (L = leader)"
+def _vehicle_axis(cast: Cast) -> Part:
+    """An axis with a tick for each vehicle."""
+    title = PLACE if cast.numbers[0] == "0" else "Vehicle (L = leader)"
+    return titled(title) | {"tickvals": np.arange(len(cast.names)), "ticktext": cast.numbers}
 
 
 def _decibels(values: FloatArray) -> FloatArray:
@@ -388,18 +393,15 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
     rows = stretch(run)
     deviation = (driven.speeds[rows] - run.leader.speed).T
     limit = float(np.nanmax(np.abs(deviation))) or 1.0
-    figure = go.Figure(
-        go.Heatmap(
-            x=driven.time[rows].astype(np.float32), y=np.arange(len(cast.names)),
-            z=deviation.astype(np.float32), zmin=-limit, zmax=limit, colorscale=SPEED_SCALE,
-            colorbar={"title": {"text": "Δ speed [m/s]", "side": "right"}, "thickness": 12},
-            ygap=1, hovertemplate="vehicle %{y} at %{x:.0f} s: %{z:+.2f} m/s<extra></extra>",
-        )
-    )  # fmt: skip
-    figure.update_xaxes(title_text=TIME.axis)
-    figure.update_yaxes(title_text=_places_title(cast), autorange="reversed",
-                        tickvals=np.arange(len(cast.names)), ticktext=cast.numbers)  # fmt: skip
-    return finished(figure, 380, "platoon-map").update_layout(hovermode="closest")
+    heat = {
+        "type": "heatmap", "x": driven.time[rows].astype(np.float32),
+        "y": np.arange(len(cast.names)), "z": deviation.astype(np.float32), "zmin": -limit,
+        "zmax": limit, "colorscale": SPEED_SCALE, "ygap": 1,
+        "colorbar": {"title": {"text": "Δ speed [m/s]", "side": "right"}, "thickness": 12},
+        "hovertemplate": "vehicle %{y} at %{x:.0f} s: %{z:+.2f} m/s<extra></extra>",
+    }  # fmt: skip
+    axes = {"x": titled(TIME.axis), "y": _vehicle_axis(cast) | {"autorange": "reversed"}}
+    return composed([heat], 380, "platoon-map", axes, hovermode="closest")
 
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
@@ -412,7 +414,7 @@ def stretch(run: PlatoonRun) -> NDArray[np.intp]:
 
 
 def samples(run: PlatoonRun, span: Span, count: int) -> NDArray[np.intp]:
-    """At most ``count`` of a part, evenly spread."""
+    """At most ``count`` samples of a part, evenly spread."""
     time = run.trajectories.time
     start, end = np.clip(span, time[0], time[-1])
     instants = np.linspace(start, end, count)

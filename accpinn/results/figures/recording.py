@@ -11,16 +11,19 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME, TIME_GAP
+from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME_GAP
 from accpinn.recordings.recording import MOVING, Mode, Recording, Window
 from accpinn.results.figures.style import (
     FOLLOWERS,
     LEADER,
     POINTS,
-    finished,
-    label_axes,
-    panels,
-    thinned,
+    Part,
+    across,
+    axes_of,
+    composed,
+    curve,
+    stack,
+    thumbnail,
     vehicle_colour,
     vehicle_colours,
 )
@@ -38,7 +41,7 @@ from accpinn.units import FloatArray, Mask, Seconds, stretches
 MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"
 FAINT = 0.35
-"""Opacity of what is not chosen."""
+"""Opacity of vehicles that are not chosen."""
 REGIME_COLOURS = {
     FOLLOWING: "#8b93a1",
     CATCHING_UP: "#b07d00",
@@ -56,12 +59,15 @@ DRIVERS = {
 View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
 """What each view of a recording draws, a panel each."""
+DOTTED = {"color": LEADER, "width": 1, "dash": "dot"}
+LEVELS: dict[View, float] = {"relative": 0.0, "time gap": CAR_FOLLOWING}
+"""The value at which a view has a dotted line."""
 PANELS = 270
 """Pixels of all panels together, without strips."""
 HIGHEST_TIME_GAP: Seconds = 5.0
 """Larger ones mean free driving, and would flatten what matters."""
 TOTAL_POINTS = 12_000
-"""Of all curves together, so that ten vehicles are drawn as quickly as two."""
+"""Largest number of points of all curves together: ten vehicles are drawn as fast as two."""
 ROW = 11
 """Pixels of a vehicle's bars."""
 LABELLED = 6
@@ -74,7 +80,7 @@ def overview(
     recording: Recording,
     vehicles: Sequence[int],
     window: Window,
-    ribbons: Sequence[Sequence[go.Scatter]] = (),
+    ribbons: Sequence[Sequence[Part]] = (),
     view: View = "motion",
     highlight: int = 0,
 ) -> go.Figure:
@@ -93,42 +99,40 @@ def overview(
     drawn = _curves(recording, vehicles, view)
     shares = (0.56, 0.44) if view == "motion" else (1.0,)
     pixels = [PANELS * share for share in shares]
-    pixels += [max(24, ROW * len({one.y[0] for one in traces})) for traces in strips]
-    figure = panels(*pixels, spacing=0.03)
+    pixels += [max(24, ROW * len({bars["y"][0] for bars in traces})) for traces in strips]
     strong = {highlight} if highlight else {*vehicles[1:]}
     ahead = {number - 1 for number in strong}
     points = max(400, min(POINTS, TOTAL_POINTS // max(1, len(drawn))))
-    for row, number, values in drawn:
+    traces = list[Part]()
+    for panel, number, values in drawn:
         label = html.escape(recording.label(number))
-        shown = number in strong or (number in ahead and view == "motion" and row == 1)
-        x, y = thinned(recording.time, values, points)
-        figure.add_trace(
-            go.Scatter(
-                x=x, y=y, name=label, mode="lines", connectgaps=False,
-                line={"color": vehicle_colour(number, vehicles[0]), "width": 1.8 if shown else 1},
-                opacity=1 if shown else FAINT, legendgroup=label, showlegend=row == 1,
-            ),
-            row=row, col=1,
-        )  # fmt: skip
-    for row, traces in enumerate(strips, len(shares) + 1):
-        _strip(figure, row, traces)
-    figure.add_shape(
-        type="rect", xref="x", yref="paper", x0=window.start, x1=window.end, y0=0, y1=1,
-        fillcolor=WINDOW, line={"color": FOLLOWERS[0], "width": 1.5}, layer="below",
-    )  # fmt: skip
-    figure.update_xaxes(range=[0, recording.duration], title_text="")
-    figure.update_yaxes(fixedrange=True)
-    label_axes(figure, CHANNELS[view], len(pixels))
+        shown = number in strong or (number in ahead and view == "motion" and panel == 1)
+        traces.append(curve(
+            recording.time, values, panel, points, name=label, mode="lines", connectgaps=False,
+            line={"color": vehicle_colour(number, vehicles[0]), "width": 1.8 if shown else 1},
+            opacity=1 if shown else FAINT, legendgroup=label, showlegend=panel == 1,
+        ))  # fmt: skip
+    axes: dict[str, Part] = {}
+    for panel, strip in enumerate(strips, len(shares) + 1):
+        traces += [bars | axes_of(panel) | {"showlegend": False} for bars in strip]
+        axes[f"y{panel}"] = _categories(strip)
     if view == "time gap":
-        figure.update_yaxes(range=[0, HIGHEST_TIME_GAP], row=1, col=1)
-        figure.add_hline(CAR_FOLLOWING, line={"color": LEADER, "width": 1, "dash": "dot"}, row=1)
-    if view == "relative":
-        figure.add_hline(0.0, line={"color": LEADER, "width": 1, "dash": "dot"}, row=1)
-    figure.update_layout(dragmode="select", selectdirection="h")
+        axes["y"] = {"range": [0, HIGHEST_TIME_GAP]}
+    every: dict[str, Part] = {"x": {"range": [0, recording.duration]},
+             "y": {"fixedrange": True, "title_standoff": 6}}  # fmt: skip
+    shapes = [
+        {"type": "rect", "xref": "x", "yref": "paper", "x0": window.start, "x1": window.end,
+         "y0": 0, "y1": 1, "fillcolor": WINDOW, "line": {"color": FOLLOWERS[0], "width": 1.5},
+         "layer": "below"}
+    ]  # fmt: skip
+    if view in LEVELS:
+        shapes.append(across("y", LEVELS[view], line=DOTTED))
     # The margins are these, so that the handles below can stand under the axis.
-    figure = finished(figure, round(sum(pixels)) + 50, f"overview-{recording.sha256}")
-    figure.update_yaxes(title_standoff=6)
-    return figure.update_layout(margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44})
+    return composed(
+        traces, round(sum(pixels)) + 50, f"overview-{recording.sha256}", axes,
+        every, stack(*pixels, spacing=0.03), CHANNELS[view], shapes=shapes, dragmode="select",
+        selectdirection="h", margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44},
+    )  # fmt: skip
 
 
 def _curves(
@@ -152,32 +156,39 @@ def _curves(
     return drawn
 
 
-def _strip(figure: go.Figure, row: int, traces: Sequence[go.Scatter]) -> None:
-    """Ribbons of vehicles, by number from the top down."""
-    for trace in traces:
-        figure.add_trace(trace.update(showlegend=False), row=row, col=1)
-    numbers = sorted({trace.y[0] for trace in traces}, key=int, reverse=True)
-    figure.update_yaxes(
-        row=row, col=1, type="category", showgrid=False, categoryorder="array",
-        categoryarray=numbers, showticklabels=len(numbers) <= LABELLED, dtick=1,
-        tickfont={"size": 9},
-    )  # fmt: skip
+def _categories(strip: Sequence[Part]) -> Part:
+    """The vertical axis of a strip: the vehicles' numbers from the top down."""
+    numbers = sorted({bars["y"][0] for bars in strip}, key=int, reverse=True)
+    return {
+        "type": "category", "showgrid": False, "categoryorder": "array", "categoryarray": numbers,
+        "showticklabels": len(numbers) <= LABELLED, "dtick": 1, "tickfont": {"size": 9},
+    }  # fmt: skip
 
 
 def preview(segment: Segment) -> go.Figure:
     """The speeds of a segment, to look at rather than to work with."""
-    figure = go.Figure()
-    of_each = (segment.labels, vehicle_colours(segment.vehicles), segment.measured_speeds.T)
-    for label, colour, speeds in zip(*of_each, strict=True):
-        time, values = thinned(segment.start + segment.time, speeds, 600)
-        line, name = {"color": colour, "width": 2}, html.escape(label)
-        figure.add_scatter(x=time, y=values, name=name, line=line, connectgaps=False)
-    figure.update_yaxes(title_text=SPEED.axis)
-    figure.update_xaxes(title_text=TIME.axis)
-    return finished(figure, 330, "preview")
+    time = segment.start + segment.time
+    lines = [
+        curve(time, speeds, points=600, connectgaps=False, name=html.escape(label),
+              line={"color": colour, "width": 2})
+        for label, colour, speeds in zip(
+            segment.labels, vehicle_colours(segment.vehicles), segment.measured_speeds.T,
+            strict=True,
+        )
+    ]  # fmt: skip
+    return composed(lines, 330, "preview", channels=(SPEED,))
 
 
-def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[go.Scatter]:
+def speeds_thumbnail(segment: Segment) -> go.Figure:
+    """The speeds of a segment's vehicles over time, small and without axes."""
+    colours = vehicle_colours(segment.vehicles)
+    return thumbnail(
+        curve(segment.time, speeds, points=150, line={"color": colour, "width": 1.4})
+        for colour, speeds in zip(colours, segment.measured_speeds.T, strict=True)
+    )
+
+
+def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[Part]:
     """Who drives each vehicle; nothing where no driver is known to, as nothing is to be seen then.
 
     Args:
@@ -188,7 +199,7 @@ def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[go.Sca
     if not (modes == Mode.HUMAN).any():
         return []
     return [
-        bars.update(hoverinfo="skip")
+        bars
         for number, mode in zip(vehicles, modes, strict=True)
         for name, (code, colour, width) in DRIVERS.items()
         for bars in _bars(number, name, mode == code, recording.time, colour, width)
@@ -200,10 +211,10 @@ def driver_key() -> list[tuple[str, str]]:
     return [(name, colour) for name, (_, colour, _) in DRIVERS.items()]
 
 
-def regime_ribbons(segment: Segment, regimes: Regimes) -> list[go.Scatter]:
+def regime_ribbons(segment: Segment, regimes: Regimes) -> list[Part]:
     """A trace for each follower and regime that occurs, over the recording's time."""
     time, step = segment.window.start + segment.time, segment.sample_time
-    ribbons: list[go.Scatter] = []
+    ribbons: list[Part] = []
     for k, number in enumerate(segment.vehicles[1:]):
         measured = _measured(regimes)[:, k]
         for code, name in enumerate(regimes.names):
@@ -211,7 +222,7 @@ def regime_ribbons(segment: Segment, regimes: Regimes) -> list[go.Scatter]:
             colour, width = REGIME_COLOURS[code], 8.0 if code else 3.0
             ribbons += _bars(number, name, mask, time, colour, width, step)
         ribbons += _bars(number, "missing", ~measured, time, MISSING, 8.0, step)
-    return [bars.update(hoverinfo="skip") for bars in ribbons]
+    return ribbons
 
 
 def _measured(regimes: Regimes) -> Mask:
@@ -222,19 +233,21 @@ def _measured(regimes: Regimes) -> Mask:
 def regime_key(regimes: Regimes) -> list[tuple[str, str]]:
     """Name and colour of each regime that occurs, and of missing samples."""
     measured = _measured(regimes)
-    found = [code for code in REGIME_COLOURS if ((regimes.codes == code) & measured).any()]
-    names = [(regimes.names[code], REGIME_COLOURS[code]) for code in found]
+    codes = [code for code in REGIME_COLOURS if ((regimes.codes == code) & measured).any()]
+    names = [(regimes.names[code], REGIME_COLOURS[code]) for code in codes]
     return names + [("missing", MISSING)] * (not measured.all())
 
 
 def _bars(
     number: int, name: str, mask: NDArray[np.bool_], time: FloatArray, colour: str, width: float,
     step: Seconds = 0.0,
-) -> list[go.Scatter]:  # fmt: skip
+) -> list[Part]:  # fmt: skip
     """One trace with a bar a run of instants, each of which stands for the ``step`` around it."""
     x: list[float | None] = []
     for run in stretches(mask):
         x += [float(time[run.first]) - step / 2, float(time[run.last]) + step / 2, None]
-    line, title = {"color": colour, "width": width}, f"{number} {name}"
-    y = [str(number)] * len(x)
-    return [go.Scatter(x=x, y=y, name=title, mode="lines", line=line)] if x else []
+    bars = {
+        "x": x, "y": [str(number)] * len(x), "name": f"{number} {name}", "mode": "lines",
+        "line": {"color": colour, "width": width}, "hoverinfo": "skip",
+    }  # fmt: skip
+    return [bars] if x else []

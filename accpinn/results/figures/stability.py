@@ -2,6 +2,7 @@
 
 import html
 import re
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -16,9 +17,15 @@ from accpinn.results.figures.style import (
     LEADER,
     MODEL,
     SERIES,
+    Part,
+    across,
+    axes_of,
     band,
-    finished,
-    subplots,
+    composed,
+    corner,
+    stack,
+    thumbnail,
+    titled,
     translucent,
     vehicle_colours,
 )
@@ -32,7 +39,7 @@ from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
 
 Plane = Literal["beta", "alpha"]
-"""What runs along a map's horizontal axis; τ runs along the vertical one."""
+"""The parameter on a map's horizontal axis; τ is on the vertical one."""
 
 L2, PAPER, EXACT = SERIES[0], LEADER, MODEL
 """Colours of the three criteria; vehicles have others."""
@@ -76,7 +83,11 @@ BAND_OPACITY, DOT_OPACITY = 0.16, 0.35
 CLOUD = 300
 """Draws shown of each vehicle; more only make the cloud darker."""
 BAND_POINTS = 120
-"""Of a band along the frequencies."""
+"""Points of a band along the frequencies."""
+ACROSS: Mapping[Plane, int] = {"alpha": 0, "beta": 1}
+"""Index of the parameter on a map's horizontal axis."""
+LEAST_PEAK = 4.0
+"""Top of a thumbnail in dB, at least: calm vehicles have the same axis."""
 LOWEST = -60.0
 """dB that stands for a gain of zero."""
 
@@ -86,34 +97,45 @@ def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     return tuple(vehicle_colours(vehicles.vehicles)[1:])
 
 
-def bode(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
+def bode(
+    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None,
+    height: int = 400,
+) -> go.Figure:  # fmt: skip
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
     Every point carries the vehicle's index as its custom data, -1 for the whole platoon.
+
+    Args:
+        vehicles: their names and parameters.
+        report: their peaks and crossovers.
+        uncertainty: adds the interval of |H| under the curve of every vehicle whose parameters are
+            determined.
+        height: in pixels.
     """
     omega = _frequencies(report)
     gains = np.abs(response(vehicles.parameters, omega))
-    figure = go.Figure()
+    traces = [*_bands(vehicles, uncertainty, omega)] if uncertainty else []
     for k, (label, colour) in enumerate(zip(vehicles.labels, colours(vehicles), strict=True)):
         line = {"color": colour, "width": 2.2}
-        _add_curve(figure, omega, gains[k], k, html.escape(label), line)
+        traces.append(_clickable(omega, gains[k], k, html.escape(label), line))
     if len(vehicles) > 1:
         line = {"color": LEADER, "width": 2, "dash": "dash"}
-        _add_curve(figure, omega, gains.prod(axis=0), -1, "Leader to last follower", line)
-    _mark_peaks(figure, vehicles, report)
+        whole = gains.prod(axis=0)
+        traces.append(_clickable(omega, whole, -1, "Leader to last follower", line))
+    traces += _peaks(vehicles, report)
     tops = [vehicle.peak.db for vehicle in report.vehicles] + [report.platoon.peaks[-1].db]
     top = min(max(*tops, 1.0) * 1.12 + 0.4, CEILING)
-    figure.add_hrect(y0=0, y1=top, fillcolor=L2_UNSTABLE, line_width=0, layer="below")
-    figure.add_hline(y=0, line=LIMIT, layer="below")
-    annotate(figure, "amplified", 0.995, 0.995)
-    figure.update_xaxes(
-        type="log", title_text="Frequency ω [rad/s]", range=np.log10(omega[[0, -1]]).tolist(),
-        **TICKS,
+    amplified = across("y", 0, top, fillcolor=L2_UNSTABLE, line={"width": 0}, layer="below")
+    ends = np.log10(omega[[0, -1]]).tolist()
+    axes = {
+        "x": titled("Frequency ω [rad/s]") | {"type": "log", "range": ends, **TICKS},
+        "y": titled(f"{MAGNITUDE.name} {MAGNITUDE.heading}") | {"range": [FLOOR - FOOT, top]},
+    }
+    return composed(
+        traces, height, "bode", axes, hovermode="closest", hoverdistance=200,
+        clickmode="event+select", annotations=[corner("amplified", 0.995, 0.995)],
+        shapes=[amplified, across("y", 0, line=LIMIT, layer="below")],
     )  # fmt: skip
-    title = f"{MAGNITUDE.name} {MAGNITUDE.heading}"
-    figure.update_yaxes(title_text=title, range=[FLOOR - FOOT, top])
-    figure = finished(figure, 400, "bode")
-    return figure.update_layout(hovermode="closest", hoverdistance=200, clickmode="event+select")
 
 
 def _frequencies(report: StabilityReport) -> FloatArray:
@@ -127,18 +149,30 @@ def _frequencies(report: StabilityReport) -> FloatArray:
     )
 
 
-def _add_curve(
-    figure: go.Figure, omega: FloatArray, gain: FloatArray, which: int, name: str,
-    line: dict[str, object],
-) -> None:  # fmt: skip
-    # Only markers can be clicked, so every line has some that are not seen.
-    figure.add_scatter(
-        x=omega, y=decibels(gain), name=name, mode="lines+markers",
-        line=line, marker={"opacity": 0, "size": 9, "color": line["color"]},
-        customdata=np.full(len(omega), which),
-        selected={"marker": {"opacity": 0.9}}, unselected={"marker": {"opacity": 0}},
-        hovertemplate=f"%{{y:.2f}} dB at %{{x:.3f}} rad/s<extra>{name}</extra>",
-    )  # fmt: skip
+def _clickable(
+    omega: FloatArray, gain: FloatArray, which: int, name: str, line: Mapping[str, Any]
+) -> Part:
+    """A curve of |H|. Only markers can be clicked, so it has some that are not seen."""
+    return {
+        "x": omega, "y": decibels(gain), "name": name, "mode": "lines+markers", "line": line,
+        "marker": {"opacity": 0, "size": 9, "color": line["color"]},
+        "customdata": np.full(len(omega), which),
+        "selected": {"marker": {"opacity": 0.9}}, "unselected": {"marker": {"opacity": 0}},
+        "hovertemplate": f"%{{y:.2f}} dB at %{{x:.3f}} rad/s<extra>{name}</extra>",
+    }  # fmt: skip
+
+
+def _bands(vehicles: ParameterSet, uncertainty: Uncertainty, omega: FloatArray) -> Iterator[Part]:
+    """The interval of |H| at the uncertainty's level, for each vehicle that has one."""
+    omega = np.geomspace(omega[0], omega[-1], BAND_POINTS)
+    for k, colour in enumerate(colours(vehicles)):
+        gain = gain_band(uncertainty, k, omega)
+        if np.isfinite(gain.lower).all():
+            lower, upper = (
+                np.clip(decibels(end), LOWEST, 2 * CEILING).round(3)
+                for end in (gain.lower, gain.upper)
+            )
+            yield band(omega, lower, upper, colour, BAND_OPACITY, f"band {k}")
 
 
 def decibels(gain: FloatArray) -> FloatArray:
@@ -146,59 +180,62 @@ def decibels(gain: FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.clip(gain, 1e-6, 1e6)))
 
 
-def _mark_peaks(figure: go.Figure, vehicles: ParameterSet, report: StabilityReport) -> None:
-    """A diamond on each peak and a ring on each crossover, of those who amplify."""
+def _peaks(vehicles: ParameterSet, report: StabilityReport) -> Iterator[Part]:
+    """A diamond on the peak and a ring on the crossover of each vehicle that amplifies."""
     shown = [k for k, vehicle in enumerate(report.vehicles) if vehicle.crossover]
-    found, paints = [report.vehicles[k] for k in shown], colours(vehicles)
-    diamond, ring = {"symbol": "diamond", "size": 10}, {"symbol": "circle-open", "size": 9}
-    peaks = [v.peak.omega for v in found], [min(v.peak.db, CEILING) for v in found]
-    crossovers = [v.crossover for v in found], [0.0] * len(found)
+    amplifying, paints = [report.vehicles[k] for k in shown], colours(vehicles)
+    peaks = [v.peak.omega for v in amplifying], [min(v.peak.db, CEILING) for v in amplifying]
+    crossovers = [v.crossover for v in amplifying], [0.0] * len(shown)
     for name, (x, y), look, words in (
-        ("peak", peaks, diamond, "Peak %{y:.2f} dB at"),
-        ("crossover", crossovers, ring | {"line": {"width": 2}}, "Amplified below"),
-    ):
-        figure.add_scatter(
-            x=x, y=y, name=name, mode="markers", customdata=shown,
-            text=[html.escape(vehicles.labels[k]) for k in shown],
-            showlegend=False, marker={**look, "color": [paints[k] for k in shown]},
-            selected={"marker": {"opacity": 1}}, unselected={"marker": {"opacity": 1}},
-            hovertemplate=f"{words} %{{x:.3f}} rad/s<extra>%{{text}}</extra>",
-        )  # fmt: skip
+        ("peak", peaks, {"symbol": "diamond", "size": 10}, "Peak %{y:.2f} dB at"),
+        ("crossover", crossovers, {"symbol": "circle-open", "size": 9, "line": {"width": 2}},
+         "Amplified below"),
+    ):  # fmt: skip
+        yield {
+            "x": x, "y": y, "name": name, "mode": "markers", "customdata": shown,
+            "text": [html.escape(vehicles.labels[k]) for k in shown], "showlegend": False,
+            "marker": look | {"color": [paints[k] for k in shown]},
+            "selected": {"marker": {"opacity": 1}}, "unselected": {"marker": {"opacity": 1}},
+            "hovertemplate": f"{words} %{{x:.3f}} rad/s<extra>%{{text}}</extra>",
+        }  # fmt: skip
 
 
 def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
     """Criteria and gains along the platoon: the paper's figure, with the exact gains below it."""
-    found, platoon = report.vehicles, report.platoon
-    figure = subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.1)
+    rows, platoon = report.vehicles, report.platoon
     places = list(range(1, len(vehicles) + 1))
-    for row, name, values, colour, symbol in (
-        (1, "L₂ criterion", [v.l2.value for v in found], L2, "circle"),
-        (1, "L∞ criterion of the paper", [v.linf_paper.value for v in found], PAPER, "square"),
-        (2, "Peak of |H|", [v.peak.gain for v in found], L2, "circle"),
-        (2, "Exact L∞ gain ‖h‖₁", [v.linf_gain for v in found], EXACT, "diamond"),
-        (2, "|H| from the leader", [p.gain for p in platoon.peaks], L2, "circle-open"),
-        (2, "‖h‖₁ from the leader", platoon.linf.gain.tolist(), EXACT, "diamond-open"),
-    ):
-        dash = "dot" if symbol.endswith("-open") else "solid"
-        figure.add_scatter(
-            x=places, y=values, name=name, mode="lines+markers",
-            line={"color": colour, "width": 2, "dash": dash},
-            marker={"symbol": symbol, "size": 8, "color": colour},
-            hovertemplate=f"%{{y:.4g}}<extra>{name}</extra>", row=row, col=1,
-        )  # fmt: skip
-    for row, limit, title in ((1, 0, "Criterion [1/s²]"), (2, 1, "Gain")):
-        figure.add_hline(y=limit, line=LIMIT, row=row, col=1)
-        figure.update_yaxes(title_text=title, row=row, col=1)
+    traces = [
+        {"x": places, "y": values, "name": name, "mode": "lines+markers", **axes_of(panel),
+         "line": {"color": colour, "width": 2,
+                  "dash": "dot" if symbol.endswith("-open") else "solid"},
+         "marker": {"symbol": symbol, "size": 8, "color": colour},
+         "hovertemplate": f"%{{y:.4g}}<extra>{name}</extra>"}
+        for panel, name, values, colour, symbol in (
+            (1, "L₂ criterion", [v.l2.value for v in rows], L2, "circle"),
+            (1, "L∞ criterion of the paper", [v.linf_paper.value for v in rows], PAPER, "square"),
+            (2, "Peak of |H|", [v.peak.gain for v in rows], L2, "circle"),
+            (2, "Exact L∞ gain ‖h‖₁", [v.linf_gain for v in rows], EXACT, "diamond"),
+            (2, "|H| from the leader", [p.gain for p in platoon.peaks], L2, "circle-open"),
+            (2, "‖h‖₁ from the leader", platoon.linf.gain.tolist(), EXACT, "diamond-open"),
+        )
+    ]  # fmt: skip
     names = [MAKE_END.sub("<br>", html.escape(label), count=1) for label in vehicles.labels]
-    figure.update_xaxes(tickvals=places, ticktext=names, ticklabeloverflow="allow",
-                        range=[0.7, len(vehicles) + 0.3])  # fmt: skip
-    figure = finished(figure, 400, "criteria")
-    return figure.update_xaxes(automargin=True)  # long names are turned where there is no room
+    vehicle_axis = {
+        "tickvals": places, "ticktext": names, "ticklabeloverflow": "allow",
+        "range": [0.7, len(vehicles) + 0.3],
+        "automargin": True,  # long names are turned where there is no room
+    }  # fmt: skip
+    axes = {"y": titled("Criterion [1/s²]"), "y2": titled("Gain")}
+    limits = [across("y", 0, line=LIMIT), across("y2", 1, line=LIMIT)]
+    return composed(
+        traces, 400, "criteria", axes, {"x": vehicle_axis}, stack(1, 1, spacing=0.1), shapes=limits
+    )
 
 
 def stability_map(
-    vehicles: ParameterSet, report: StabilityReport, held: int, plane: Plane
-) -> go.Figure:
+    vehicles: ParameterSet, report: StabilityReport, held: int, plane: Plane,
+    uncertainty: Uncertainty | None = None,
+) -> go.Figure:  # fmt: skip
     """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
 
     Args:
@@ -206,68 +243,65 @@ def stability_map(
         report: about them.
         held: index of the vehicle whose third parameter the map keeps.
         plane: "beta" keeps that vehicle's α, "alpha" its β.
+        uncertainty: adds parameter sets consistent with the data; one with α = 0 has no time
+            headway, hence no place on the map.
     """
-    kept = vehicles.parameters[held]
-    own = (vehicles.parameters.beta if plane == "beta" else vehicles.parameters.alpha).tolist()
-    right = max(1.35 * max(own), 0.6 if plane == "beta" else 0.15)
+    kept, along_beta = vehicles.parameters[held], plane == "beta"
+    own = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
+    right = max(1.35 * max(own), 0.6 if along_beta else 0.15)
     along = np.linspace(right / ALONG, right, ALONG)
-    along_beta = plane == "beta"
     grid = Parameters(kept.alpha, along, 0.0) if along_beta else Parameters(along, kept.beta, 0.0)
     edges = {name: headway(grid) for name, (headway, _, _) in BOUNDARIES.items()}
     top = _highest(vehicles, report, held)
-    figure = go.Figure()
-    _add_regions(figure, along, edges, top)
-    for name, (_, colour, dash) in BOUNDARIES.items():
-        figure.add_scatter(
-            x=along, y=edges[name], name=name, mode="lines",
-            line={"color": colour, "width": 2, "dash": dash},
-            hovertemplate=f"{name}: stable from τ = %{{y:.2f}} s on<extra></extra>",
-        )  # fmt: skip
-    figure.add_scatter(
-        x=own, y=vehicles.parameters.tau, mode="markers", showlegend=False,
-        text=[
-            f"{html.escape(label)}<br>α {one.alpha:.4g}, β {one.beta:.4g}, τ {one.tau:.4g}"
-            for label, one in zip(vehicles.labels, vehicles.parameters, strict=True)
+    traces = [*_clouds(vehicles, uncertainty, plane)] if uncertainty else []
+    traces += _regions(along, edges, top)
+    traces += [
+        {"x": along, "y": edges[name], "name": name, "mode": "lines",
+         "line": {"color": colour, "width": 2, "dash": dash},
+         "hovertemplate": f"{name}: stable from τ = %{{y:.2f}} s on<extra></extra>"}
+        for name, (_, colour, dash) in BOUNDARIES.items()
+    ]  # fmt: skip
+    traces.append({
+        "x": own, "y": vehicles.parameters.tau, "mode": "markers", "showlegend": False,
+        "text": [
+            f"{html.escape(label)}<br>α {p.alpha:.4g}, β {p.beta:.4g}, τ {p.tau:.4g}"
+            for label, p in zip(vehicles.labels, vehicles.parameters, strict=True)
         ],
-        marker={
+        "marker": {
             "size": 13, "color": colours(vehicles), "line": {"width": 2.5},
             "symbol": ["circle" if k == held else "circle-open" for k in range(len(vehicles))],
         },
-        hovertemplate="%{text}<extra></extra>",
-    )  # fmt: skip
-    across = BETA if along_beta else ALPHA
-    for axis, quantity, end in (("xaxis", across, right), ("yaxis", TAU, top)):
-        title = f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]"
-        figure.layout[axis].update(title={"text": title}, range=[0, end])
-    annotate(figure, "L₂ unstable", 0.015 if along_beta else 0.985, 0.015)  # beside hatching
-    annotate(figure, "L∞ stable", 0.985, 0.985)
-    return finished(figure, 400, f"map-{plane}-{held}").update_layout(hovermode="closest")
-
-
-def annotate(figure: go.Figure, text: str, x: float, y: float) -> None:
-    """A few words in a corner of the axes."""
-    figure.add_annotation(
-        text=text, xref="x domain", x=x, xanchor="left" if x < 0.5 else "right",
-        yref="y domain", y=y, yanchor="bottom" if y < 0.5 else "top", showarrow=False,
-    )  # fmt: skip
+        "hovertemplate": "%{text}<extra></extra>",
+    })  # fmt: skip
+    horizontal = BETA if along_beta else ALPHA
+    axes = {
+        name: titled(f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]")
+        | {"range": [0, end]}
+        for name, quantity, end in (("x", horizontal, right), ("y", TAU, top))
+    }
+    words = [
+        corner("L₂ unstable", 0.015 if along_beta else 0.985, 0.015),  # beside the hatching
+        corner("L∞ stable", 0.985, 0.985),
+    ]
+    return composed(
+        traces, 400, f"map-{plane}-{held}", axes, hovermode="closest", annotations=words
+    )
 
 
 def _highest(vehicles: ParameterSet, report: StabilityReport, held: int) -> float:
     """The map's upper edge in s: above all vehicles, and above what the held one needs."""
     needed = report.vehicles[held].smallest_tau
-    taus = [float(one.tau) for one in vehicles.parameters if one.alpha]
+    taus = [float(vehicle.tau) for vehicle in vehicles.parameters if vehicle.alpha]
     wanted = [*taus, needed.linf_exact if needed else 0.0, 2.0]
     return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
 
 
-def _add_regions(
-    figure: go.Figure, along: FloatArray, edges: dict[str, FloatArray], top: float
-) -> None:
+def _regions(along: FloatArray, edges: Mapping[str, FloatArray], top: float) -> Iterator[Part]:
     """Areas from below: L₂ unstable, only L∞ unstable, stable; hatched where the paper differs."""
     l2, paper, exact = edges.values()
     exact = np.minimum(exact, 2 * top)
     paper = np.minimum(paper, exact)
-    layers: list[tuple[FloatArray, dict[str, Any]]] = [
+    layers: list[tuple[FloatArray, Part]] = [
         (np.zeros_like(exact), {}),
         (np.minimum(l2, 2 * top), {"fillcolor": L2_UNSTABLE}),
         (exact, {"fillcolor": ONLY_LINF_UNSTABLE}),
@@ -277,66 +311,43 @@ def _add_regions(
         hatching = {"shape": "/", "fgcolor": PAPER, "bgcolor": CLEAR, "size": 9, "solidity": 0.12}
         layers += [(paper, {}), (exact, {"fillcolor": CLEAR, "fillpattern": hatching})]
     for values, look in layers:
-        figure.add_scatter(
-            x=along, y=values, mode="lines", line={"width": 0}, hoverinfo="skip",
-            showlegend=False, fill="tonexty" if look else None, **look,
-        )  # fmt: skip
+        yield {
+            "x": along, "y": values, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip",
+            "showlegend": False, "fill": "tonexty" if look else None, **look,
+        }  # fmt: skip
 
 
-def add_bands(figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty) -> go.Figure:
-    """The interval of |H| at the uncertainty's level, under the curves of `bode`.
-
-    A vehicle whose parameters are not determined has no band.
-    """
-    omega = np.asarray(figure.data[0].x, float)
-    omega = np.geomspace(omega[0], omega[-1], BAND_POINTS)
-    bands = []
-    for k, colour in enumerate(colours(vehicles)):
-        gain = gain_band(uncertainty, k, omega)
-        if np.isfinite(gain.lower).all():
-            ends = _db(gain.lower), _db(gain.upper)
-            bands.append(band(omega, *ends, colour, BAND_OPACITY, f"band {k}"))
-    return _beneath(figure, bands)
-
-
-def add_clouds(
-    figure: go.Figure, vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane
-) -> go.Figure:
-    """Parameter sets consistent with the data, under the vehicles of a `stability_map`.
-
-    A draw with α = 0 has no time headway, hence no place on the map.
-    """
-    across = {"alpha": 0, "beta": 1}[plane]
-    clouds = []
+def _clouds(vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane) -> Iterator[Part]:
+    """A dot for each of some posterior samples of every vehicle."""
     for k, colour in enumerate(colours(vehicles)):
         draws = uncertainty.draws.values[:, k]
         draws = draws[np.linspace(0, len(draws) - 1, CLOUD).astype(int)]
         draws = draws[np.isfinite(draws).all(axis=1)]
-        clouds.append(
-            go.Scatter(
-                x=draws[:, across].round(5), y=draws[:, 2].round(4), mode="markers",
-                marker={"size": 3.5, "color": translucent(colour, DOT_OPACITY)}, hoverinfo="skip",
-                name=f"cloud {k}", showlegend=False,
-            )
-        )  # fmt: skip
-    return _beneath(figure, clouds)
+        yield {
+            "x": draws[:, ACROSS[plane]].round(5), "y": draws[:, 2].round(4), "mode": "markers",
+            "marker": {"size": 3.5, "color": translucent(colour, DOT_OPACITY)},
+            "hoverinfo": "skip", "name": f"cloud {k}", "showlegend": False,
+        }  # fmt: skip
 
 
 def cloud_caption(figure: go.Figure, uncertainty: Uncertainty, plane: Plane) -> str:
     """What the clouds show, and the share of the draws that the map does not show."""
     known = uncertainty.draws.values[:, ~np.isnan(uncertainty.draws.alpha[0])]
-    across = known[..., {"alpha": 0, "beta": 1}[plane]]
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    beyond = float(((across > right) | (known[..., 2] > top)).mean()) if known.size else 0.0
+    outside = (known[..., ACROSS[plane]] > right) | (known[..., 2] > top)
+    beyond = float(outside.mean()) if known.size else 0.0
     missing = f"; {100 * beyond:.0f} % of them lie beyond the map" if beyond >= 0.005 else ""
     return f"Clouds: parameter sets consistent with the data{missing}."
 
 
-def _beneath(figure: go.Figure, traces: list[go.Scatter]) -> go.Figure:
-    """The traces first, so that everything else is drawn over them."""
-    return go.Figure(data=[*traces, *figure.data], layout=figure.layout)
-
-
-def _db(gain: FloatArray) -> FloatArray:
-    level = 20 * np.log10(np.clip(gain, 10 ** (LOWEST / 20), None))
-    return np.asarray(np.minimum(level, 2 * CEILING).round(3))
+def gains_thumbnail(vehicles: ParameterSet) -> go.Figure:
+    """The Bode magnitudes of followers, small and without axes."""
+    omega = np.geomspace(*SPAN, 75)
+    gains = 20 * np.log10(np.abs(response(vehicles.parameters, omega)))
+    curves = [
+        {"x": omega, "y": gain, "line": {"color": colour, "width": 1.6}}
+        for gain, colour in zip(gains, colours(vehicles), strict=True)
+    ]
+    top = max(LEAST_PEAK, 1.1 * float(gains.max()))
+    return thumbnail(curves, {"x": {"type": "log"}, "y": {"range": [-6, top]}},
+                     [across("y", 0, line=LIMIT, layer="below")])  # fmt: skip

@@ -1,11 +1,13 @@
-"""The common looks: colours, panels, and no more points than a screen has columns.
+"""The common looks: colours, panels, axes, lines, bands, and no more points than a screen shows.
 
-Colours and grid are chosen to be read on light and on dark pages alike; texts take the page's
-colour.
+A figure is composed at once from its traces and its layout, both plain dictionaries: plotly checks
+them together in a third of the time that it takes piece by piece. Colours and grid are chosen to be
+read on light and on dark pages alike; texts take the page's colour.
 """
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache, reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,9 @@ from plotly.subplots import make_subplots
 from accpinn.channels import TIME, Quantity
 from accpinn.units import FloatArray
 
+Part = dict[str, Any]
+"""A trace (a scatter one by default), a shape, an axis or an annotation, in plotly's terms."""
+
 LEADER = "#7e8490"
 FOLLOWERS = (
     "#0c7eae", "#d8660c", "#8a5af0", "#18a070", "#9c4e36",
@@ -24,8 +29,8 @@ FOLLOWERS = (
 """Ten followers; each has a contrast of 3 or more on white and on the dark page, and the first few
 differ most under normal, red-blind and green-blind vision."""
 SERIES = ("#55900f", "#d01cb4", "#84549c")
-"""Lines that are of no vehicle, as methods or terms of a loss; unlike every vehicle's colour, with
-the same contrast."""
+"""Lines that belong to no vehicle, as methods or terms of a loss; unlike every vehicle's colour,
+with the same contrast."""
 SHARED = SERIES[2]
 """What all followers share, as the parameters of Case I."""
 MODEL = "#c22f4f"
@@ -37,9 +42,11 @@ TRUTH = {"color": LEADER, "width": 1.5, "dash": "dash"}
 LEGEND = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
 """Above a figure."""
 LINE = 20
-"""Pixels of a line of a legend."""
+"""Height of a line of a legend, in pixels."""
 POINTS = 1500
-"""Kept per trace at most; a screen has no more columns."""
+"""Largest number of points a trace; a screen has no more columns."""
+AXIS: Part = {"gridcolor": GRID, "automargin": False, "zeroline": False, "showline": False}
+"""Every axis. Margins are fixed: with those that follow the labels a chart is laid out twice."""
 
 
 def vehicle_colour(number: int, leader: int) -> str:
@@ -63,15 +70,126 @@ def translucent(colour: str, opacity: float) -> str:
     return f"rgba({red}, {green}, {blue}, {opacity})"
 
 
-def band(
-    x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, name: str = ""
-) -> go.Scatter:
-    """The area between two lines over (K,) ``x``; in no legend."""
-    return go.Scatter(
-        x=np.concatenate([x, x[::-1]]), y=np.concatenate([low, high[::-1]]), mode="none",
-        fill="toself", fillcolor=translucent(colour, opacity), hoverinfo="skip", name=name,
-        showlegend=False,
+def composed(
+    traces: Iterable[Part],
+    height: int,
+    revision: str,
+    axes: Mapping[str, Part] | None = None,
+    every: Mapping[str, Part] | None = None,
+    grid: Mapping[str, Part] | None = None,
+    channels: Sequence[Quantity] = (),
+    top: int = 10,
+    **layout: Any,
+) -> go.Figure:
+    """A figure with the common looks.
+
+    Args:
+        traces: from the lowest layer up; those of a figure with several panels name theirs.
+        height: of the figure, in pixels.
+        revision: keeps the user's zoom while the data change.
+        axes: what differs from the common looks, by their names in traces, as "y2".
+        every: what all horizontal ("x") or vertical ("y") axes share beyond them.
+        grid: a `stack` of panels or a `row` of them; by default there is one panel.
+        channels: of a stack's panels, from the top down: titles of their axes, above that of time.
+        top: margin in pixels.
+        layout: further properties.
+    """
+    grid = grid or {"x": {}, "y": {}}
+    titles = {f"y{_place(panel)}": titled(q.axis) for panel, q in enumerate(channels, 1)}
+    if channels:
+        titles[[name for name in grid if name[0] == "x"][-1]] = titled(TIME.axis)
+    for name in {**grid, **(axes or {})}:
+        parts = (grid, titles, axes or {})
+        look = AXIS | (every or {}).get(name[0], {})
+        layout[f"{name[0]}axis{name[1:]}"] = reduce(or_, (p.get(name, {}) for p in parts), look)
+    page = {
+        "height": height, "showlegend": False, "hovermode": "x unified", "uirevision": revision,
+        "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR,
+        "margin": {"l": 62, "r": 14, "t": top, "b": 42},
+    }  # fmt: skip
+    return go.Figure([*traces], page | layout)
+
+
+def thumbnail(
+    curves: Iterable[Part], axes: Mapping[str, Part] | None = None, shapes: Sequence[Part] = ()
+) -> go.Figure:
+    """A small picture of lines without axes, to choose something by."""
+    lines = [{"mode": "lines", "hoverinfo": "skip", **line} for line in curves]
+    hidden = {"visible": False}
+    return composed(
+        lines, 110, "thumbnail", axes, {"x": hidden, "y": hidden}, shapes=shapes, hovermode=False,
+        margin={"l": 0, "r": 0, "t": 4, "b": 4},
     )  # fmt: skip
+
+
+def stack(*heights: float, spacing: float = 0.05) -> Mapping[str, Part]:
+    """Panels over one axis of time, with their relative heights from the top down."""
+    return _grid(
+        rows=len(heights), cols=1, shared_xaxes=True, row_heights=heights, vertical_spacing=spacing
+    )
+
+
+def row(count: int, spacing: float) -> Mapping[str, Part]:
+    """Panels beside each other with one vertical scale."""
+    return _grid(rows=1, cols=count, shared_yaxes=True, horizontal_spacing=spacing)
+
+
+@lru_cache(maxsize=32)
+def _grid(**options: Any) -> Mapping[str, Part]:
+    """The axes of plotly's `make_subplots`, which takes long."""
+    layout = make_subplots(**options).layout.to_plotly_json()
+    return {name.replace("axis", ""): part for name, part in layout.items() if "axis" in name}
+
+
+def titled(text: str) -> Part:
+    """An axis with a title."""
+    return {"title": {"text": text}}
+
+
+def _place(panel: int) -> str:
+    return str(panel) if panel > 1 else ""
+
+
+def axes_of(panel: int) -> Part:
+    """The axes of a panel, counted from 1; none for a figure that has only one."""
+    place = _place(panel)
+    return {"xaxis": f"x{place}", "yaxis": f"y{place}"} if panel else {}
+
+
+def curve(x: FloatArray, y: FloatArray, panel: int = 0, points: int = POINTS, **look: Any) -> Part:
+    """A line through (N,) samples, with no more of them than are seen."""
+    x, y = thinned(x, y, points)
+    return {"x": x, "y": y, **axes_of(panel), **look}
+
+
+def across(axis: str, low: float, high: float | None = None, **look: Any) -> Part:
+    """A line at a value of an axis, or the area between two values, through its whole panel."""
+    along, other, place = axis[0], "xy".replace(axis[0], ""), axis[1:]
+    return {
+        "type": "line" if high is None else "rect", f"{along}ref": axis, f"{along}0": low,
+        f"{along}1": low if high is None else high, f"{other}ref": f"{other}{place} domain",
+        f"{other}0": 0, f"{other}1": 1, **look,
+    }  # fmt: skip
+
+
+def band(
+    x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, name: str = "",
+    panel: int = 0, **look: Any,
+) -> Part:  # fmt: skip
+    """The area between two lines over (K,) ``x``; in no legend unless ``look`` says so."""
+    return {
+        "x": np.concatenate([x, x[::-1]]), "y": np.concatenate([low, high[::-1]]), "mode": "none",
+        "fill": "toself", "fillcolor": translucent(colour, opacity), "hoverinfo": "skip",
+        "name": name, "showlegend": False, **axes_of(panel), **look,
+    }  # fmt: skip
+
+
+def corner(text: str, x: float, y: float) -> Part:
+    """A few words in a corner of the axes, at shares of their lengths."""
+    return {
+        "text": text, "xref": "x domain", "x": x, "xanchor": "left" if x < 0.5 else "right",
+        "yref": "y domain", "y": y, "yanchor": "bottom" if y < 0.5 else "top", "showarrow": False,
+    }  # fmt: skip
 
 
 def limits(values: FloatArray) -> list[float]:
@@ -123,38 +241,8 @@ def ticks(ends: Sequence[float]) -> dict[str, Any]:
     return {"tickvals": values, "ticktext": [f"{v + 0.0:.{digits}f}" for v in values]}
 
 
-def panels(*heights: float, spacing: float = 0.05) -> go.Figure:
-    """Stacked panels over one axis of time, with their relative heights from the top down."""
-    return subplots(
-        rows=len(heights), cols=1, shared_xaxes=True, row_heights=heights, vertical_spacing=spacing
-    )
-
-
-def subplots(**options: Any) -> go.Figure:
-    """What plotly's `make_subplots` gives, in a tenth of the time from the second call on."""
-    return go.Figure(_subplots(**options))
-
-
-@lru_cache(maxsize=32)
-def _subplots(**options: Any) -> go.Figure:
-    """To be copied: without a template, which plotly would check in every copy."""
-    figure = make_subplots(**options)
-    figure.layout.template = None
-    return figure
-
-
-def label_axes(figure: go.Figure, channels: Sequence[Quantity], lowest: int = 0) -> None:
-    """Name and unit of each panel's channel, from the top down, and of the time below the lowest.
-
-    The lowest panel is by default that of the last channel.
-    """
-    for row, channel in enumerate(channels, 1):
-        figure.update_yaxes(title_text=channel.axis, row=row, col=1)
-    figure.update_xaxes(title_text=TIME.axis, row=lowest or len(channels), col=1)
-
-
 def named_value(quantity: Quantity, axis: str) -> str:
-    """What a point says when hovered over: τ = 1.5200 s."""
+    """The text shown when a point is hovered over: τ = 1.5200 s."""
     return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
 
 
@@ -164,30 +252,17 @@ def with_legend(figure: go.Figure) -> go.Figure:
     Every figure knows which of its traces a legend names: those that have a name and do not refuse.
     It stands above the figure, or below where a title is in the way.
     """
-    figure.for_each_trace(lambda trace: trace.update(showlegend=False), lambda one: not one.name)
+    for trace in figure.data:
+        if not trace.name:
+            trace.showlegend = False
     entries = sum(trace.showlegend is not False for trace in figure.data)
     if not entries:
         return figure
-    if figure.layout.title.text:
-        legend = LEGEND | {"y": 0, "yref": "container"}
-        height = figure.layout.height + LINE * entries
-        return figure.update_layout(showlegend=True, legend=legend, height=height)
-    margin = max(figure.layout.margin.t or 0, 34)
-    return figure.update_layout(showlegend=True, legend=LEGEND, margin_t=margin)
-
-
-def finished(figure: go.Figure, height: int, revision: str) -> go.Figure:
-    """Common looks; ``revision`` keeps the user's zoom while data change.
-
-    Margins are fixed: with those that follow the labels every chart is laid out twice.
-    """
-    # One by one, as an update of many properties takes three times as long.
-    for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
-        axis.gridcolor, axis.automargin = GRID, False
-        axis.zeroline = axis.showline = False
-    layout = figure.layout
-    layout.height, layout.showlegend = height, False
-    layout.hovermode, layout.uirevision = "x unified", revision
-    layout.paper_bgcolor = layout.plot_bgcolor = CLEAR
-    layout.margin = {"l": 62, "r": 14, "t": 10, "b": 42}
+    layout, margin = figure.layout, figure.layout.margin
+    layout.showlegend = True
+    if layout.title.text:
+        layout.legend = LEGEND | {"y": 0, "yref": "container"}
+        layout.height += LINE * entries
+    else:
+        layout.legend, margin.t = LEGEND, max(margin.t or 0, 34)
     return figure

@@ -1,8 +1,11 @@
-"""A fit as figures: loss and parameters over iterations, and its curves beside the data."""
+"""A fit as figures: loss and parameters over iterations, and its curves beside the data.
+
+The figures of a training that runs are the same, with fewer points.
+"""
 
 import html
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,15 +20,18 @@ from accpinn.results.figures.style import (
     GRID,
     LEADER,
     MODEL,
+    POINTS,
     SERIES,
     SHARED,
     TRUTH,
+    Part,
+    across,
     band,
-    finished,
-    label_axes,
+    composed,
+    curve,
     limits,
-    panels,
-    thinned,
+    stack,
+    titled,
     vehicle_colours,
     with_legend,
 )
@@ -33,93 +39,111 @@ from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
+SOLVED = TRUTH | {"dash": "dot"}
+"""The line at the value of least squares."""
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
 HISTORY_HEIGHT = 225
 FEW = 30
-"""So few moments of a training are marked one by one."""
+"""Moments of a training up to which each is marked."""
 GAP_ERROR = replace(GAP, name="Error of the space-gap")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
-"""Of the panels over time, by their number."""
+"""Relative heights of the panels over time, by their number."""
 BAND_POINTS = 400
-"""Of a band's edges, about; more are not seen."""
+"""Points of a band's edges, about; more are not seen."""
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
+def thinned_history(history: History, points: int) -> History:
+    """About ``points`` of the K moments, evenly spread on a logarithmic axis, with the last one."""
+    rows = np.unique(np.geomspace(1, len(history.iteration), points).round().astype(int)) - 1
+    parts = {part.name: getattr(history, part.name) for part in fields(history)}
+    kept: dict[str, Any] = {
+        name: part if part is None else part[rows] for name, part in parts.items()
+    }
+    return History(**kept)
+
+
 def loss_history(history: History) -> go.Figure:
     """The loss terms over iterations, on logarithmic axes."""
-    figure = go.Figure()
     terms = (
         ("Ψ", "total", history.total, LEADER, 3.0),
         ("Ψ<sub>D</sub>", "data", history.data, SERIES[0], 1.5),
         ("Ψ<sub>F</sub>", "physics", history.physics, SERIES[1], 1.5),
         ("Ψ<sub>R</sub>", "start", history.initial, SERIES[2], 1.5),
     )
-    mode = _mode_for(len(history.iteration))
     used = [term for term in terms if term[2].any()]
-    for symbol, name, values, colour, width in used:
-        figure.add_scatter(
-            x=_counted(history), y=np.where(values > 0, values, np.nan), name=f"{symbol} {name}",
-            showlegend=False,  # the title names them, each in its colour
-            mode=mode, line={"color": colour, "width": width}, marker={"size": 4},
-        )  # fmt: skip
-    figure.update_yaxes(type="log", title_text="Loss", **_decades([term[2] for term in used]))
-    names = [f'<span style="color:{colour}">{name}</span>' for _, name, _, colour, _ in used]
+    # The title names the lines, each in its colour, so the legend does not.
+    traces = [
+        _line(history, np.where(values > 0, values, np.nan), f"{symbol} {name}",
+              {"color": colour, "width": width}, showlegend=False)
+        for symbol, name, values, colour, width in used
+    ]  # fmt: skip
+    names = [(name, colour) for _, name, _, colour, _ in used]
+    axes = {"y": {"type": "log", **titled("Loss"), **_decades([term[2] for term in used])}}
     if history.evidence is not None:
-        figure.add_scatter(
-            x=_counted(history), y=history.evidence, name="log evidence", yaxis="y2",
-            showlegend=False, mode=mode, line={"color": MODEL, "width": 2, "dash": "dash"},
-            marker={"size": 4},
-        )  # fmt: skip
-        figure.update_layout(
-            yaxis2={"overlaying": "y", "side": "right", "title": "Log evidence", "showgrid": False}
-        )
-        names.append(f'<span style="color:{MODEL}">log evidence</span>')
-    return _over_iterations(figure, f"Loss: {', '.join(names)}", "loss")
+        line = {"color": MODEL, "width": 2, "dash": "dash"}
+        traces.append(_line(history, history.evidence, "log evidence", line, yaxis="y2",
+                            showlegend=False))  # fmt: skip
+        axes["y2"] = {"overlaying": "y", "side": "right", "showgrid": False,
+                          **titled("Log evidence")}  # fmt: skip
+        names.append(("log evidence", MODEL))
+    spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
+    return _over_iterations(traces, f"Loss: {spans}", "loss", axes)
 
 
 def parameter_history(
-    history: History, which: int, segment: SegmentInfo, truth: Parameters | None = None
+    history: History,
+    which: int,
+    segment: SegmentInfo,
+    truth: Parameters | None = None,
+    solved: Parameters | None = None,
 ) -> go.Figure:
-    """One parameter over iterations, dashed where the truth is known.
+    """One parameter over iterations, with lines at the values to compare it with.
 
     Args:
         history: parameters (K, P, 3), P = 1 in Case I.
         which: 0 for α, 1 for β, 2 for τ.
-        segment: whose vehicles they belong to.
-        truth: one entry a follower, or nothing.
+        segment: names the vehicles that the parameters belong to.
+        truth: the true parameters, one entry a follower, dashed; None where they are unknown.
+        solved: those of least squares, one entry a follower, dotted; None draws none.
     """
-    quantity = PARAMETERS[which]
-    figure = go.Figure()
-    sets = history.parameters.values.shape[1]
-    ends = _interval(history, which)
+    quantity, values = PARAMETERS[which], history.parameters.values[:, :, which]
+    sets = values.shape[1]
     names, colours = segment.labels[1:], vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [SHARED]
+    x, ends, traces = _counted(history), _interval(history, which), []
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
-            figure.add_scatter(
-                x=np.concatenate([_counted(history), _counted(history)[::-1]]),
-                y=np.concatenate([ends[0][:, k], ends[1][::-1, k]]), fill="toself",
-                line={"width": 0, "color": colour}, opacity=0.25, mode="lines", hoverinfo="skip",
-                showlegend=False,
-            )  # fmt: skip
-        figure.add_scatter(
-            x=_counted(history), y=history.parameters.values[:, k, which], name=html.escape(name),
-            mode=_mode_for(len(history.iteration)), marker={"size": 4},
-            line={"color": colour, "width": 2},
-        )  # fmt: skip
-    seen = history.parameters.values[:, :, which]
-    if ends is not None:
-        seen = np.append(seen, [one[-1] for one in ends])
-    values = truth.values[:sets, which] if truth else np.zeros(0)
-    for value, colour in zip(values, colours, strict=False):
-        figure.add_hline(y=value, line=TRUTH | {"color": colour})
-    seen = np.append(seen, values)
-    shown = limits(seen) or None
-    figure.update_yaxes(title_text=quantity.heading, range=shown)
-    return _over_iterations(figure, quantity.name, f"parameter-{which}")
+            traces.append({
+                "x": np.concatenate([x, x[::-1]]), "fill": "toself", "opacity": 0.25,
+                "y": np.concatenate([ends[0][:, k], ends[1][::-1, k]]), "mode": "lines",
+                "line": {"width": 0, "color": colour}, "hoverinfo": "skip", "showlegend": False,
+            })  # fmt: skip
+        traces.append(
+            _line(history, values[:, k], html.escape(name), {"color": colour, "width": 2})
+        )
+    compared = [
+        (float(value), look | {"color": colour})
+        for reference, look in ((truth, TRUTH), (solved, SOLVED)) if reference
+        for value, colour in zip(reference.values[:sets, which], colours, strict=False)
+    ]  # fmt: skip
+    seen = [values.ravel(), np.array([value for value, _ in compared])]
+    seen += [end[-1] for end in ends or ()]
+    axis = titled(quantity.heading) | {"range": limits(np.concatenate(seen)) or None}
+    shapes = [across("y", value, line=look) for value, look in compared]
+    return _over_iterations(traces, quantity.name, f"parameter-{which}", {"y": axis}, shapes=shapes)
+
+
+def _line(
+    history: History, values: FloatArray, name: str, line: Mapping[str, Any], **look: Any
+) -> Part:
+    """(K,) values over the iterations; few of them are marked."""
+    mode = "lines+markers" if len(values) <= FEW else "lines"
+    return {"x": _counted(history), "y": values, "name": name, "line": line, "mode": mode,
+            "marker": {"size": 4}, **look}  # fmt: skip
 
 
 def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:
@@ -136,13 +160,13 @@ def _counted(history: History) -> FloatArray:
     return np.maximum(history.iteration, 1.0)
 
 
-def _over_iterations(figure: go.Figure, title: str, revision: str) -> go.Figure:
-    """The looks of a small panel over iterations."""
-    figure.update_xaxes(title_text="Iteration", type="log", dtick=1)
-    figure = finished(figure, HISTORY_HEIGHT, revision)
-    return figure.update_layout(
-        title={"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}, margin_t=34
-    )
+def _over_iterations(
+    traces: list[Part], title: str, revision: str, axes: dict[str, Any], **layout: Any
+) -> go.Figure:
+    """A small panel over iterations."""
+    axes["x"] = titled("Iteration") | {"type": "log", "dtick": 1}
+    head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
+    return composed(traces, HISTORY_HEIGHT, revision, axes, top=34, title=head, **layout)
 
 
 def _decades(series: list[FloatArray]) -> dict[str, Any]:
@@ -157,10 +181,6 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
     return {"range": [low, high], "tickvals": [10.0**k for k in named], "ticktext": texts}
 
 
-def _mode_for(moments: int) -> str:
-    return "lines+markers" if moments <= FEW else "lines"
-
-
 def tracking(
     segment: Segment | SegmentInfo,
     follower: int,
@@ -171,84 +191,87 @@ def tracking(
     predicted: GapBand | None = None,
     disturbance: FloatArray | None = None,
     height: int | None = None,
+    points: int = POINTS,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
     Args:
-        segment: the data, or only what they are of.
+        segment: the data, or only what they are about.
         follower: 0 for the first.
         surrogate: the method's own trajectories.
         closed_loop: the simulation behind the measured leader.
-        own: how the method's trajectories are called, as plain text.
+        own: the name of the method's trajectories, as plain text.
         with_error: adds a panel with the error of the gap; needs the data.
         predicted: the band of the gap, drawn under its curves.
         disturbance: (N, M) in m/s²; adds a panel.
         height: in pixels; by default that of its panels.
+        points: drawn per line at most, about.
     """
     data = segment if isinstance(segment, Segment) else None
     measured = data.measured if data else None
     rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
-    moved = len(rows)
-    rows += [] if disturbance is None else [DISTURBANCE]
-    figure = panels(*HEIGHTS[len(rows)])
+    moved, start = len(rows), segment.window.start
     colour = vehicle_colours(segment.vehicles)[follower + 1]
-    start = segment.window.start
+    own_line = {"color": colour, "width": 1.5}
     sources = (
-        ("data", measured, {"color": colour, "width": 3.5}, 0.45),
-        (html.escape(own), surrogate, {"color": colour, "width": 1.5}, 1.0),
+        ("data", measured, own_line | {"width": 3.5}, 0.45),
+        (html.escape(own), surrogate, own_line, 1.0),
         ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
     )
-    if predicted:
-        figure.add_traces(list(_bands(predicted, follower, start)), rows=1, cols=1)
+    traces = list(_bands(predicted, follower, start)) if predicted else []
     for name, source, line, opacity in sources:
         if source is None:
             continue
         drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
         if measured and source is not measured:
             drawn.append((source.gaps - measured.gaps)[:, follower])
-        for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
-            time, shown = thinned(start + source.time, values)
-            figure.add_scatter(
-                x=time, y=shown, name=name, line=line, opacity=opacity, legendgroup=name,
-                hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
-                showlegend=row == 1, row=row, col=1,
-            )  # fmt: skip
+        traces += [
+            curve(start + source.time, values, row, points, name=name, line=line, opacity=opacity,
+                  legendgroup=name, showlegend=row == 1,
+                  hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>")
+            for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1)
+        ]  # fmt: skip
+    shapes = []
     if data and closed_loop:
         findings = closed_loop_findings(data, closed_loop)
-        _mark_collision(figure, float(collision_times(findings, data.vehicles)[follower]))
-    if moved > 2:
-        figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=3, col=1)
+        collision = float(collision_times(findings, data.vehicles)[follower])
+        if not np.isnan(collision):
+            shapes.append(across("y", 0, line={"color": LEADER, "width": 1.5}))
+            traces.append(_cross(collision))
     if disturbance is not None:
-        figure.add_hline(y=0, line={"color": GRID, "width": 1.5}, row=len(rows), col=1)
+        rows.append(DISTURBANCE)
         time = start + np.linspace(0, segment.window.duration, len(disturbance))
-        time, shown = thinned(time, disturbance[:, follower])
-        figure.add_scatter(
-            x=time, y=shown, name="disturbance", line={"color": colour, "width": 1.5},
+        traces.append(curve(
+            time, disturbance[:, follower], len(rows), points, name="disturbance", line=own_line,
             hovertemplate=f"%{{y:.2f}} {DISTURBANCE.unit}<extra>disturbance</extra>",
-            showlegend=False, row=len(rows), col=1,
-        )  # fmt: skip
-    label_axes(figure, rows)
-    height = height or 140 + 160 * len(rows)
-    return with_legend(finished(figure, height, f"tracking-{segment.vehicles[follower + 1]}"))
+            showlegend=False,
+        ))  # fmt: skip
+    shapes += [
+        across(f"y{row}", 0, line={"color": GRID, "width": 1.5}) for row in range(3, len(rows) + 1)
+    ]
+    figure = composed(
+        traces, height or 140 + 160 * len(rows), f"tracking-{segment.vehicles[follower + 1]}",
+        grid=stack(*HEIGHTS[len(rows)]), channels=rows, shapes=shapes,
+    )  # fmt: skip
+    return with_legend(figure)
 
 
-def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[go.Scatter]:
+def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[Part]:
     """The band, one area for each stretch of time that has one; the first stands in the legend."""
     lower, upper = predicted.lower[:, follower], predicted.upper[:, follower]
     for at, stretch in enumerate(stretches(np.isfinite(lower))):
         rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
         name = f"{100 * predicted.level:.0f} % band"
-        area = band(start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.2, name)
-        yield area.update(showlegend=at == 0, legendgroup=name)
+        yield band(
+            start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.2, name, panel=1,
+            showlegend=at == 0, legendgroup=name,
+        )  # fmt: skip
 
 
-def _mark_collision(figure: go.Figure, when: Seconds) -> None:
-    """Collisions of the closed-loop simulation, on a line at gap zero; nothing for nan."""
-    if np.isnan(when):
-        return
-    figure.add_hline(y=0, line={"color": LEADER, "width": 1.5}, row=1, col=1)
-    figure.add_scatter(
-        x=[when], y=[0.0], name="collision", mode="markers",
-        marker={"symbol": "x", "size": 11, "color": MODEL},
-        hovertemplate=f"{when:.1f} s<extra>collision</extra>", row=1, col=1,
-    )  # fmt: skip
+def _cross(when: Seconds) -> Part:
+    """The closed-loop simulation's first collision, at gap zero."""
+    return {
+        "x": [when], "y": [0.0], "xaxis": "x", "yaxis": "y", "name": "collision", "mode": "markers",
+        "marker": {"symbol": "x", "size": 11, "color": MODEL},
+        "hovertemplate": f"{when:.1f} s<extra>collision</extra>",
+    }  # fmt: skip

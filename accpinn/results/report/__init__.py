@@ -31,12 +31,11 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
-from accpinn.results.figures.stability import add_bands, add_clouds, cloud_caption
 from accpinn.results.figures.style import (
     POINTS,
-    finished,
-    label_axes,
-    panels,
+    composed,
+    curve,
+    stack,
     thinned,
     vehicle_colours,
     with_legend,
@@ -66,13 +65,14 @@ from accpinn.study.verification import QUICK, Verification, verify
 
 HERE = Path(__file__).parent
 WIDE = 9
-"""Columns beyond which a table is set smaller."""
+"""Number of columns beyond which a table is set smaller."""
 FOLLOWERS = 8
-"""Of the simulated platoon."""
+"""Followers of the simulated platoon where only one is known."""
 DIGITS = 5
-"""Significant ones of every number drawn; a screen shows four."""
+"""Significant digits of every number drawn; a screen shows four."""
 ALL_POINTS, FEWEST_POINTS = 70_000, 150
-"""Of all lines together, and of one: the page is to stay below 6 MB, and plotly takes 5."""
+"""Points of all lines together, and of a single line at least. The page is to stay below 6 MB, of
+which plotly takes 5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,12 +188,15 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
 
 
 def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
-    """Per vehicle, and for the platoon, a sentence for every verdict."""
+    """For each vehicle, and for the platoon, sentences that say what the table does not.
+
+    The table has all that is to be said about a vehicle's L₂ verdict.
+    """
     report = snapshot.stability
     if report is None:
         return []
     reasons = [
-        (label, [reason(verdict, v) for verdict in (v.l2, v.linf_paper, v.linf_exact)])
+        (label, [reason(verdict, v) for verdict in (v.linf_paper, v.linf_exact)])
         for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
     ]
     if len(report.vehicles) > 1:
@@ -258,27 +261,27 @@ def motion_picture(snapshot: Result) -> Picture | None:
     source = snapshot.segment.measured if snapshot.segment else snapshot.fit.surrogate
     if source is None:
         return None
-    info, figure = snapshot.info, panels(0.5, 0.5)
-    named = zip(info.labels, vehicle_colours(info.vehicles), strict=True)
-    for column, (label, colour) in enumerate(named):
-        line = {"color": colour, "width": 1.8}
-        name = html.escape(label) + (" (leader)" if column == 0 else "")
-        drawn = [(2, source.speeds[:, column], SPEED)]
-        if column:
-            drawn.append((1, source.gaps[:, column - 1], GAP))
-        for row, values, channel in drawn:
-            time, shown = thinned(info.window.start + source.time, values)
-            figure.add_scatter(
-                x=time, y=shown, name=name, line=line, mode="lines", legendgroup=name,
-                showlegend=row == 2, hovertemplate=f"%{{y:.2f}} {channel.unit}", row=row, col=1,
-            )  # fmt: skip
-    label_axes(figure, (GAP, SPEED))
+    info, traces = snapshot.info, []
+    time = info.window.start + source.time
+    for k, (label, colour) in enumerate(
+        zip(info.labels, vehicle_colours(info.vehicles), strict=True)
+    ):
+        name = html.escape(label) + (" (leader)" if k == 0 else "")
+        drawn = [(2, source.speeds[:, k], SPEED)]
+        drawn += [(1, source.gaps[:, k - 1], GAP)] if k else []
+        traces += [
+            curve(time, values, panel, name=name, legendgroup=name, showlegend=panel == 2,
+                  line={"color": colour, "width": 1.8}, mode="lines",
+                  hovertemplate=f"%{{y:.2f}} {channel.unit}")
+            for panel, values, channel in drawn
+        ]  # fmt: skip
     words = (
         "Measured space-gaps and speeds."
         if snapshot.segment
         else "The data are not part of this report: these are the method's own trajectories."
     )
-    return Picture("motion", with_legend(finished(figure, 460, "motion")), words)
+    figure = composed(traces, 460, "motion", grid=stack(0.5, 0.5), channels=(GAP, SPEED))
+    return Picture("motion", with_legend(figure), words)
 
 
 def fit_pictures(snapshot: Result) -> Iterator[Picture]:
@@ -315,8 +318,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if report is None:
         return
     vehicles = learned_parameters(snapshot.info, snapshot.fit)
-    bode = stability_figures.bode(vehicles, report)
-    bode = add_bands(bode, vehicles, uncertainty) if uncertainty else bode
+    bode = stability_figures.bode(vehicles, report, uncertainty)
     words = (
         "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
         " Rings: below that frequency the vehicle amplifies."
@@ -331,12 +333,11 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         chart = stability_figures.criteria_by_vehicle(vehicles, report)
         yield Picture("criteria", with_legend(chart), words)
     held = len(vehicles) - 1
-    chart = stability_figures.stability_map(vehicles, report, held, "beta")
-    chart = add_clouds(chart, vehicles, uncertainty, "beta") if uncertainty else chart
+    chart = stability_figures.stability_map(vehicles, report, held, "beta", uncertainty)
     words = (
         f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
         " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
-        + (f" {cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
+        + (f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
     )
     yield Picture("map", with_legend(chart), words)
 

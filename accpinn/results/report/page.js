@@ -50,7 +50,7 @@
   wish.addEventListener("change", () => show((dark = wish.matches)));
   for (const save of document.querySelectorAll("[data-save]")) {
     const place = Number(save.dataset.save);
-    const plot = plots.find((one) => Number(one.dataset.place) === place);
+    const plot = plots.find((candidate) => Number(candidate.dataset.place) === place);
     const kind = save.dataset.format;
     save.addEventListener("click", () =>
       kind === "html" ? saveAlone(drawings[place]) : savePicture(plot, drawings[place].name, kind),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED
+from accpinn.channels import GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -18,16 +18,22 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table, supported_digits
+from accpinn.results.tables.table import (
+    Cell,
+    Column,
+    Estimate,
+    Filled,
+    Table,
+    estimate_cells,
+    percent_cells,
+    range_cells,
+    supported_digits,
+)
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
 from accpinn.study.result import Result
 from accpinn.study.starts import Spread
-from accpinn.units import FloatArray
-
-Filled = tuple[Column, Iterable[Cell]]
-"""A column with its cells."""
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP_MAE = "MAE of the space-gap"
@@ -37,7 +43,7 @@ DRIVER = "Driver"
 PROBABILITY = "Probability of string stability"
 AGAINST = "Minus the CTHP's"
 TITLES = {key: method.title for key, method in METHODS.items()}
-"""What a method is called wherever people read it."""
+"""The name of a method wherever people read it."""
 
 
 def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
@@ -51,7 +57,7 @@ def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
 
 
 def name_of(fit: Fit) -> str:
-    """The same of a fit."""
+    """The title of a fit's method, as `method_name` has it."""
     return method_name(fit.method, fit.config, fit.outcome)
 
 
@@ -81,10 +87,10 @@ def _driver(share: float) -> str:
     return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
 
 
-def driver_cells(who: Sequence[str], above: int = 0) -> Iterator[Filled]:
-    """Who drives in place of ACC, as a column below ``above`` empty cells; none for nobody."""
+def driver_cells(who: Sequence[str]) -> Iterator[Filled]:
+    """Who drives each follower in place of ACC, as a column; none where nobody does."""
     if who:
-        yield Column(DRIVER), _absent(above, [name or None for name in who])
+        yield Column(DRIVER), [name or None for name in who]
 
 
 def parameter_table(
@@ -100,54 +106,49 @@ def parameter_table(
     Parameters that all followers share (Case I) have a row of their own, the second.
 
     Args:
-        info: of the segment with M followers.
+        info: names the leader and M followers.
         fit: of any method.
         quality: of the segment.
         surrogate: errors of the method's own trajectories.
         closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
         uncertainty: adds intervals to the parameters, and the probability of string stability.
     """
-    estimated = [*(_estimate_cells(fit.parameters, uncertainty) if uncertainty else ())]
-    estimated = estimated or [*parameter_cells(fit.parameters)]
-    of_each: list[Filled] = [
-        (Column("Mean time gap", "s", 2), _absent(1, quality.mean_time_gap)),
-        *_error_cells(info, surrogate, "Surrogate fit, MAE", 3),
-        *_error_cells(info, closed_loop, "Closed-loop simulation, MAE", 2, leader=False),
+    numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
+    estimated = [*parameter_cells(fit.parameters)]
+    if uncertainty:
+        estimated = [*_estimate_cells(fit.parameters, uncertainty), *probability_cells(uncertainty)]
+    parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
+        (followers, driver_cells(drivers(info))),
+        (parameter_rows(info, fit.case), estimated),
+        (followers, [(Column("Mean time gap", "s", 2), quality.mean_time_gap)]),
     ]
-    probable = [*(probability_cells(uncertainty) if uncertainty else ())]
-    numbers = row_vehicles(info, fit.case)
-
-    def shared(cells: Iterable[Cell] | FloatArray) -> list[Cell]:
-        """Of the followers' parameters; once where all share them."""
-        cells = [*cells]
-        return [None, *([cells[0], *info.followers * [None]] if 0 in numbers else cells)]
-
-    def own(cells: Iterable[Cell]) -> list[Cell]:
-        """Of the leader and the followers."""
-        first, *rest = cells
-        return [first, *([None] if 0 in numbers else []), *rest]
-
-    return Table.of(
-        f"{name_of(fit)}, {where(info, fit.case)}",
-        [
-            (Column("Vehicle"), _labels(info, numbers)),
-            *((column, own(cells)) for column, cells in driver_cells(drivers(info), above=1)),
-            *((column, shared(cells)) for column, cells in (*estimated, *probable)),
-            *((column, own(cells)) for column, cells in of_each),
-        ],
-    )
+    for group, errors, digits, driving in (
+        ("Surrogate fit, MAE", surrogate, 3, info.vehicles),
+        ("Closed-loop simulation, MAE", closed_loop, 2, followers),
+    ):
+        gaps, speeds = (errors.gap_mae, errors.speed_mae[-len(driving) :]) if errors else ((), ())
+        parts.append((followers, [(Column("p", "m", digits, group), gaps)]))
+        parts.append((driving, [(Column("v", "m/s", 3, group), speeds)]))
+    columns: list[Filled] = [(Column("Vehicle"), _labels(info, numbers))]
+    for vehicles, filled in parts:
+        for column, cells in filled:
+            known = dict(zip(vehicles, cells, strict=False))
+            columns.append((column, [known.get(number) for number in numbers]))
+    return Table.of(f"{name_of(fit)}, {where(info, fit.case)}", columns)
 
 
 def estimate_part(table: Table) -> Table:
-    """Of a `parameter_table`: who drives, parameters and probabilities; no row without any."""
-    return table.only(lambda column: column.key in PARAMETER_KEYS or column.group == PROBABILITY
-                      or column.title == DRIVER)  # fmt: skip
+    """The part of a `parameter_table` with drivers, parameters and probabilities."""
+    return table.only(_is_estimate)
 
 
 def error_part(table: Table) -> Table:
-    """Of a `parameter_table`: mean time gap and the errors of both kinds."""
-    return table.only(lambda column: not (column.key or column.group == PROBABILITY)
-                      and column.title != DRIVER)  # fmt: skip
+    """The part of a `parameter_table` with mean time gap and the errors of both kinds."""
+    return table.only(lambda column: not _is_estimate(column))
+
+
+def _is_estimate(column: Column) -> bool:
+    return bool(column.key) or column.group == PROBABILITY or column.title == DRIVER
 
 
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
@@ -170,9 +171,9 @@ def _estimate_cells(
 ) -> Iterator[Filled]:
     """α, β and τ of (M,) followers, each with its interval."""
     group = f"{kind} ({100 * uncertainty.level:.0f} % interval)"
-    ends = uncertainty.lower.values.T, uncertainty.upper.values.T
-    for column, *numbers in zip(PARAMETER_COLUMNS, parameters.values.T, *ends, strict=True):
-        yield replace(column, group=group), [*map(Estimate, *(k.tolist() for k in numbers))]
+    parts = (part.values.T for part in (parameters, uncertainty.lower, uncertainty.upper))
+    for column, *numbers in zip(PARAMETER_COLUMNS, *parts, strict=True):
+        yield replace(column, group=group), estimate_cells(*numbers)
 
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
@@ -230,25 +231,26 @@ def number(value: float | None, otherwise: float = nan) -> float:
 
 def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
-    found = [result.evaluation for result in results]
-    collisions = [one.collision_times(info.vehicles)[follower] for one in found]
-
-    def gaps(name: str) -> list[Cell]:
-        return _gaps([getattr(one, name) for one in found], follower)
-
+    evaluations = [result.evaluation for result in results]
+    errors: list[Filled] = [
+        (Column(title, "m", digits, GAP_MAE),
+         _gaps([getattr(evaluation, kind) for evaluation in evaluations], follower))
+        for kind, title, digits in (
+            ("surrogate", "Surrogate fit", 3), ("closed_loop", "Closed loop", 2),
+            ("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2),
+        )
+    ]  # fmt: skip
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Method"), [name_of(result.fit) for result in results]),
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            (Column("Surrogate fit", "m", 3, GAP_MAE), gaps("surrogate")),
-            (Column("Closed loop", "m", 2, GAP_MAE), gaps("closed_loop")),
-            (Column("Hold-out", "m", 2, GAP_MAE), gaps("holdout")),
-            (Column("Outside the window", "m", 2, GAP_MAE), gaps("out_of_window")),
-            (Column("Collides at", "s", 1), collisions),
+            *errors,
+            (Column("Collides at", "s", 1),
+             [evaluation.collision_times(info.vehicles)[follower] for evaluation in evaluations]),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
-    )
+    )  # fmt: skip
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
@@ -286,8 +288,6 @@ FORMS: dict[Form, str] = {
     "lag": "With an actuator lag λ",
     "delay": "With a delay d",
 }
-
-
 EXTRA_COLUMNS: dict[Form, Column] = {
     "offset": Column("s₀", "m", 1),
     "lag": Column("λ", "s", 2),
@@ -398,59 +398,35 @@ def parameter_cells(
 def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
     """The intervals of α, β and τ as three columns."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
-    lower, upper = uncertainty.lower.values.T, uncertainty.upper.values.T
-    for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True):
-        yield replace(column, group=percent), [*map(Range, low.tolist(), high.tolist())]
+    ends = uncertainty.lower.values.T, uncertainty.upper.values.T
+    for column, low, high in zip(PARAMETER_COLUMNS, *ends, strict=True):
+        yield replace(column, group=percent), range_cells(low, high)
 
 
-def validation_table(info: SegmentInfo, other: SegmentInfo, found: Validation) -> Table:
+def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
     """A row a follower: MAE of space-gap and speed in closed loop, on both windows.
 
     Args:
         info: of the segment learned from.
         other: of the one validated on.
-        found: the errors.
+        validation: the errors.
     """
     source = "" if info.source == other.source else f"{other.source}, "
-    return Table.of(
-        "Validation: error of the closed-loop simulation, MAE",
-        [
-            (Column("Follower"), info.labels[1:]),
-            *_validation_cells(info, f"Learned from: {info.window}", "learned", found.learned),
-            *_validation_cells(
-                info, f"Validation: {source}{other.window}", "validation", found.validated
-            ),
-        ],
-    )
-
-
-def _validation_cells(
-    info: SegmentInfo, group: str, key: str, errors: TrackingErrors | None
-) -> Iterator[Filled]:
-    absent = info.followers * [None]
-    yield Column.of(GAP, group, f"{key}_mae_p_m"), errors.gap_mae if errors else absent
-    speeds = errors.speed_mae[1:] if errors else absent
-    yield Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds
-
-
-def _error_cells(
-    info: SegmentInfo, errors: TrackingErrors | None, group: str, digits: int, leader: bool = True
-) -> Iterator[Filled]:
-    """MAE of gap and speed of each vehicle, leader first; its own only where it is no input."""
-    nothing: list[Cell] = [None] * (info.followers + 1)
-    speeds = nothing if errors is None else _absent(0, errors.speed_mae)
-    yield Column("p", "m", digits, group), _absent(1, errors.gap_mae) if errors else nothing
-    yield Column("v", "m/s", 3, group), speeds if leader else _absent(1, speeds[1:])
+    filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
+    for group, key, errors in (
+        (f"Learned from: {info.window}", "learned", validation.learned),
+        (f"Validation: {source}{other.window}", "validation", validation.validated),
+    ):
+        absent = info.followers * [None]
+        gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)
+        filled.append((Column.of(GAP, group, f"{key}_mae_p_m"), gaps))
+        filled.append((Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds))
+    return Table.of("Validation: error of the closed-loop simulation, MAE", filled)
 
 
 def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
     return [float(one.gap_mae[follower]) if one else None for one in errors]
 
 
-def percent_cells(shares: Sequence[float] | FloatArray) -> list[Cell]:
-    """Shares in percent."""
-    return [100 * float(share) for share in shares]
-
-
-def _absent(above: int, values: Iterable[Cell] | FloatArray) -> list[Cell]:
+def _absent(above: int, values: Iterable[Cell]) -> list[Cell]:
     return [None] * above + list(values)

@@ -9,14 +9,12 @@ from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording, Vehicle, agreement
 from accpinn.results.tables.estimates import (
     TITLES,
-    Filled,
     driver_cells,
     drivers,
     parameter_cells,
-    percent_cells,
     where,
 )
-from accpinn.results.tables.table import Cell, Column, Table
+from accpinn.results.tables.table import Cell, Column, Filled, Table, percent_cells
 from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.sensitivity import COMPARED, SensitivityResult
@@ -25,6 +23,8 @@ from accpinn.study.sensitivity import COMPARED, SensitivityResult
 def recording_table(recording: Recording) -> Table:
     """A row for each vehicle with data: driver modes, missing samples, agreement of its gap."""
     present = [vehicle for vehicle in recording.vehicles if vehicle.present]
+    ahead = [vehicle.index - 1 for vehicle in present]
+    agreements = [agreement(recording, k) if k in recording.present else None for k in ahead]
     return Table.of(
         f"{recording.source}: vehicles",
         [
@@ -32,24 +32,16 @@ def recording_table(recording: Recording) -> Table:
             (Column("ACC", "%", 0, "Driver"), [_share(vehicle, "ACC") for vehicle in present]),
             (Column("Human", "%", 0, "Driver"), [_share(vehicle, "Human") for vehicle in present]),
             (Column("Speed missing", "%", 1), [100 * v.missing_share for v in present]),
-            (Column("Gap ahead: correlation with speeds", "", 2), _agreements(recording, present)),
+            (Column("Gap ahead: correlation with speeds", "", 2), agreements),
         ],
     )
 
 
 def _share(vehicle: Vehicle, mode: str) -> Cell:
-    """Of the samples with a mode, in percent; None without any."""
+    """A mode's share of the samples with a mode, in percent; None without any."""
     modes = vehicle.modes or {}
     total = sum(modes.values())
     return 100 * modes[mode] / total if total else None
-
-
-def _agreements(recording: Recording, present: list[Vehicle]) -> list[Cell]:
-    numbers = recording.present
-    return [
-        agreement(recording, vehicle.index - 1) if vehicle.index - 1 in numbers else None
-        for vehicle in present
-    ]
 
 
 def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
@@ -80,10 +72,10 @@ def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
 
 
 def sensitivity_table(
-    info: SegmentInfo, found: Sequence[SensitivityResult], follower: int
+    info: SegmentInfo, sensitivities: Sequence[SensitivityResult], follower: int
 ) -> Table:
     """One row a choice of instants: what each method estimates for one follower from them."""
-    of_method = {key: [row for row in found if row.method == key] for key in COMPARED}
+    of_method = {key: [row for row in sensitivities if row.method == key] for key in COMPARED}
     rows = of_method[COMPARED[0]]
     unknown = Parameters(np.nan, np.nan, np.nan)
     filled: list[Filled] = [

@@ -20,7 +20,7 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
         printed: what the paper says.
         learned: (M,) what was learned here from the same data; adds its columns.
     """
-    found = printed.report.vehicles
+    assessed = printed.report.vehicles
     return Table.of(
         printed.vehicles.title,
         [
@@ -28,13 +28,13 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
             *parameter_cells(printed.vehicles.parameters, "Printed"),
             *(parameter_cells(learned, "Learned here") if learned else ()),
             (Column("printed", group=L2), _words(printed.l2)),
-            (Column("computed", group=L2), [answer(one.l2) for one in found]),
+            (Column("computed", group=L2), [answer(v.l2) for v in assessed]),
             (Column("printed", group=LINF), _words(printed.linf)),
-            (Column("paper's criterion", group=LINF), [answer(one.linf_paper) for one in found]),
-            (Column("exact criterion", group=LINF), [answer(one.linf_exact) for one in found]),
-            (replace(GAIN, group=LINF), [one.linf_gain for one in found]),
-            (replace(PEAK, group=MAGNITUDE.name), [one.peak.db for one in found]),
-            (replace(PEAK_AT, group=MAGNITUDE.name), [one.peak.omega or None for one in found]),
+            (Column("paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
+            (Column("exact criterion", group=LINF), [answer(v.linf_exact) for v in assessed]),
+            (replace(GAIN, group=LINF), [v.linf_gain for v in assessed]),
+            (replace(PEAK, group=MAGNITUDE.name), [v.peak.db for v in assessed]),
+            (replace(PEAK_AT, group=MAGNITUDE.name), [v.peak.omega or None for v in assessed]),
         ],
     )
 

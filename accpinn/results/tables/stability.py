@@ -11,13 +11,20 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.tables.estimates import (
-    Filled,
     driver_cells,
     parameter_cells,
     probability_cells,
     supported_columns,
 )
-from accpinn.results.tables.table import Cell, Column, Estimate, Range, Table
+from accpinn.results.tables.table import (
+    Cell,
+    Column,
+    Filled,
+    Table,
+    estimate_cells,
+    percent_cells,
+    range_cells,
+)
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import Assessment, StabilityReport, Verdict, assessment
 from accpinn.units import FloatArray
@@ -33,7 +40,7 @@ WORDS: Mapping[Assessment, str] = {
     "open": "undecided",
     "not determined": "not determined",
 }
-"""What the posterior says of a vehicle, in a cell."""
+"""The posterior's verdict on a vehicle, as a cell has it."""
 
 
 def stability_table(
@@ -46,21 +53,21 @@ def stability_table(
         report: theirs.
         uncertainty: of the fit that they are from; adds the probabilities of string stability.
     """
-    found = report.vehicles
-    headways = [vehicle.smallest_tau for vehicle in found]
+    assessed = report.vehicles
+    headways = [vehicle.smallest_tau for vehicle in assessed]
     return Table.of(
         f"String stability, {vehicles.title}",
         [
             *_heads(vehicles, report, uncertainty),
             *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
-            (Column("Stable", group=L2), [answer(v.l2) for v in found]),
-            (PEAK, [v.peak.db for v in found]),
-            (PEAK_AT, [v.peak.omega or None for v in found]),
-            (replace(PEAK_AT, title="Amplified below"), [v.crossover for v in found]),
+            (Column("Stable", group=L2), [answer(v.l2) for v in assessed]),
+            (PEAK, [v.peak.db for v in assessed]),
+            (PEAK_AT, [v.peak.omega or None for v in assessed]),
+            (replace(PEAK_AT, title="Amplified below"), [v.crossover for v in assessed]),
             *_probability(LINF, uncertainty.probability_linf if uncertainty else None),
-            (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in found]),
-            (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in found]),
-            (GAIN, [v.linf_gain for v in found]),
+            (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
+            (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in assessed]),
+            (GAIN, [v.linf_gain for v in assessed]),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],
@@ -68,7 +75,7 @@ def stability_table(
 
 
 def without_parameters(table: Table) -> Table:
-    """Of a `stability_table`: all but α, β and τ, where these stand elsewhere."""
+    """A `stability_table` without α, β and τ, where these stand elsewhere."""
     return table.only(lambda column: column.key not in PARAMETER_KEYS)
 
 
@@ -78,8 +85,8 @@ def _heads(
     """The vehicles, who drives them, and their parameters."""
     yield Column("Vehicle"), vehicles.labels
     yield from driver_cells(vehicles.drivers)
-    own = Parameters.stack(vehicle.parameters for vehicle in report.vehicles)
-    yield from parameter_cells(own, columns=supported_columns(uncertainty))
+    parameters = Parameters.stack(vehicle.parameters for vehicle in report.vehicles)
+    yield from parameter_cells(parameters, columns=supported_columns(uncertainty))
 
 
 def verdict_table(
@@ -94,23 +101,21 @@ def verdict_table(
         report: theirs.
         uncertainty: of the fit that they are from.
     """
-    found = report.vehicles
-    peaks, gains = [v.peak.db for v in found], [v.linf_gain for v in found]
-    decibels = _decibels(uncertainty.peak_gain) if uncertainty else None
-    l2, linf = (
-        (uncertainty.probability_l2, uncertainty.probability_linf) if uncertainty else (None, None)
-    )
+    assessed, known = report.vehicles, uncertainty
+    peaks, gains = [v.peak.db for v in assessed], [v.linf_gain for v in assessed]
+    decibels = _decibels(known.peak_gain) if known else None
+    l2, linf = (known.probability_l2, known.probability_linf) if known else (None, None)
     return Table.of(
         "",
         [
-            *_heads(vehicles, report, uncertainty),
+            *_heads(vehicles, report, known),
             *_probability(L2, l2),
-            (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in found])),
+            (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in assessed])),
             (PEAK, _with_ends(peaks, decibels)),
-            (PEAK_AT, [v.peak.omega or None for v in found]),
+            (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *_probability(LINF, linf),
-            (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in found])),
-            (GAIN, _with_ends(gains, uncertainty.linf_gain if uncertainty else None)),
+            (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in assessed])),
+            (GAIN, _with_ends(gains, known.linf_gain if known else None)),
         ],
     )
 
@@ -120,16 +125,14 @@ def _verdicts(shares: FloatArray | None, verdicts: Sequence[Verdict]) -> list[st
     if shares is not None:
         return [WORDS[assessment(share)] for share in shares.tolist()]
     return [
-        ("stable" if one.stable else "unstable") + (", marginal" if one.marginal else "")
-        for one in verdicts
+        ("stable" if verdict.stable else "unstable") + (", marginal" if verdict.marginal else "")
+        for verdict in verdicts
     ]
 
 
 def _with_ends(values: Sequence[float], ends: Interval | None) -> Sequence[Cell]:
     """Values with their intervals, where these are known."""
-    if ends is None:
-        return values
-    return [*map(Estimate, values, ends.lower.tolist(), ends.upper.tolist())]
+    return values if ends is None else estimate_cells(values, ends.lower, ends.upper)
 
 
 def _decibels(gain: Interval) -> Interval:
@@ -139,24 +142,25 @@ def _decibels(gain: Interval) -> Interval:
 
 def _probability(group: str, shares: FloatArray | None) -> Iterator[Filled]:
     if shares is not None:
-        yield Column("Probability", "%", 0, group), 100 * shares
+        yield Column("Probability", "%", 0, group), percent_cells(shares)
 
 
 def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -> Table:
     """One row a vehicle: intervals of peak, crossover and gain; probability of stability."""
     percent = f"{100 * uncertainty.level:.0f} % interval"
+    ranges = (
+        (replace(PEAK, title="Peak of |H|", group=percent), _decibels(uncertainty.peak_gain)),
+        (replace(PEAK_AT, title="Amplified below", group=percent), uncertainty.crossover),
+        (Column("‖h‖₁", "", 2, percent), uncertainty.linf_gain),
+    )
     return Table.of(
         f"Uncertainty of string stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
-            (replace(PEAK, title="Peak of |H|", group=percent),
-             _ranges(_decibels(uncertainty.peak_gain))),
-            (replace(PEAK_AT, title="Amplified below", group=percent),
-             _ranges(uncertainty.crossover)),
-            (Column("‖h‖₁", "", 2, percent), _ranges(uncertainty.linf_gain)),
+            *((column, range_cells(ends.lower, ends.upper)) for column, ends in ranges),
             *probability_cells(uncertainty),
         ],
-    )  # fmt: skip
+    )
 
 
 def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
@@ -183,15 +187,14 @@ def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     )
 
 
-def measured_gain_table(label: str, found: MeasuredGain) -> Table:
+def measured_gain_table(label: str, measured: MeasuredGain) -> Table:
     """One row a frequency: the gain measured by Welch's method, its band and the coherence."""
-    band = map(Estimate, found.gain.tolist(), found.lower.tolist(), found.upper.tolist())
     return Table.of(
         f"Measured gain, {label}",
         [
-            (Column.of(FREQUENCY), found.omega),
-            (Column("Gain", "", 3), band),
-            (Column("Coherence", "", 3), found.coherence),
+            (Column.of(FREQUENCY), measured.omega),
+            (Column("Gain", "", 3), estimate_cells(measured.gain, measured.lower, measured.upper)),
+            (Column("Coherence", "", 3), measured.coherence),
         ],
     )
 
@@ -200,7 +203,3 @@ def answer(verdict: Verdict) -> str:
     """YES or NO as the paper prints it; marginal cases are named."""
     word = "YES" if verdict.stable else "NO"
     return f"{word}, marginal" if verdict.marginal else word
-
-
-def _ranges(interval: Interval) -> list[Cell]:
-    return [*map(Range, interval.lower.tolist(), interval.upper.tolist())]

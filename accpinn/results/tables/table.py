@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import compress, groupby
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from markupsafe import Markup
 
 from accpinn.channels import Quantity
 from accpinn.results.glossary import meaning_of
+from accpinn.units import FloatArray
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -44,6 +46,7 @@ class Estimate(NamedTuple):
 
 
 Cell = str | float | Range | Estimate | None
+Values = Sequence[float] | FloatArray
 
 ABSENT = "–"
 """Stands where a quantity has no meaning, as the leader's α."""
@@ -83,6 +86,9 @@ _SPELT = str.maketrans(
     {"α": "alpha", "β": "beta", "τ": "tau", "Δ": "delta ", "ω": "omega", "∞": "inf",
      "₁": "1", "₂": "2", "²": "2", "%": "percent", "/": " per "}
 )  # fmt: skip
+_HERE = Path(__file__).parent
+STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
+"""What `Table.to_html` needs once on a page."""
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -169,6 +175,25 @@ class Column:
         return f"up to {self.shown(cell.high)}" if high else "anything"
 
 
+Filled = tuple[Column, Iterable[Cell]]
+"""A column with its cells."""
+
+
+def estimate_cells(values: Values, low: Values, high: Values) -> list[Cell]:
+    """(K,) values with their intervals."""
+    return [*map(Estimate, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
+
+
+def range_cells(low: Values, high: Values) -> list[Cell]:
+    """(K,) intervals."""
+    return [*map(Range, *(np.asarray(part, float).tolist() for part in (low, high)))]
+
+
+def percent_cells(shares: Values) -> list[Cell]:
+    """(K,) shares in percent."""
+    return [100 * float(share) for share in shares]
+
+
 def supported_digits(low: float, high: float, most: int) -> int:
     """Digits after the point such that the last one is the second of the interval's half-width."""
     half = (high - low) / 2
@@ -194,7 +219,7 @@ class Table:
     """A mark before each row's first cell, in HTML."""
 
     @classmethod
-    def of(cls, caption: str, filled: Iterable[tuple[Column, Iterable[Cell]]]) -> "Table":
+    def of(cls, caption: str, filled: Iterable[Filled]) -> "Table":
         """A table from its columns with their cells, all of the same length."""
         columns, cells = zip(*filled, strict=True)
         # Without numpy's types.
@@ -241,27 +266,31 @@ class Table:
         No text is such that a spreadsheet would evaluate it.
         """
         columns = [*zip(*self.rows, strict=True)] or [()] * len(self.columns)
-        endings = [_endings(column) for column in columns]
+        endings = [_endings(cells) for cells in columns]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        names = [column.csv_name for column in self.columns]
-        writer.writerow(
-            f"{name}{ending}"
-            for name, parts in zip(names, endings, strict=True)
-            for ending in parts
-        )
-        for row in self.rows:
-            writer.writerow(
+        pairs = zip(self.columns, endings, strict=True)
+        writer.writerow(column.csv_name + ending for column, parts in pairs for ending in parts)
+        writer.writerows(
+            [
                 _csv_cell(part)
                 for cell, parts in zip(row, endings, strict=True)
                 for part in _parts(cell, len(parts))
-            )
+            ]
+            for row in self.rows
+        )
         return text.getvalue()
 
     def to_latex(self) -> str:
         """A table environment; its rules need the package booktabs."""
-        headings = " & ".join(latex(column.heading) for column in self.columns)
         shape = "".join("l" if column.digits is None else "r" for column in self.columns)
+        heads, rules, at = [], [], 1
+        for name, width in self._groups():
+            heads.append(f"\\multicolumn{{{width}}}{{c}}{{{latex(name)}}}")
+            rules += [f"\\cmidrule(lr){{{at}-{at + width - 1}}}"] if name else []
+            at += width
+        rows = [[column.heading for column in self.columns], *self._shown()]
+        heading, *body = (f"    {' & '.join(map(latex, cells))} \\\\" for cells in rows)
         lines = [
             "% in the preamble: \\usepackage{booktabs}",
             "\\begin{table}[tbp]",
@@ -269,22 +298,20 @@ class Table:
             f"  \\caption{{{latex(self.caption)}}}",
             f"  \\begin{{tabular}}{{{shape}}}",
             "    \\toprule",
-            *self._latex_groups(),
-            f"    {headings} \\\\",
+            *([f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"] if heads else ()),
+            heading,
             "    \\midrule",
+            *body,
+            "    \\bottomrule",
+            "  \\end{tabular}",
+            "\\end{table}",
         ]
-        lines += [f"    {' & '.join(map(latex, cells))} \\\\" for cells in self._shown()]
-        lines += ["    \\bottomrule", "  \\end{tabular}", "\\end{table}"]
         return "\n".join(lines) + "\n"
 
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
         return _template().render(
-            table=self,
-            groups=self._groups(),
-            rows=self._shown(Column.html),
-            long=LONG,
-            colours=self.colours,
+            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG
         )
 
     def _shown(self, as_text: Callable[[Column, Cell], str] = Column.shown) -> list[list[str]]:
@@ -296,95 +323,22 @@ class Table:
         spans = [(name, len(list(cs))) for name, cs in groupby(self.columns, lambda c: c.group)]
         return spans if any(name for name, _ in spans) else []
 
-    def _latex_groups(self) -> list[str]:
-        spans = self._groups()
-        if not spans:
-            return []
-        heads, rules, at = [], [], 1
-        for name, width in spans:
-            heads.append(f"\\multicolumn{{{width}}}{{c}}{{{latex(name)}}}")
-            if name:
-                rules.append(f"\\cmidrule(lr){{{at}-{at + width - 1}}}")
-            at += width
-        return [f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"]
-
 
 @cache
 def _template() -> "Template":
-    """The page's form of every table."""
+    """The HTML of every table."""
     from jinja2 import Environment, StrictUndefined  # few commands print HTML
 
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.globals["meaning_of"] = meaning_of
-    return environment.from_string(_TABLE)
-
-
-_TABLE = """\
-<figure class="figures">
-{%- if table.caption %}<figcaption>{{ table.caption }}</figcaption>{% endif -%}
-<div><table class="figures"><thead>
-{%- if groups %}<tr>
-{%- for name, width in groups -%}
-{% if name %}<th colspan="{{ width }}" class="group">{{ name }}</th>
-{%- else %}<td colspan="{{ width }}"></td>{% endif %}
-{%- endfor %}</tr>{% endif %}<tr>
-{%- for column in table.columns -%}
-<th scope="col"{{ column.html_class }}
-{%- set meaning = meaning_of(column.title) %}{% if meaning %} title="{{ meaning }}"{% endif %}>
-{{- column.title }}
-{%- if column.unit %} <small>[{{ column.unit }}]</small>{% endif %}</th>
-{%- endfor %}</tr></thead><tbody>
-{%- for cells in rows %}<tr>{% set row = loop.index0 %}
-{%- for cell in cells -%}
-<td{{ table.columns[loop.index0].html_class }}
-{%- if loop.first and cell | length > long %} title="{{ cell }}"{% endif %}>
-{%- if loop.first and colours %}<i style="background:{{ colours[row] }}"></i>{% endif -%}
-{{ cell }}</td>
-{%- endfor %}</tr>
-{%- endfor %}</tbody></table></div></figure>"""
-STYLE = """<style>
-figure.figures { margin: 0; --page: var(--paper, light-dark(#ffffff, #11161c));
-  --shade: light-dark(rgba(27, 39, 51, .22), rgba(0, 0, 0, .65)); }
-figure.figures > div { overflow-x: auto; background:
-  linear-gradient(to left, var(--page) 45%, transparent) right / 3rem 100% no-repeat local,
-  linear-gradient(to left, var(--shade), transparent) right / 1rem 100% no-repeat scroll; }
-figure.figures figcaption { padding: 0 0 .35rem; font-weight: 600; }
-table.figures { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-table.figures th, table.figures td { padding: .32rem .4rem; text-align: left; white-space: nowrap;
-  border: 0; }
-table.figures .number { text-align: right; }
-table.figures td.number:has(> span) { white-space: normal; }
-table.figures .number + :not(.number) { padding-left: 1.3rem; }
-table.figures td span { display: inline-block; white-space: nowrap; opacity: .8; font-size: .92em; }
-table.figures td.prose { white-space: normal; min-width: 12rem; overflow-wrap: anywhere; }
-table.figures tr > :first-child:not([colspan]), table.figures td[colspan="1"]:first-child {
-  position: sticky; left: 0; background: var(--page); z-index: 1; }
-table.figures tbody td:first-child { max-width: 22rem; overflow: hidden; text-overflow: ellipsis; }
-table.figures th { font-weight: 600; vertical-align: bottom; white-space: normal; }
-table.figures th[title] { cursor: help; text-decoration: underline dotted 1px;
-  text-underline-offset: .25em; }
-table.figures th small { font-weight: 400; opacity: .75; white-space: nowrap; }
-table.figures th.group { text-align: center; white-space: normal;
-  border-bottom: 1px solid rgba(128, 140, 155, .45); }
-table.figures thead tr:last-child th { border-bottom: 1px solid rgba(128, 140, 155, .8); }
-table.figures tbody tr + tr td { border-top: 1px solid rgba(128, 140, 155, .25); }
-table.figures td i { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
-  margin-right: .5em; }
-@media (max-width: 640px) {
-  table.figures th { white-space: nowrap; }
-  table.figures tbody td:first-child { min-width: 0; max-width: 8.5rem; }
-  table.figures td.prose { min-width: 22rem; }
-  table.figures tbody td.prose:first-child { min-width: 8.5rem; }
-}
-@media print { table.figures tr > :first-child { position: static !important; } }
-</style>"""
+    return environment.from_string((_HERE / "table.html").read_text(encoding="utf-8"))
 
 
 def latex(text: str) -> str:
     """Text as LaTeX shows it, whatever it holds."""
     shown = "".join(
-        _LATEX.get(one) or (one if one.isprintable() and one <= _LATIN else f"(U+{ord(one):04X})")
-        for one in text
+        _LATEX.get(c) or (c if c.isprintable() and c <= _LATIN else f"(U+{ord(c):04X})")
+        for c in text
     )
     # After the end of a row a bracket would be read as its option.
     return f"{{}}{shown}" if shown.startswith("[") else shown

@@ -1,13 +1,14 @@
 """Several windows of the same vehicles as tables: each by itself, together, and their spread."""
 
 from dataclasses import replace
+from math import isnan
 
-from accpinn.channels import PARAMETERS
+from accpinn.channels import PARAMETERS, Quantity
 from accpinn.model.cthp import Parameters
 from accpinn.results.tables.estimates import interval_cells, name_of, parameter_cells
-from accpinn.results.tables.table import ABSENT, Column, Range, Table
+from accpinn.results.tables.table import ABSENT, Column, Range, Table, percent_cells
 from accpinn.study.result import Result
-from accpinn.study.windows import BetweenWindows, RandomEffects
+from accpinn.study.windows import BetweenWindows
 
 TOGETHER = "all together"
 
@@ -51,27 +52,24 @@ def between_table(result: Result, between: BetweenWindows) -> Table:
     """One row a parameter of one follower: how far it differs between windows."""
     effects = between.effects
     percent = f"{100 * result.uncertainty.level:.0f} % interval"
+    pairs = list(zip(PARAMETERS, effects, strict=True))
     return Table.of(
         f"{result.info.label(between.vehicle)}, differences between windows",
         [
             (Column("Parameter"), [quantity.heading for quantity in PARAMETERS]),
-            (Column("Median"), [_text(k, effect.typical) for k, effect in enumerate(effects)]),
+            (Column("Median"), [_text(quantity, effect.typical) for quantity, effect in pairs]),
             (Column("further window", group=percent),
-             [_further(k, effect) for k, effect in enumerate(effects)]),
-            (Column("Deviation", "%", 0), [100.0 * effect.deviation for effect in effects]),
+             [_text(quantity, *effect.further) for quantity, effect in pairs]),
+            (Column("Deviation", "%", 0), percent_cells([e.deviation for e in effects])),
             (Column("Deviation", "%", 0, percent),
              [Range(100.0 * effect.lower, 100.0 * effect.upper) for effect in effects]),
             (Column("Q", "", 1), [effect.q for effect in effects]),
             (Column("Probability", "", 3), [effect.probability for effect in effects]),
-            (Column("I²", "%", 0), [100.0 * effect.i_squared for effect in effects]),
+            (Column("I²", "%", 0), percent_cells([effect.i_squared for effect in effects])),
         ],
     )  # fmt: skip
 
 
-def _text(parameter: int, value: float) -> str:
-    return PARAMETERS[parameter].text(value) if value == value else ABSENT
-
-
-def _further(parameter: int, effect: RandomEffects) -> str:
-    low, high = effect.further
-    return f"{_text(parameter, low)} to {_text(parameter, high)}" if low == low else ABSENT
+def _text(quantity: Quantity, *values: float) -> str:
+    """A value, or the ends of an interval, with the digits of the quantity."""
+    return ABSENT if isnan(values[0]) else " to ".join(map(quantity.text, values))

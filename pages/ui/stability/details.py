@@ -8,7 +8,7 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
-from accpinn.results.figures.stability import add_clouds, cloud_caption
+from accpinn.results.figures.stability import cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
 from accpinn.results.tables.stability import (
@@ -93,9 +93,7 @@ def show_map(shown: ShownVehicles) -> None:
                 help="The vehicle whose third parameter the boundaries are drawn for.",
             )  # fmt: skip
         show.key(figures.MAP_KEY)
-    chart = figures.stability_map(chosen, shown.report, held, plane)
-    if uncertainty:
-        chart = add_clouds(chart, chosen, uncertainty, plane)
+    chart = figures.stability_map(chosen, shown.report, held, plane, uncertainty)
     show.chart(chart, "stability_map")
     kept = "α" if plane == "beta" else "β"
     st.caption(

@@ -9,7 +9,6 @@ import streamlit as st
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
-from accpinn.results.figures.stability import add_bands
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages.stability import (
     GIVEN_PARAMETERS,
@@ -125,9 +124,7 @@ def _show_bode(shown: ShownVehicles) -> None:
 
 @lru_cache(maxsize=KEPT)
 def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
-    figure = figures.bode(chosen, report_of(chosen.parameters))
-    figure.update_layout(height=HEIGHT)
-    return add_bands(figure, chosen, uncertainty) if uncertainty else figure
+    return figures.bode(chosen, report_of(chosen.parameters), uncertainty, HEIGHT)
 
 
 def _show_verdicts(shown: ShownVehicles) -> None:

@@ -1,8 +1,10 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
-from collections.abc import Sequence
+import math
 from contextlib import suppress
+from functools import lru_cache
 
+import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import ConfigError
@@ -11,12 +13,17 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.request import WarmStart
 from accpinn.model.cthp import Parameters
-from accpinn.results.figures.live import TERMS, LiveChart, live_history, live_motion
-from accpinn.results.figures.style import LEADER, MODEL, SERIES
+from accpinn.results.figures.training import (
+    loss_history,
+    parameter_history,
+    thinned_history,
+    tracking,
+)
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
+from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments
 from pages.ui.data.validation import show_validation
 from pages.ui.result.evaluated import of_training
@@ -33,8 +40,13 @@ PRESET_LINES = {
     "fast": "A second: the paper's loss, solved exactly for the output layer and α, β, τ; biased.",
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
+POINTS = 300
+"""Points a line of the live charts, which are drawn anew again and again."""
+REDRAWN = 1.1
+"""Growth of the iterations after which the live charts are drawn anew: less is not seen on their
+logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
 FIRST_DRAWING: Seconds = 1.0
-"""Of training before the first curves: a short one would be slowed by drawing it."""
+"""Seconds of training before the first curves: drawing would slow a short one."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
@@ -96,24 +108,40 @@ def _show_live(training: Task[Fit], truth: Parameters | None) -> None:
     history, request = training.history(), training.request
     if history is None or request is None or history.seconds[-1] <= FIRST_DRAWING:
         return
-    segment, case = request.segment, request.case
-    solved = least_squares.fit(segment, case).parameters
-    loss, alpha, beta, tau = live_history(history, segment.info, truth, solved)
-    show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
-    show.key(zip((f"loss: {name}" for name in TERMS), (LEADER, *SERIES), strict=True))
-    _show_row((loss, alpha))
-    _show_row((beta, tau))
-    if curves := training.surrogate:
+    segment = request.segment
+    show.vehicle_key(segment, bool(truth), segment.shares(request.case), with_solved=True)
+    step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
+    loss, alpha, beta, tau, *curves = _live_figures(training, truth, step)
+    _show_row(("loss", loss), ("alpha", alpha))
+    _show_row(("beta", beta), ("tau", tau))
+    for figure in curves:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
-        show.key(((f"data of {segment.labels[1]}", LEADER), ("the network now", MODEL)))
-        _show_row(live_motion(segment, 0, curves))
+        st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
+        show.chart(figure, "train_live_tracking")
 
 
-def _show_row(charts: Sequence[LiveChart]) -> None:
-    colour = show.ink(st.context.theme.type)
-    axes = {"config": {"axis": {"labelColor": colour, "titleColor": colour}}} if colour else {}
-    for column, chart in zip(st.columns(len(charts)), charts, strict=True):
-        column.vega_lite_chart(chart.data, chart.spec | axes, key=f"train_live_{chart.name}")
+@lru_cache(maxsize=8)  # each training at one time needs one
+def _live_figures(
+    training: Task[Fit], truth: Parameters | None, step: int
+) -> tuple[go.Figure, ...]:
+    """The figures of a training at a ``step``: loss, α, β, τ and, if known, the curves."""
+    history, request = training.history(), training.request
+    assert history is not None  # a training that has begun to draw has both
+    assert request is not None
+    segment = request.segment
+    drawn, solved = thinned_history(history, POINTS), least_squares.fit(segment, request.case)
+    curves = training.surrogate
+    return (
+        loss_history(drawn),
+        *(parameter_history(drawn, k, segment.info, truth, solved.parameters) for k in range(3)),
+        *([tracking(segment, 0, curves, None, points=POINTS)] if curves else ()),
+    )
+
+
+def _show_row(*charts: tuple[str, go.Figure]) -> None:
+    for column, (name, figure) in zip(st.columns(len(charts)), charts, strict=True):
+        with column:
+            show.chart(figure, f"train_live_{name}")
 
 
 def _show_validation(workspace: Workspace) -> None:

@@ -5,12 +5,7 @@ import pytest
 
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import database as figures
-from accpinn.stability.criteria import (
-    exact_margin,
-    l2_criterion,
-    smallest_headway_exact,
-    smallest_headway_l2,
-)
+from accpinn.stability.criteria import l2_criterion
 from accpinn.study.groups import group
 from tests.support.figures import named, names
 from tests.support.studies import row, rows
@@ -47,17 +42,6 @@ def test_of_many_groups_those_with_most_windows_are_drawn() -> None:
     assert len(figure.layout.yaxis.ticktext) == figures.MOST_GROUPS
     assert not {"M0", "M1", "M2"} & {*figure.layout.yaxis.ticktext}
     assert len(named(figures.forest(group(rows(*given)[:0], ("make",))), "τ").x) == 0
-
-
-def test_boundaries_separate_what_the_criteria_separate() -> None:
-    rng = np.random.default_rng(0)
-    alpha, beta = rng.uniform(1e-3, 2, 400), rng.uniform(0, 2, 400)
-    for tau in (0.7, 2.0):
-        found = Parameters(alpha, beta, np.full(400, tau))
-        l2 = figures.smallest_stable_beta(alpha, tau, smallest_headway_l2)
-        exact = figures.smallest_stable_beta(alpha, tau, smallest_headway_exact)
-        np.testing.assert_array_equal(beta >= l2, l2_criterion(found) >= 0)
-        np.testing.assert_array_equal(beta >= exact, exact_margin(found) >= 0)
 
 
 def test_the_plane_has_every_point_on_its_side_of_the_line() -> None:

@@ -10,6 +10,7 @@ from accpinn.results.figures.recording import (
     preview,
     regime_key,
     regime_ribbons,
+    speeds_thumbnail,
 )
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
@@ -68,6 +69,7 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     regimes = label_regimes(whole, run)
     drivers = driver_ribbons(run, (1, 2, 3))
     figure = overview(run, (1, 2, 3), Window(20.0, 35.0), [drivers, regime_ribbons(whole, regimes)])
+    assert driver_ribbons(recording(), (1, 2)) == [], "nobody drives by hand"
     first, second = (
         {trace.name: trace for trace in figure.data if trace.yaxis == axis} for axis in ("y3", "y4")
     )
@@ -79,8 +81,10 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
 
 
-def test_without_a_driver_no_bars_tell_who_drives() -> None:
-    assert driver_ribbons(recording(), (1, 2)) == []
+def test_a_thumbnail_is_all_speeds_without_axes() -> None:
+    figure = speeds_thumbnail(cut(recording(), 5.0, 30.0))
+    assert len(figure.data) == 3
+    assert [axis.visible for axis in (figure.layout.xaxis, figure.layout.yaxis)] == [False, False]
 
 
 def test_preview_has_every_vehicle_in_the_recordings_time() -> None:

@@ -73,13 +73,6 @@ class TestBode:
         assert figure.layout.xaxis.type == "log"
         assert figure.layout.yaxis.title.text == "Bode magnitude |H(jω)| [dB]"
 
-    def test_stable_and_single_vehicles_are_drawn_without_marks(self) -> None:
-        alone = ParameterSet("Mine", ("calm",), row(CALM))
-        figure = figures.bode(alone, stability_report(alone.parameters))
-        assert set(names(figure)) == {"calm", "peak", "crossover"}
-        assert len(named(figure, "peak").x) == 0
-        assert max(named(figure, "calm").y) < 0
-
 
 @pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
 def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
@@ -101,6 +94,14 @@ def test_names_are_shown_as_they_are() -> None:
     report = stability_report(nasty.parameters)
     for figure in (figures.bode(nasty, report), figures.stability_map(nasty, report, 0, "beta")):
         assert "<b>" not in figure.to_json()
+
+
+def test_a_thumbnail_has_room_for_calm_vehicles() -> None:
+    calm = figures.gains_thumbnail(ParameterSet("Mine", ("calm",), row(CALM)))
+    loud = figures.gains_thumbnail(ASTAZERO)
+    tops = [figure.layout.yaxis.range[1] for figure in (calm, loud)]
+    assert tops[0] == figures.LEAST_PEAK
+    assert max(max(trace.y) for trace in loud.data) < tops[1]
 
 
 class TestCriteria:
@@ -196,8 +197,9 @@ class TestUncertainty:
         self, learned: tuple[ParameterSet, Uncertainty]
     ) -> None:
         vehicles, uncertainty = learned
-        before = figures.bode(vehicles, stability_report(vehicles.parameters))
-        figure = figures.add_bands(before, vehicles, uncertainty)
+        report = stability_report(vehicles.parameters)
+        before = figures.bode(vehicles, report)
+        figure = figures.bode(vehicles, report, uncertainty)
         assert names(figure)[len(vehicles) :] == names(before)
         assert figure.layout == before.layout
         for k in range(len(vehicles)):
@@ -215,15 +217,15 @@ class TestUncertainty:
         draws = uncertainty.draws.values.copy()
         draws[:, 0] = np.nan
         unknown = replace(uncertainty, draws=Parameters.of(draws))
-        assert "band 0" not in names(figures.add_bands(before, vehicles, unknown))
+        assert "band 0" not in names(figures.bode(vehicles, report, unknown))
 
     @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
     def test_clouds_are_draws(
         self, learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
     ) -> None:
         vehicles, uncertainty = learned
-        chart = figures.stability_map(vehicles, stability_report(vehicles.parameters), 0, plane)
-        cloud = named(figures.add_clouds(chart, vehicles, uncertainty, plane), "cloud 1")
+        report = stability_report(vehicles.parameters)
+        cloud = named(figures.stability_map(vehicles, report, 0, plane, uncertainty), "cloud 1")
         assert len(cloud.x) <= figures.CLOUD
         drawn = uncertainty.draws.values[:, 1][:, [column, 2]]
         for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):

@@ -5,12 +5,12 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from plotly.subplots import make_subplots
 
+from accpinn.channels import GAP, SPEED
 from accpinn.results.figures import style
 
 THEME = tomllib.loads(
@@ -53,24 +53,8 @@ class TestColours:
             ]
             assert min(apart) > 20
 
-    def test_translucent_ones_keep_their_hue(self) -> None:
-        assert style.translucent("#0c7eae", 0.2) == "rgba(12, 126, 174, 0.2)"
-
 
 class TestThinning:
-    def test_leaves_short_series_alone(self) -> None:
-        time, values = np.arange(100.0), np.arange(100.0)
-        assert style.thinned(time, values)[1] is values
-
-    def test_keeps_a_single_peak_and_a_single_hole(self) -> None:
-        time, values = np.arange(50_000.0), np.zeros(50_000)
-        values[31_234], values[12_345] = 9.0, np.nan
-        x, y = style.thinned(time, values, 1000)
-        assert len(x) <= 1502
-        assert y[x == 31_234] == 9.0
-        assert np.isnan(y[x == 12_345])
-        assert (x[0], x[-1]) == (0, 49_999)
-
     @given(
         st.lists(st.one_of(st.floats(-50, 50), st.just(float("nan"))), min_size=1, max_size=400),
         st.integers(4, 60),
@@ -111,18 +95,19 @@ class TestLegends:
 
     @pytest.mark.parametrize("title", ["", "Loss"])
     def test_name_what_has_a_name_and_does_not_refuse(self, title: str) -> None:
-        figure = go.Figure([
-            go.Scatter(x=[0, 1], y=[0, 1], name="shown"),
-            go.Scatter(x=[0, 1], y=[0, 1], name="refuses", showlegend=False),
-            go.Scatter(x=[0, 1], y=[0, 1]),
-        ])  # fmt: skip
-        shown = style.with_legend(style.finished(figure, 200, "x").update_layout(title=title))
+        points = {"x": [0, 1], "y": [0, 1]}
+        traces = [
+            points | {"name": "shown"},
+            points | {"name": "refuses", "showlegend": False},
+            points,
+        ]
+        shown = style.with_legend(style.composed(traces, 200, "x", title={"text": title}))
         assert shown.layout.showlegend
         assert [t.name for t in shown.data if t.showlegend is not False] == ["shown"]
         assert (shown.layout.height > 200) == bool(title), "room for it below a figure with a title"
 
     def test_a_figure_without_names_has_none(self) -> None:
-        figure = style.finished(go.Figure(go.Scatter(x=[0, 1], y=[0, 1])), 200, "revision")
+        figure = style.composed([{"x": [0, 1], "y": [0, 1]}], 200, "revision")
         assert not style.with_legend(figure).layout.showlegend
         assert figure.layout.paper_bgcolor == figure.layout.plot_bgcolor == "rgba(0,0,0,0)"
         assert figure.layout.uirevision == "revision", "which keeps the user's zoom"
@@ -159,13 +144,25 @@ def lab(colour: str, vision: str) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def test_subplots_are_those_of_plotly_and_each_its_own() -> None:
-    options = {"rows": 3, "cols": 1, "shared_xaxes": True, "row_heights": (3, 1, 1)}
-    expected = make_subplots(**options)
-    used = style.subplots(**options)
-    for figure in (expected, used):
-        figure.add_scatter(x=[1.0], y=[2.0], row=2, col=1)
-        figure.add_hline(y=0.0, row=3, col=1)
-        figure.update_yaxes(title_text="Speed", row=2, col=1)
-    assert used.to_dict() == expected.to_dict()
-    assert style.subplots(**options).to_dict() == make_subplots(**options).to_dict()
+def test_a_stack_has_the_panels_of_plotly_with_titles_and_lines() -> None:
+    expected = make_subplots(rows=3, cols=1, shared_xaxes=True, row_heights=(3, 1, 1))
+    expected.add_scatter(x=[1.0], y=[2.0], row=2, col=1)
+    expected.add_hline(y=0.5, row=2, col=1)
+    expected.update_yaxes(title_text="Speed [m/s]", row=2, col=1)
+    traces = [style.curve(np.array([1.0]), np.array([2.0]), 2)]
+    figure = style.composed(
+        traces, 100, "x", {"y3": {"title": {"text": "Mine"}}}, {"y": {"dtick": 1}},
+        style.stack(3, 1, 1, spacing=0.1), (GAP, SPEED, GAP), shapes=[style.across("y2", 0.5)],
+    )  # fmt: skip
+    assert figure.data == expected.data
+    assert figure.layout.shapes == expected.layout.shapes
+    for axis in ("xaxis", "xaxis2", "xaxis3", "yaxis", "yaxis2", "yaxis3"):
+        kept = {"domain", "anchor", "matches", "showticklabels"}
+        mine, theirs = (one.layout[axis].to_plotly_json() for one in (figure, expected))
+        assert {key: mine[key] for key in kept & {*mine}} == {
+            key: theirs[key] for key in kept & {*theirs}
+        }
+    titles = [figure.layout[f"yaxis{place}"].title.text for place in ("", 2, 3)]
+    assert titles == ["Space-gap [m]", "Speed [m/s]", "Mine"]
+    assert figure.layout.xaxis3.title.text == "Time [s]"
+    assert figure.layout.yaxis2.dtick == 1

@@ -106,6 +106,21 @@ class TestParameters:
         figure = training.parameter_history(undetermined, 2, segment.info)
         assert figure.layout.yaxis.range is None
 
+    def test_least_squares_stands_beside_the_truth(self, segment: Segment) -> None:
+        truth = Parameters.of([[0.1, 0.2, 1.2], [0.11, 0.21, 1.21]])
+        figure = training.parameter_history(history(), 2, segment.info, truth, truth)
+        lines = [(line.y0, line.line.dash) for line in figure.layout.shapes]
+        assert lines == [(1.2, "dash"), (1.21, "dash"), (1.2, "dot"), (1.21, "dot")]
+
+    def test_a_live_training_is_drawn_with_few_points_the_last_among_them(self) -> None:
+        long = history(moments=4000)
+        few = training.thinned_history(long, 300)
+        assert 200 < len(few.iteration) <= 300
+        assert (few.iteration[0], few.iteration[-1]) == (0, 3999)
+        assert (np.diff(few.iteration) > 0).all()
+        np.testing.assert_array_equal(few.total, long.total[few.iteration.astype(int)])
+        assert few.evidence is None
+
     def test_case_one_is_one_line_for_all(self, segment: Segment) -> None:
         figure = training.parameter_history(history(sets=1), 2, segment.info)
         assert names(figure) == [EVERY_FOLLOWER]

@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from accpinn.results.messages.snapshot import check_rows
-from accpinn.results.snapshot.verification import QUICK, Verification, verify
-
 from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
+from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.results.tables.estimates import name_of
-from tests.support.snapshots import delayed, small, whole
+from tests.support.snapshots import small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = [

@@ -131,13 +131,6 @@ def test_excluded_regimes_stand_in_every_title(
     assert "without" not in comparison_table(segment.info, {"PiNN": LEARNED}).caption
 
 
-def test_estimates_side_by_side(segment: Segment) -> None:
-    other = Parameters.of(LEARNED.values + 0.1)
-    table = comparison_table(segment.info, {"PiNN": LEARNED, "Truth": other})
-    assert column(table, "PiNN", "τ [s]") == LEARNED.tau.tolist()
-    assert column(table, "Truth", "α [1/s²]") == other.alpha.tolist()
-
-
 def test_preview_of_the_window(segment: Segment, fit: Fit, quality: Quality) -> None:
     table = quality_table(segment.info, quality, fit)
     shares = np.multiply(100, quality.car_following)

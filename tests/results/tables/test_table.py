@@ -87,10 +87,6 @@ class TestText:
         assert "0.0100 to 0.0200  1.200 or more" in lines[3]
         assert lines[4].split() == ["3", "Tesla", ABSENT, ABSENT, ABSENT]
 
-    def test_a_table_without_caption_and_groups_is_its_rows(self) -> None:
-        table = Table.of("", [(Column("Vehicle"), ["a"]), (Column("Gap", "m", 1), [2.0])])
-        assert table.to_text() == "Vehicle  Gap [m]\na            2.0"
-
 
 @pytest.mark.parametrize(
     ("cell", "shown"),
