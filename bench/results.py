@@ -1,7 +1,7 @@
-"""How long what follows from parameters takes: stability, platoons, and the report of a result.
+"""How long stability, platoons and the report of a result take.
 
-It needs no recording of one's own: the vehicles are those of Table III of the paper, AstaZero's
-four and Vicolungo's three, the first three of them twice; the report is of a sample.
+No recording is needed: the vehicles are those of Table III of the paper, AstaZero's four and
+Vicolungo's three, the first three of them twice; the report is that of a sample.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,8 +21,8 @@ from bench.measurement import Measurement, Spent, spent_on, timed
 from bench.start import SAMPLE
 
 LIMIT: Seconds = 0.05
-"""Of each but the report."""
 REPORT: Seconds = 1.0
+"""Limit of the report."""
 CALLS = 30
 DURATION: Seconds = 200.0
 TEN = Parameters.stack([*ASTAZERO.parameters, *VICOLUNGO.parameters, *ASTAZERO.parameters[:3]])
@@ -30,7 +30,7 @@ MERCEDES = 2
 
 
 def measure() -> Iterator[Measurement]:
-    """Time everything, in this process."""
+    """Time everything in this process."""
     alike = TEN[[MERCEDES] * 8]
     work: dict[str, Callable[[], object]] = {
         "stability report of ten vehicles": lambda: stability_report(TEN),
@@ -45,7 +45,7 @@ def measure() -> Iterator[Measurement]:
 
 
 def report(folder: Path) -> Measurement:
-    """The report of a sample with four followers, each round of another window."""
+    """Time the report of a sample with four followers, in another window each round."""
     starts = count()
 
     def once() -> Spent:
@@ -56,7 +56,7 @@ def report(folder: Path) -> Measurement:
 
 
 def _study(start: Seconds) -> Study:
-    """With all that is known once a result is shown."""
+    """Fit a window, with everything computed that is known once a result is shown."""
     study = fit(SAMPLE, start, DURATION)
     assert study.uncertainty
     assert study.evaluation
