@@ -7,7 +7,7 @@ elements of the page that come back. A fragment that asks to be drawn repeatedly
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -134,8 +134,7 @@ class Browser:
         Raises:
             LookupError: the page has none.
         """
-        for element in self.elements.values():
-            widget = getattr(element, str(element.WhichOneof("type")), None)
+        for widget in self._contents():
             name = str(getattr(widget, "id", ""))
             if name and (name.endswith(f"-{key}") or getattr(widget, "label", "") == key):
                 return widget
@@ -143,11 +142,17 @@ class Browser:
 
     def texts(self) -> list[str]:
         """Return the texts of the page."""
-        kinds = ("markdown", "alert", "heading", "text", "progress", "exception")
-        written = (getattr(e, str(e.WhichOneof("type")), None) for e in self.elements.values()
-                   if e.WhichOneof("type") in kinds)  # fmt: skip
-        parts = ("body", "message", "text")
-        return ["".join(getattr(text, part, "") for part in parts) for text in written]
+        kinds = "markdown", "alert", "heading", "text", "progress", "exception"
+        parts = "body", "message", "text"
+        return ["".join(getattr(text, part, "") for part in parts)
+                for text in self._contents(*kinds)]  # fmt: skip
+
+    def _contents(self, *kinds: str) -> Iterator[Any]:
+        """Return what the elements of some kinds, or of all, contain."""
+        for element in self.elements.values():
+            kind = str(element.WhichOneof("type"))
+            if not kinds or kind in kinds:
+                yield getattr(element, kind, None)
 
     def _type(self, key: str, value: Value) -> None:
         state = WidgetState(id=self.widget(key).id)
@@ -162,10 +167,12 @@ class Browser:
         self._states[state.id] = state
 
     def _message(self) -> BackMsg:
-        """Return the message that runs the present page with the typed values."""
+        """Return the message that runs the present page, with the values of the widgets on it."""
         message = BackMsg()
         message.rerun_script.page_script_hash = self._page
-        message.rerun_script.widget_states.widgets.extend(self._states.values())
+        shown = {getattr(widget, "id", "") for widget in self._contents()}
+        states = (state for state in self._states.values() if state.id in shown)
+        message.rerun_script.widget_states.widgets.extend(states)
         return message
 
     async def _run(self, message: BackMsg) -> Seconds:
