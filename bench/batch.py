@@ -2,9 +2,7 @@
 
 Each figure is a difference of two batches, one of many recordings and one of few, so that the start
 of the workers does not count. The recordings are copies of `sample_data`; each copy begins a little
-later than the one before it, so that no two have the same contents. Least squares takes almost no
-time, so a task of it shows what a batch spends beside the estimates: reading, cutting, sending and
-writing.
+later than the one before it, so that no two have the same contents.
 """
 
 import json
@@ -39,8 +37,7 @@ class Run:
     """One batch."""
 
     followers: int
-    """Follower-windows."""
-    windows: int
+    """Number of follower-windows."""
     seconds: Seconds
     peak: float
     """Largest memory of the calling process, without its workers, in MB."""
@@ -73,26 +70,20 @@ def run(folder: Path, method: str, workers: int) -> Run:
                 time.sleep(WATCHED_EVERY)
             assert process.stdout
             summary: dict[str, Any] = json.loads(process.stdout.read())
-    return Run(summary["followers"], summary["windows"], summary["seconds"], peak / 1e6)
+    return Run(summary["followers"], summary["seconds"], peak / 1e6)
 
 
 def measure() -> Iterator[Measurement]:
-    """Measure throughput, overhead and memory."""
+    """Measure throughput and memory."""
     with TemporaryDirectory() as place:
-        few, many = Path(place) / "few", Path(place) / "many"
-        copies(few, FEW)
-        copies(many, MANY)
+        folders = Path(place) / "few", Path(place) / "many"
+        for folder, count in zip(folders, (FEW, MANY), strict=True):
+            copies(folder, count)
         for workers in (1, 2):
-            base, whole = (run(folder, "pinn", workers) for folder in (few, many))
-            rate = 60 * (whole.followers - base.followers) / (whole.seconds - base.seconds)
-            yield Measurement(
-                name=f"follower-windows by pinn, workers: {workers}", value=rate, unit="1/min"
-            )
-        base, whole = (run(folder, "least-squares", 1) for folder in (few, many))
-        overhead = (whole.seconds - base.seconds) / (whole.windows - base.windows)
-        yield Measurement(name="a window beside its estimates", value=overhead)
-        growth = (whole.peak - base.peak) / (MANY - FEW)
-        yield Measurement(name="peak memory", value=whole.peak, unit="MB")
-        yield Measurement(
-            name="memory a recording more", value=growth, unit="MB", at_most=GROWTH_MB
-        )
+            few, many = (run(folder, "pinn", workers) for folder in folders)
+            rate = 60 * (many.followers - few.followers) / (many.seconds - few.seconds)
+            name = f"follower-windows by pinn, workers: {workers}"
+            yield Measurement(name=name, value=rate, unit="1/min")
+    growth = (many.peak - few.peak) / (MANY - FEW)
+    yield Measurement(name="peak memory", value=many.peak, unit="MB")
+    yield Measurement(name="memory a recording more", value=growth, unit="MB", at_most=GROWTH_MB)
