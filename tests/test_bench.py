@@ -1,5 +1,6 @@
 """The benchmarks print what they measure."""
 
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,12 @@ from tests.support.command import Capture
 from tests.support.samples import PLATOON, sample
 
 
-def by_name(measurements: Any) -> dict[str, Measurement]:
+def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
     return {figure.name: figure for figure in measurements}
 
 
 class TestCoverage:
-    def test_one_recording_is_covered_or_not(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_recording_has_estimates_by_several_methods_and_intervals(self) -> None:
         methods = (coverage.LIKELIHOOD, "splines", "least-squares")
         result = coverage.record(3, Disturbance(), 100.0, methods)
         assert tuple(result.estimates) == methods
