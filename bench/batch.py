@@ -43,15 +43,19 @@ class Run:
     """Largest memory of the calling process, without its workers, in MB."""
 
 
+def shortened(recording: Path, skipped: int) -> bytes:
+    """Return a recording without its first samples."""
+    lines = recording.read_bytes().splitlines(keepends=True)
+    header = next(i for i, line in enumerate(lines) if line.startswith(b"Time,")) + 1
+    return b"".join([*lines[:header], *lines[header + skipped :]])
+
+
 def copies(folder: Path, count: int) -> None:
     """Write that many recordings with different contents."""
     folder.mkdir(parents=True)
     for k, source in enumerate(islice(cycle(SAMPLES), count)):
-        lines = source.read_bytes().splitlines(keepends=True)
-        header = next(i for i, line in enumerate(lines) if line.startswith(b"Time,")) + 1
-        skipped = SHIFT * (k // len(SAMPLES))
-        text = b"".join([*lines[:header], *lines[header + skipped :]])
-        (folder / f"{k:04d}_{source.name}").write_bytes(text)
+        content = shortened(source, SHIFT * (k // len(SAMPLES)))
+        (folder / f"{k:04d}_{source.name}").write_bytes(content)
 
 
 def run(folder: Path, method: str, workers: int) -> Run:

@@ -30,14 +30,14 @@ from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.saved import Library
 from accpinn.segment.cut import cut, default_vehicles
 from accpinn.units import Seconds
+from bench.batch import SAMPLES, shortened
 from bench.browsing import Browser, visit
 from bench.coverage import positive
 from bench.measurement import Figures, Measurement, measured
-from tests.support.server import ROOT, Server, running
+from tests.support.server import Server, running
 
-SAMPLES = sorted((ROOT / "sample_data").glob("*.csv"))
 STEP = 10
-"""Rows by which the recordings of two users of one sample differ."""
+"""Samples by which the recordings of two users differ."""
 LENGTH: Seconds = 60.0
 """Length of the window."""
 LIGHT: Seconds = 2.0
@@ -58,11 +58,8 @@ class Request:
 
     @classmethod
     def of(cls, user: int, journey: int = 0) -> "Request":
-        """Return the request of a user: a sample without its first rows, as nobody else has it."""
-        sample = SAMPLES[user % len(SAMPLES)]
-        lines = sample.read_bytes().splitlines(keepends=True)
-        first = next(k for k, line in enumerate(lines) if line.startswith(b"Time")) + 1
-        content = b"".join(lines[:first] + lines[first + STEP * (user + 1) :])
+        """Return the request of a user, whose recording nobody else has."""
+        content = shortened(SAMPLES[user % len(SAMPLES)], STEP * (user + 1))
         return cls(f"user_{user}_{journey}.csv", content, 10.0 * (journey % 5), user)
 
     def agrees(self, saved: Snapshot) -> bool:
