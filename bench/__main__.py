@@ -1,41 +1,39 @@
-"""How fast everyday things are, beside the figures last released: `python -m bench`.
+"""How fast everyday things are, beside the figures of the last release: `python -m bench`.
 
-Each part runs in a fresh process, so that memory and first calls are its own. Exit status 1 where a
-limit is not kept. Real recordings are found through OPENACC_DIR; page switches need Chromium, too.
+Each part runs in a fresh process, so that memory and first calls are its own. The exit status is 1
+if a limit is not kept. OPENACC_DIR names the real recordings; page switches need Chromium, too.
 """
 
 import argparse
 import os
-import platform
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 
-from bench import pages, results, speed, start
-from bench.measurement import Figures, Measurement, Part, measured, table
+from bench import batch, pages, results, speed, start
+from bench.measurement import Figures, Measurement, Part, measured
 from tests.browser.running import installed
 
-PARTS = ("start", "results", "methods", "training", "pages")
-RECORDED = PARTS[2:]
-"""They need real recordings."""
+PARTS = ("start", "results", "batch", "methods", "training", "pages")
+RECORDED = PARTS[3:]
+"""Parts that need real recordings."""
 ITERATIONS, FEW = 20, 5
-"""Of the paper's protocol, in each round."""
+"""Iterations of the paper's protocol in each round."""
 Job = tuple[str, Callable[[], Iterable[Measurement]]]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Measure the parts that were asked for, and print them."""
+    """Measure the chosen parts and print them."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--only", action="append", choices=PARTS, help="this part (all)")
     parser.add_argument("--without", action="append", choices=PARTS, default=[], help="this part")
     parser.add_argument("--quick", action="store_true", help="fewer of the paper's iterations")
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.add_argument(
-        "--release", action="store_true", help="keep all figures as those last released"
+        "--release", action="store_true", help="keep all figures as those of the release"
     )
     options = parser.parse_args(arguments)
     chosen = [name for name in options.only or PARTS if name not in options.without]
@@ -48,21 +46,20 @@ def main(arguments: list[str] | None = None) -> int:
     for name, measure in _jobs(set(chosen) - set(missing), FEW if options.quick else ITERATIONS):
         print(f"{name} ...", file=sys.stderr, flush=True)
         parts.append(_in_a_fresh_process(name, measure))
-    found = Figures.now(_machine(), parts)
-    print(found.to_json().decode() if options.json else table(found, Figures.released()))
+    figures = Figures.now(parts)
     if options.release:
-        found.release()
-    return int(not found.within)
+        figures.release()
+    return figures.show(options.json)
 
 
 def _missing() -> dict[str, str]:
-    """Why a part cannot be measured."""
-    found = {}
+    """Return why parts cannot be measured, by part."""
+    reasons = {}
     if not installed():
-        found["pages"] = "Chromium was not found (CHROMIUM)"
+        reasons["pages"] = "Chromium was not found (CHROMIUM)"
     if not os.environ.get("OPENACC_DIR"):
-        found |= dict.fromkeys(RECORDED, "OPENACC_DIR does not name the recordings")
-    return found
+        reasons |= dict.fromkeys(RECORDED, "OPENACC_DIR does not name the recordings")
+    return reasons
 
 
 def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
@@ -71,6 +68,8 @@ def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
         yield "start", start.measure
     if "results" in parts:
         yield "results", results.measure
+    if "batch" in parts:
+        yield "batch", batch.measure
     if "methods" in parts:
         for case in speed.CASES:
             if case.method_limits:
@@ -85,12 +84,6 @@ def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
 def _in_a_fresh_process(name: str, measure: Callable[[], Iterable[Measurement]]) -> Part:
     with ProcessPoolExecutor(1, get_context("spawn")) as process:
         return process.submit(measured, name, measure).result()
-
-
-def _machine() -> str:
-    processor = platform.processor() or platform.machine()
-    packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
-    return f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}, {packages}"
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
 """A browser without a screen: one session of the app by Streamlit's own messages.
 
-It sends what the page in a browser sends (which page, what was typed and pressed, the files) and
-keeps what comes back: the elements of the page. A fragment that asks to be drawn again and again is
-drawn when `poll` is called.
+It sends the messages of a browser (the page, typed values, pressed buttons, files) and keeps the
+elements of the page that come back. A fragment that asks to be drawn repeatedly is drawn when
+`poll` is called.
 """
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,9 +22,9 @@ from websockets.asyncio.client import ClientConnection, connect
 from accpinn.units import Seconds
 
 PATIENCE: Seconds = 600.0
-"""For one answer of a server that many use."""
+"""Longest wait for one answer of a server that many use."""
 Value = float | str | bool | tuple[str, ...]
-"""Of a field, a toggle or a row of segments."""
+"""Value of a field, a toggle or a row of segments."""
 XSRF = "_streamlit_xsrf"
 
 
@@ -34,14 +34,14 @@ class Browser:
 
     address: str
     session: str = ""
-    """The app's name of it, which stands in the address."""
+    """The app's name of the session, which stands in the address."""
     cookies: dict[str, str] = field(default_factory=dict)
     elements: dict[tuple[int, ...], Any] = field(default_factory=dict)
-    """What stands on the page, by its place."""
+    """Elements of the page by their place."""
     faults: list[str] = field(default_factory=list)
     """Exceptions that a page showed."""
     sent_to: str = ""
-    """Where the server sent the browser to sign in or out; a path of the server."""
+    """Path to which the server sent the browser to sign in or out."""
     _socket: ClientConnection | None = None
     _pages: dict[str, str] = field(default_factory=dict)
     """Streamlit's hash of each page by its title."""
@@ -49,10 +49,10 @@ class Browser:
     _server_session: str = ""
     _states: dict[str, WidgetState] = field(default_factory=dict)
     _polled: dict[str, float] = field(default_factory=dict)
-    """Seconds between two drawings, by fragment."""
+    """Time between two drawings, by fragment."""
 
     async def open(self) -> Seconds:
-        """Open the first page; how long that took."""
+        """Open the first page and return how long that took."""
         protocols = ["streamlit", *([self.cookies[XSRF]] if XSRF in self.cookies else ())]
         self._socket = await connect(
             f"ws{self.address.removeprefix('http')}/_stcore/stream",
@@ -67,49 +67,46 @@ class Browser:
         return await self._run(BackMsg())
 
     async def close(self) -> None:
-        """Leave, as a browser does that is closed."""
+        """Close the connection, as a closed browser does."""
         if self._socket:
             await self._socket.close()
 
     async def go(self, title: str) -> Seconds:
-        """Turn to a page; how long that took."""
+        """Turn to a page and return how long that took."""
         self._states.clear()
         message = BackMsg()
         message.rerun_script.page_script_hash = self._pages[title]
         return await self._run(message)
 
     async def press(self, key: str, **typed: float | str | bool) -> Seconds:
-        """Press a button, after filling in fields of its form or page.
+        """Fill in fields, press a button and return how long the answer took.
 
         Args:
-            key: of the button, or its label.
+            key: the button's key or label.
             typed: the fields' values by their keys.
         """
         for name, value in typed.items():
             self._type(name, value)
         message = self._message()
-        message.rerun_script.widget_states.widgets.add(
-            id=self.widget(key).id, trigger_value=True
-        )  # fmt: skip
+        widgets = message.rerun_script.widget_states.widgets
+        widgets.add(id=self.widget(key).id, trigger_value=True)
         return await self._run(message)
 
     async def set(self, key: str, value: Value) -> Seconds:
-        """Type into a field, switch a toggle or choose a segment; how long the answer took."""
+        """Set a field, a toggle or a row of segments and return how long the answer took."""
         self._type(key, value)
         return await self._run(self._message())
 
     async def upload(self, key: str, name: str, content: bytes) -> Seconds:
-        """Give a file to a field for files; how long it took until the page stood."""
+        """Upload a file to a field and return how long it took until the page stood."""
         began = time.perf_counter()
         message = BackMsg()
         message.file_urls_request.request_id = name
         message.file_urls_request.file_names.append(name)
         message.file_urls_request.session_id = self._server_session
         await self._send(message)
-        while True:
-            answer = await self._receive()
-            if answer.WhichOneof("type") == "file_urls_response":
-                break
+        while (answer := await self._receive()).WhichOneof("type") != "file_urls_response":
+            pass
         [urls] = answer.file_urls_response.file_urls
         await asyncio.to_thread(self._put, urls.upload_url, name, content)
         state = WidgetState(id=self.widget(key).id)
@@ -121,9 +118,9 @@ class Browser:
         return time.perf_counter() - began
 
     async def poll(self) -> bool:
-        """Draw the fragments that ask for it; whether any did."""
-        polled = dict(self._polled)
-        for fragment, interval in polled.items():
+        """Draw the fragments that ask for it. Returns False if none does."""
+        polled = list(self._polled.items())
+        for fragment, interval in polled:
             await asyncio.sleep(interval)
             message = self._message()
             message.rerun_script.fragment_id = fragment
@@ -132,25 +129,30 @@ class Browser:
         return bool(polled)
 
     def widget(self, key: str) -> Any:
-        """The element with that key, or the button with that label.
+        """Return the element with that key, or the button with that label.
 
         Raises:
-            LookupError: where there is none on the page.
+            LookupError: the page has none.
         """
-        for element in self.elements.values():
-            found = getattr(element, str(element.WhichOneof("type")), None)
-            named = str(getattr(found, "id", ""))
-            if named and (named.endswith(f"-{key}") or getattr(found, "label", "") == key):
-                return found
+        for widget in self._contents():
+            name = str(getattr(widget, "id", ""))
+            if name and (name.endswith(f"-{key}") or getattr(widget, "label", "") == key):
+                return widget
         raise LookupError(f"{key}: not on the page; {'; '.join(self.texts())[:500]}")
 
     def texts(self) -> list[str]:
-        """What is written on the page."""
-        kinds = ("markdown", "alert", "heading", "text", "progress", "exception")
-        found = (getattr(e, str(e.WhichOneof("type")), None) for e in self.elements.values()
-                 if e.WhichOneof("type") in kinds)  # fmt: skip
-        parts = ("body", "message", "text")
-        return ["".join(getattr(one, part, "") for part in parts) for one in found]
+        """Return the texts of the page."""
+        kinds = "markdown", "alert", "heading", "text", "progress", "exception"
+        parts = "body", "message", "text"
+        return ["".join(getattr(text, part, "") for part in parts)
+                for text in self._contents(*kinds)]  # fmt: skip
+
+    def _contents(self, *kinds: str) -> Iterator[Any]:
+        """Return what the elements of some kinds, or of all, contain."""
+        for element in self.elements.values():
+            kind = str(element.WhichOneof("type"))
+            if not kinds or kind in kinds:
+                yield getattr(element, kind, None)
 
     def _type(self, key: str, value: Value) -> None:
         state = WidgetState(id=self.widget(key).id)
@@ -165,14 +167,16 @@ class Browser:
         self._states[state.id] = state
 
     def _message(self) -> BackMsg:
-        """A run of the present page with what was typed."""
+        """Return the message that runs the present page, with the values of the widgets on it."""
         message = BackMsg()
         message.rerun_script.page_script_hash = self._page
-        message.rerun_script.widget_states.widgets.extend(self._states.values())
+        shown = {getattr(widget, "id", "") for widget in self._contents()}
+        states = (state for state in self._states.values() if state.id in shown)
+        message.rerun_script.widget_states.widgets.extend(states)
         return message
 
     async def _run(self, message: BackMsg) -> Seconds:
-        """Send it and wait until the script has run to its end."""
+        """Send a message and return how long the script took to end."""
         began = time.perf_counter()
         state = message.rerun_script
         state.query_string = f"session={self.session}" if self.session else ""
@@ -189,7 +193,7 @@ class Browser:
         await self._socket.send(message.SerializeToString())
 
     async def _receive(self) -> ForwardMsg:
-        """The next message, after it has changed what stands on the page."""
+        """Return the next message, after applying it to the page."""
         assert self._socket
         message = ForwardMsg()
         message.ParseFromString(await asyncio.wait_for(self._socket.recv(decode=False), PATIENCE))
@@ -228,7 +232,7 @@ class Browser:
 
     def _draw(self, place: tuple[int, ...], delta: Any) -> None:
         if delta.WhichOneof("type") != "new_element":
-            for inner in [one for one in self.elements if one[: len(place)] == place]:
+            for inner in [other for other in self.elements if other[: len(place)] == place]:
                 del self.elements[inner]
             return
         self.elements[place] = delta.new_element
@@ -250,7 +254,7 @@ class Browser:
 
 
 async def visit(address: str) -> None:
-    """One look at the first page of an app."""
+    """Open and close the first page of an app."""
     browser = Browser(address)
     await browser.open()
     await browser.close()

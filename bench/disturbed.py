@@ -5,9 +5,8 @@
 On the real recordings that this package was made for, the residual of the model after smoothing
 has a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls
 to 1/e within three to six seconds. Effects that the model lacks can be added: an actuator lag, a
-delay, a standstill distance (p - s₀ in place of p), a slope, disturbances that grow with the speed,
-limits of the acceleration that the controller asks for, and space-gaps in steps. Leaders and the
-receivers' noise come from `accpinn.recordings.synthetic`.
+standstill distance (p - s₀ in place of p), a slope, and limits of the acceleration that the
+controller commands. Leaders and the receivers' noise come from `accpinn.recordings.synthetic`.
 """
 
 from collections.abc import Iterable
@@ -20,11 +19,9 @@ from scipy.signal import lfilter
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise, leader_speed, record
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
+from accpinn.units import FloatArray, Metres, Seconds
 
 MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
-USUAL_SPEED: MetresPerSecond = 27.0
-"""The middle of that leader's speeds."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +31,15 @@ class Disturbance:
     deviation: float = 0.25
     """Standard deviation of w in m/s²."""
     memory: Seconds = 4.0
-    """The correlation of w falls to 1/e in this time."""
+    """Time in which the correlation of w falls to 1/e."""
     lag: Seconds = 0.0
     """Time constant of the actuator; 0 for none."""
     standstill: Metres = 0.0
     """s₀: the gap in equilibrium is s₀ + τv."""
     slope: float = 0.0
     """Mean of w in m/s²; uphill is negative, 1 % are 0.1 m/s²."""
-    delay: Seconds = 0.0
-    """Of the controller's command."""
-    growth: float = 0.0
-    """w is multiplied by (v / `USUAL_SPEED`) to this power."""
     limits: tuple[float, float] = (-np.inf, np.inf)
-    """Of the controller's command in m/s²."""
+    """Least and largest command of the controller, in m/s²."""
 
 
 def disturbed(
@@ -56,18 +49,16 @@ def disturbed(
     driving: LeaderProfile = MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
-    resolution: Metres = 0.0,
 ) -> Segment:
-    """A synthetic recording of a platoon, as a segment.
+    """Return a synthetic recording of a platoon as a segment.
 
     Args:
         parameters: one entry a follower, as `Parameters` of M vehicles are.
-        seed: of the leader, the disturbances and the noise.
+        seed: seed of the leader, the disturbances and the noise.
         disturbance: how all followers depart from the model.
         driving: how the leader drives.
-        duration: in s.
-        noise: of the receivers; None for none.
-        resolution: of the space-gaps, which are its multiples; 0 for any gap.
+        duration: length in s.
+        noise: errors of the receivers; None for none.
     """
     count = round(duration / SIMULATION_STEP) + 1
     time = SIMULATION_STEP * np.arange(count)
@@ -80,14 +71,11 @@ def disturbed(
         gaps.append(gap)
     true = Trajectories(time, np.column_stack(speeds), np.column_stack(gaps))
     recorded = record(true, noise, seed)
-    recorded_gaps = recorded.gaps
-    if resolution:
-        recorded_gaps = resolution * np.round(recorded_gaps / resolution)
     numbers = tuple(range(1, len(speeds) + 1))
     return Segment(
         time=recorded.time,
         speeds=recorded.speeds,
-        gaps=recorded_gaps,
+        gaps=recorded.gaps,
         vehicles=numbers,
         names=tuple(f"Car {number}" for number in numbers),
         start=0.0,
@@ -97,7 +85,7 @@ def disturbed(
 
 
 def _wander(disturbance: Disturbance, count: int, rng: np.random.Generator) -> FloatArray:
-    """(count,) of w, stationary."""
+    """Draw w (count,), stationary."""
     kept = np.exp(-SIMULATION_STEP / disturbance.memory)
     steps = rng.standard_normal(count)
     steps[1:] *= np.sqrt(1.0 - kept**2)
@@ -107,14 +95,14 @@ def _wander(disturbance: Disturbance, count: int, rng: np.random.Generator) -> F
 def _follow(
     follower: Parameters, ahead: FloatArray, wander: FloatArray, disturbance: Disturbance
 ) -> tuple[FloatArray, FloatArray]:
-    """Gap and speed from equilibrium on, with inputs held over each small step.
+    """Return gap and speed (N,) from equilibrium on, with inputs held over each small step.
 
-    The linear system is stepped exactly. What delay and limits change of the command is an input.
+    The linear system is stepped exactly. What limits change of the command is an input.
     """
     alpha, alpha_tau, beta = follower.theta
     lag = disturbance.lag
-    # States gap above s₀, speed and acceleration by the actuator; inputs speed ahead, what is added
-    # to the command, and w.
+    # States: gap above s₀, speed, acceleration by the actuator. Inputs: speed ahead, what the
+    # limits add to the command, and w.
     rates = np.zeros((6, 6))
     rates[0, [1, 3]] = -1.0, 1.0
     command = np.array([alpha, -alpha_tau - beta, 0.0, beta, 0.0, 0.0])
@@ -127,15 +115,14 @@ def _follow(
     rates[1, 5] = 1.0
     step = expm(rates * SIMULATION_STEP)[:3]
     middle = np.r_[(ahead[1:] + ahead[:-1]) / 2, ahead[-1]]
-    late = round(disturbance.delay / SIMULATION_STEP)
     least, most = disturbance.limits
-    states, asked = np.empty((len(ahead), 3)), np.zeros(len(ahead) + late)
+    states = np.empty((len(ahead), 3))
     now = np.array([follower.tau * ahead[0], ahead[0], 0.0, 0.0, 0.0, 0.0])
     for k, speed_ahead in enumerate(middle):
         states[k] = now[:3]
         now[3] = speed_ahead
-        asked[k + late] = unlimited = command @ now
-        now[4] = min(max(asked[k], least), most) - unlimited
-        now[5] = disturbance.slope + wander[k] * (now[1] / USUAL_SPEED) ** disturbance.growth
+        unlimited = command @ now
+        now[4] = min(max(unlimited, least), most) - unlimited
+        now[5] = disturbance.slope + wander[k]
         now[:3] = step @ now
     return states[:, 0] + disturbance.standstill, states[:, 1]

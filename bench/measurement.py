@@ -1,17 +1,19 @@
-"""A figure with its limit, how it is timed, and the figures last released.
+"""A measured figure with its limits, how it is timed, and the figures of the last release.
 
-A time is the median of several rounds. A busy or slower machine shows in a fixed calculation that
-is timed before and after every part: where it takes longer than at the release, so does all else.
+A time is the median of several rounds. A busy or slow machine shows in a fixed calculation that is
+timed before and after every part: if it takes longer than at the release, everything does.
 """
 
 import hashlib
 import os
+import platform
 import statistics
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -24,37 +26,37 @@ RELEASED = Path(__file__).with_name("released.json")
 ROUNDS = 5
 HASHED = bytes(32_000_000)
 BUSY = 1.15
-"""A fixed calculation that takes so many times as long as at the release tells a busy machine."""
+"""Ratio of the fixed calculation's time to that at the release, above which a machine is busy."""
 Spent = tuple[Seconds, Seconds]
-"""By the clock, and of processor time."""
+"""Elapsed time and processor time."""
 
 
-class Measurement(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What was measured, and what it may be on two quiet processors."""
+class Measurement(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
+    """A figure, and its limits on two quiet processors."""
 
     name: str
     value: float
     unit: str = "s"
-    limit: float | None = None
-    at_least: bool = False
-    """Whether the limit is the least value rather than the largest."""
+    at_most: float | None = None
+    at_least: float | None = None
+    error: float | None = None
+    """Standard error."""
     processor: Seconds | None = None
-    """Where it was measured."""
+    """Processor time; None if it was not measured."""
 
     @property
     def within(self) -> bool:
-        """Whether the limit is kept."""
-        if self.limit is None:
-            return True
-        return self.value >= self.limit if self.at_least else self.value <= self.limit
+        """Whether the limits are kept."""
+        low, high = self.at_least, self.at_most
+        return (low is None or self.value >= low) and (high is None or self.value <= high)
 
 
 class Part(msgspec.Struct, frozen=True):
-    """What was measured in one process."""
+    """The measurements of one process."""
 
     name: str
     fixed: Seconds
-    """What the fixed calculation took meanwhile."""
+    """Time of the fixed calculation before and after them."""
     measurements: list[Measurement]
 
 
@@ -67,77 +69,92 @@ class Figures(msgspec.Struct, frozen=True):
     parts: list[Part]
 
     @classmethod
-    def now(cls, machine: str, parts: list[Part]) -> "Figures":
-        """Those of this version, today."""
-        return cls(accpinn.__version__, datetime.now(UTC).date().isoformat(), machine, parts)
+    def now(cls, parts: list[Part]) -> "Figures":
+        """Return the figures of this version, today, on this machine."""
+        return cls(accpinn.__version__, datetime.now(UTC).date().isoformat(), _machine(), parts)
 
     @classmethod
     def released(cls, path: Path = RELEASED) -> "Figures | None":
-        """Those last released; None where there are none."""
+        """Read the figures of the last release; None if there are none."""
         return msgspec.json.decode(path.read_bytes(), type=cls) if path.exists() else None
 
     def release(self, path: Path = RELEASED) -> None:
-        """Keep them; limits stand in the code alone."""
+        """Keep the figures as those of the release, without limits, which the code states."""
         bare = [
-            replace(part, measurements=[replace(m, limit=None, at_least=False)
+            replace(part, measurements=[replace(m, at_most=None, at_least=None)
                                         for m in part.measurements])
             for part in self.parts
         ]  # fmt: skip
         path.write_bytes(replace(self, parts=bare).to_json())
 
     def to_json(self) -> bytes:
-        """As text that people can read, too."""
+        """Return indented JSON."""
         return msgspec.json.format(msgspec.json.encode(self)) + b"\n"
 
     @property
     def within(self) -> bool:
         """Whether all limits are kept."""
-        return all(one.within for part in self.parts for one in part.measurements)
+        return all(figure.within for part in self.parts for figure in part.measurements)
+
+    def show(self, as_json: bool = False) -> int:
+        """Print the figures beside those of the last release.
+
+        Returns:
+            The exit status: 1 if a limit is not kept.
+        """
+        print(self.to_json().decode() if as_json else table(self, Figures.released()))
+        return int(not self.within)
 
 
 def spent_on(work: Callable[[], object]) -> Spent:
-    """What one call takes in this process."""
+    """Time one call in this process."""
     began, processor = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - began, time.process_time() - processor
 
 
 def timed(
-    name: str, once: Callable[[], Spent], limit: Seconds | None = None, rounds: int = ROUNDS
+    name: str, once: Callable[[], Spent], at_most: Seconds | None = None, rounds: int = ROUNDS
 ) -> Measurement:
-    """The median of several rounds."""
+    """Return the median of several rounds."""
     clock, processor = map(statistics.median, zip(*(once() for _ in range(rounds)), strict=True))
-    return Measurement(name, clock, limit=limit, processor=processor)
+    return Measurement(name=name, value=clock, at_most=at_most, processor=processor)
 
 
 def measured(name: str, measure: Callable[[], Iterable[Measurement]]) -> Part:
-    """A part, and the fixed calculation before and after it."""
+    """Measure a part, with the fixed calculation before and after it."""
     before = _fixed_calculation()
-    found = list(measure())
-    return Part(name, statistics.median(before + _fixed_calculation()), found)
+    measurements = list(measure())
+    return Part(name, statistics.median(before + _fixed_calculation()), measurements)
 
 
 def _fixed_calculation() -> list[Seconds]:
-    """Digests of the same bytes on every processor at once: how long each round takes."""
-    every = [HASHED] * (os.cpu_count() or 1)
-    with ThreadPoolExecutor(len(every)) as pool:
-        once = partial(spent_on, lambda: list(pool.map(hashlib.sha256, every)))
+    """Time digests of the same bytes on every processor at once, several rounds of them."""
+    blocks = [HASHED] * (os.cpu_count() or 1)
+    with ThreadPoolExecutor(len(blocks)) as pool:
+        once = partial(spent_on, lambda: list(pool.map(hashlib.sha256, blocks)))
         return [once()[0] for _ in range(ROUNDS)]
 
 
-def table(found: Figures, before: Figures | None) -> str:
-    """A line a measurement, beside the released one; a note where the machine was busy."""
+def _machine() -> str:
+    processor = platform.processor() or platform.machine()
+    packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
+    return f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}, {packages}"
+
+
+def table(now: Figures, before: Figures | None) -> str:
+    """Return a line a measurement, beside the released one, and a note on a busy machine."""
     earlier = {part.name: part for part in before.parts} if before else {}
-    lines = [f"accpinn {found.version}, {found.date}: {found.machine}"]
+    lines = [f"accpinn {now.version}, {now.date}: {now.machine}"]
     if before:
         lines.append(f"released {before.version}, {before.date}: {before.machine}")
-    lines.append(f"{'':42}{'now':>12}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
+    lines.append(f"{'':42}{'now':>14}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
     slow = {}
-    for part in found.parts:
+    for part in now.parts:
         lines.append(part.name)
         then = earlier.get(part.name)
-        values = {one.name: one.value for one in then.measurements} if then else {}
-        lines += [_line(one, values.get(one.name)) for one in part.measurements]
+        values = {figure.name: figure.value for figure in then.measurements} if then else {}
+        lines += [_line(figure, values.get(figure.name)) for figure in part.measurements]
         if then and part.fixed > BUSY * then.fixed:
             slow[part.name] = part.fixed / then.fixed
     lines += [
@@ -145,21 +162,27 @@ def table(found: Figures, before: Figures | None) -> str:
         " as at the release."
         for name, ratio in slow.items()
     ]
-    if earlier and not slow:
+    if not slow and any(part.name in earlier for part in now.parts):
         lines.append("The machine was as fast as at the release.")
     return "\n".join(lines)
 
 
-def _line(found: Measurement, before: float | None) -> str:
+def _line(figure: Measurement, before: float | None) -> str:
+    unit, error = figure.unit, figure.error
+    low, high = figure.at_least, figure.at_most
+    limit = _text(low, unit, "≥ ") if high is None else _text(high, unit, "≤ ")
+    if low is not None and high is not None:
+        limit = f"{low:g} to {high:g} {unit}"
+    value = _text(figure.value, unit) if error is None else f"{figure.value:.1f} ± {error:.1f} %"
     cells = [
-        (_text(found.value, found.unit), 12),
-        (_text(found.processor, "s"), 12),
-        (_text(found.limit, found.unit, "≥ " if found.at_least else "≤ "), 14),
-        (_text(before, found.unit), 12),
-        (f"{found.value / before:.2f}" if before else "", 7),
+        (value, 14),
+        (_text(figure.processor, "s"), 12),
+        (limit, 14),
+        (_text(before, unit), 12),
+        (f"{figure.value / before:.2f}" if before else "", 7),
     ]
-    row = f"  {found.name:40}" + "".join(f"{text:>{width}}" for text, width in cells)
-    return row if found.within else f"{row}  beyond its limit"
+    row = f"  {figure.name:40}" + "".join(f"{text:>{width}}" for text, width in cells)
+    return row if figure.within else f"{row}  beyond its limit"
 
 
 def _text(value: float | None, unit: str, sign: str = "") -> str:

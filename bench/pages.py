@@ -1,7 +1,7 @@
 """How long a switch of pages takes in a browser, on a warm server with a trained recording.
 
-Each switch is timed from the click in the sidebar until the script has run to its end and the
-page's chart stands.
+Each switch is timed from the click in the sidebar until the script has ended and the page's chart
+is drawn.
 """
 
 import time
@@ -24,14 +24,14 @@ PAGES = {
     "Platoon": "platoon_amplitude",
     "Snapshots": "",
 }
-"""The chart that each page is waited for; none for a page without."""
+"""Pages and the key of the chart that is waited for; empty if the page has none."""
 LIMIT: Seconds = 1.0
 SWITCHES = 10
-"""Of each page."""
+"""Switches to each page."""
 
 
 def measure(folder: Path, chromium: str) -> Iterator[Measurement]:
-    """A switch to each page, with each of two recordings."""
+    """Time a switch to each page, with each of two recordings."""
     with TemporaryDirectory() as place, launched(chromium) as browser:
         with served(Path(place) / "cache", Path(place) / "log") as address:
             for case in CASES[:2]:
@@ -41,7 +41,9 @@ def measure(folder: Path, chromium: str) -> Iterator[Measurement]:
                 )  # fmt: skip
                 _train(page, folder / case.file)
                 for name, taken in _switch(page).items():
-                    yield Measurement(f"{name}, {case.name}", median(taken), limit=LIMIT)
+                    yield Measurement(
+                        name=f"{name}, {case.name}", value=median(taken), at_most=LIMIT
+                    )
                 page.close()
 
 
@@ -56,7 +58,7 @@ def _train(page: Page, recording: Path) -> None:
 
 
 def _switch(page: Page) -> dict[str, list[Seconds]]:
-    """Seconds of each switch, by page; the first round, which fills the caches, does not count."""
+    """Return the seconds of each switch by page, without the first round, which fills caches."""
     taken: dict[str, list[Seconds]] = {name: [] for name in PAGES}
     for _ in range(SWITCHES + 1):
         for name, chart in PAGES.items():
@@ -65,4 +67,4 @@ def _switch(page: Page) -> dict[str, list[Seconds]]:
             if chart:
                 page.locator(f".st-key-{chart} .js-plotly-plot .main-svg").first.wait_for()
             taken[name].append(time.perf_counter() - began)
-    return {name: found[1:] for name, found in taken.items()}
+    return {name: seconds[1:] for name, seconds in taken.items()}

@@ -1,10 +1,9 @@
-"""One iteration of the paper's training protocol as its authors run it; only to be timed.
+"""The paper's training protocol as its authors run it, to be timed.
 
 Network 1-60-60-60-(2M+1) in double precision on all instants, time derivatives by nested
 automatic differentiation (one gradient call an output), Adam on weights and parameters.
 """
 
-import time
 from itertools import pairwise
 
 import torch
@@ -12,15 +11,16 @@ from torch import Tensor, nn
 
 from accpinn.methods.pinn.config import PAPER
 from accpinn.segment.segment import Segment
+from bench.measurement import spent_on
 
 WARM_UP = 3
 
 
 class PaperProtocol:
-    """The state of a training of one segment by the paper's protocol."""
+    """A training of one segment by the paper's protocol."""
 
     def __init__(self, segment: Segment) -> None:
-        """Xavier-uniform weights, parameters from (1, 1, 1)."""
+        """Start from Xavier-uniform weights and parameters (1, 1, 1)."""
         torch.manual_seed(0)
         self.followers = segment.followers
         self.time = torch.tensor(segment.time)[:, None].requires_grad_()
@@ -38,13 +38,13 @@ class PaperProtocol:
         self.optimiser = torch.optim.Adam([*self.network.parameters(), self.parameters], lr=1e-3)
 
     def iterate(self) -> None:
-        """One full-batch Adam iteration."""
+        """Take one full-batch Adam iteration."""
         self.optimiser.zero_grad()
         self.loss().backward()
         self.optimiser.step()
 
     def loss(self) -> Tensor:
-        """Ψ with all weights 1, as `accpinn.methods.pinn.loss` has it; a test compares the two."""
+        """Return Ψ with all weights 1; a test compares it with that of the package."""
         outputs = self.network(self.time)
         split = self.followers + 1
         speeds, gaps = outputs[:, :split], outputs[:, split:]
@@ -63,13 +63,8 @@ class PaperProtocol:
 
 
 def seconds_per_iteration(segment: Segment, iterations: int) -> list[float]:
-    """The duration of each of ``iterations`` in s, after a warm-up."""
+    """Return the time of each of ``iterations`` in s, after a warm-up."""
     training = PaperProtocol(segment)
     for _ in range(WARM_UP):
         training.iterate()
-    durations = []
-    for _ in range(iterations):
-        started = time.perf_counter()
-        training.iterate()
-        durations.append(time.perf_counter() - started)
-    return durations
+    return [spent_on(training.iterate)[0] for _ in range(iterations)]

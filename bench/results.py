@@ -1,7 +1,7 @@
-"""How long what follows from parameters takes: stability, platoons, and the report of a result.
+"""How long stability, platoons and the report of a result take.
 
-It needs no recording of one's own: the vehicles are those of Table III of the paper, AstaZero's
-four and Vicolungo's three, the first three of them twice; the report is of a sample.
+No recording is needed: the vehicles are those of Table III of the paper, AstaZero's four and
+Vicolungo's three, the first three of them twice; the report is that of a sample.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,19 +10,20 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from accpinn.api import Study, fit
+from accpinn.api import fit, report
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.stability.report import stability_report
+from accpinn.study.result import Result
 from accpinn.units import Seconds
 from bench.measurement import Measurement, Spent, spent_on, timed
 from bench.start import SAMPLE
 
 LIMIT: Seconds = 0.05
-"""Of each but the report."""
 REPORT: Seconds = 1.0
+"""Limit of the report."""
 CALLS = 30
 DURATION: Seconds = 200.0
 TEN = Parameters.stack([*ASTAZERO.parameters, *VICOLUNGO.parameters, *ASTAZERO.parameters[:3]])
@@ -30,7 +31,7 @@ MERCEDES = 2
 
 
 def measure() -> Iterator[Measurement]:
-    """Time everything, in this process."""
+    """Time everything in this process."""
     alike = TEN[[MERCEDES] * 8]
     work: dict[str, Callable[[], object]] = {
         "stability report of ten vehicles": lambda: stability_report(TEN),
@@ -41,23 +42,23 @@ def measure() -> Iterator[Measurement]:
     for name, call in work.items():
         yield timed(name, partial(spent_on, call), LIMIT, CALLS)
     with TemporaryDirectory() as folder:
-        yield report(Path(folder))
+        yield report_time(Path(folder))
 
 
-def report(folder: Path) -> Measurement:
-    """The report of a sample with four followers, each round of another window."""
+def report_time(folder: Path) -> Measurement:
+    """Time the report of a sample with four followers, in another window each round."""
     starts = count()
 
     def once() -> Spent:
-        study = _study(float(next(starts)))
-        return spent_on(lambda: study.report(folder / "report.html"))
+        result = _result(float(next(starts)))
+        return spent_on(lambda: report(result, folder / "report.html"))
 
     return timed("report of a result written", once, REPORT)
 
 
-def _study(start: Seconds) -> Study:
-    """With all that is known once a result is shown."""
-    study = fit(SAMPLE, start, DURATION)
-    assert study.uncertainty
-    assert study.evaluation
-    return study
+def _result(start: Seconds) -> Result:
+    """Fit a window, with everything computed that is known once a result is shown."""
+    result = fit(SAMPLE, start, DURATION)
+    assert result.uncertainty
+    assert result.evaluation
+    return result

@@ -25,20 +25,21 @@ COMMANDS: tuple[tuple[str, tuple[str, ...], Seconds], ...] = (
     ("info of a recording", ("-m", "accpinn", "info", str(SAMPLE)), 0.4),
     ("fit of a recording", ("-m", "accpinn", "fit", str(SAMPLE), "--no-cache"), 2.0),
 )
+"""Name, arguments of the interpreter, and limit."""
 FIRST_PAGE: Seconds = 3.0
 
 
 def measure() -> Iterator[Measurement]:
-    """All of them."""
-    for one in COMMANDS:
-        yield command(*one)
+    """Time all of them."""
+    for name, arguments, limit in COMMANDS:
+        yield command(name, arguments, limit)
     yield timed("first page of the app", first_page, FIRST_PAGE)
 
 
 def command(
     name: str, arguments: tuple[str, ...], limit: Seconds, rounds: int = ROUNDS
 ) -> Measurement:
-    """Some calls of the interpreter."""
+    """Time some calls of the interpreter."""
 
     def once() -> Spent:
         began, spent = time.perf_counter(), _processor_of_children()
@@ -49,7 +50,7 @@ def command(
 
 
 def first_page() -> Spent:
-    """From the start of the app until its first page stands in a first browser."""
+    """Time the app from its start until its first page stands in a first browser."""
     with tempfile.TemporaryDirectory() as place:
         began = time.perf_counter()
         with running(Path(place) / "cache", Path(place) / "log") as server:

@@ -1,8 +1,6 @@
 """The benchmarks print what they measure."""
 
-import json
-import shutil
-from dataclasses import replace
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,177 +9,73 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.inference.intervals import Interval
-from accpinn.methods.likelihood import Maximum
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.network import output_columns
-from accpinn.methods.state_space import COMMON, Form
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import LeaderProfile
-from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench import __main__ as command_line
-from bench import advanced, coverage, departures, disturbances, load, replication, start, widths
-from bench import batch as batches
+from bench import batch, coverage, load, start
 from bench.disturbed import MOTORWAY, Disturbance, disturbed
-from bench.measurement import Figures, Measurement, Part, table
+from bench.measurement import Figures, Measurement, Part, measured, table
 from bench.paper_protocol import PaperProtocol
 from tests.support.command import Capture
-from tests.support.samples import FOLDER, NOISY, PLATOON, sample
-
-FEW = 2
+from tests.support.samples import PLATOON, sample
 
 
-@pytest.fixture(scope="module")
-def study() -> coverage.CoverageStudy:
-    return coverage.measure(FEW, duration=100.0)
+def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
+    return {figure.name: figure for figure in measurements}
 
 
 class TestCoverage:
-    def test_counts_shares_of_recordings(self, study: coverage.CoverageStudy) -> None:
-        assert study.rows[0].method == coverage.OURS
-        assert "naive" in {row.method for row in study.rows}
-        for row in study.rows:
-            assert row.recordings == FEW
-            assert all((share * FEW).is_integer() for share in row.covered)
-        assert all(width > 0 for width in study.rows[0].width)
+    def test_a_recording_has_estimates_by_several_methods_and_intervals(self) -> None:
+        methods = (coverage.LIKELIHOOD, "splines", "least-squares")
+        result = coverage.record(3, Disturbance(), 100.0, methods)
+        assert tuple(result.estimates) == methods
+        assert (result.lower < result.upper).all()
+        assert result.estimates[coverage.LIKELIHOOD] == pytest.approx(result.truth, rel=1)
 
-    def test_standard_errors_shrink_with_the_root_of_the_number_of_recordings(self) -> None:
+    def test_counts_shares_and_states_their_standard_errors(self) -> None:
         rng = np.random.default_rng(1)
         truth = np.ones((1600, 3))
-        ends = [Interval(1 - half, 1 + half) for half in rng.gamma(9.0, 1.0, truth.shape)]
-        few, many = (coverage._coverage("", 0.9, ends[:n], truth[:n]) for n in (100, 1600))
-        # Of normal widths the median's error is 1.25 deviations over the root of their number.
-        deviation = np.std([end.upper - end.lower for end in ends])
-        assert np.mean(few.width_error) == pytest.approx(1.25 * deviation / 10, rel=0.3)
-        assert np.mean(few.width_error) / np.mean(many.width_error) == pytest.approx(4, rel=0.3)
-        assert few.error_of(0.5) == 0.05
-
-    def test_naive_intervals_are_far_narrower(self, study: coverage.CoverageStudy) -> None:
-        width = {row.method: np.array(row.width) for row in study.rows}
-        assert (width["naive"] < 0.5 * width[coverage.OURS]).all()
-        assert f"{FEW} recordings of 100 s" in coverage.text(study)
-
-    def test_exit_status_is_1_where_the_coverage_is_not_nominal(
-        self,
-        study: coverage.CoverageStudy,
-        capsys: pytest.CaptureFixture[str],
-        monkeypatch: pytest.MonkeyPatch,
-    ) -> None:
-        nominal = replace(study.rows[0], covered=(0.9, 0.9, 0.9), jointly=0.75)
-        for row, expected in ((nominal, 0), (replace(nominal, jointly=0.5), 1)):
-            found = replace(study, rows=(row,), bias={coverage.LIKELIHOOD: (0.0, 0.0, 0.0)})
-            monkeypatch.setattr(coverage, "measure", lambda *_, found=found, **__: found)
-            assert coverage.main(["--recordings", "2", "--json"]) == expected
-            [ours] = json.loads(capsys.readouterr().out)["rows"]
-            assert ours["jointly"] == row.jointly
-
-
-class TestReplication:
-    @pytest.fixture
-    def folder(self, tmp_path: Path) -> Path:
-        """One recording of a single car, as if it were of a campaign."""
-        folder = tmp_path / "openacc"
-        folder.mkdir()
-        (folder / "Casale").mkdir()
-        shutil.copy(FOLDER / f"{NOISY}.csv", folder / "Casale")
-        return folder
-
-    def test_windows_of_one_car_are_compared_in_pairs(self, folder: Path) -> None:
-        study = replication.measure(folder, 75.0)
-        assert (study.windows, study.pairs) == (4, 6)
-        for agreement, overlap in zip(study.agreement, study.overlap, strict=True):
-            assert (6 * agreement) == pytest.approx(round(6 * agreement))
-            assert agreement <= overlap
-        [car] = study.cars
-        assert (car.windows, car.campaign) == (4, "Casale")
-        tau = car.between[2]
-        assert tau.typical == pytest.approx(sample(NOISY).truth[0, 2], rel=0.1)
-        assert tau.deviation < 0.1
-        assert "6 pairs of windows of the same car" in replication.text(study)
-
-
-class TestDepartures:
-    @pytest.mark.parametrize(
-        ("form", "covered", "noticed", "kept"),
-        [
-            ("cthp", 4, 0, True),
-            ("lag", 3, 5, False),
-            ("lag", 4, 0, True),
-            (None, 0, 4, True),
-            (None, 5, 3, False),
-        ],
-    )
-    def test_limits_are_of_the_true_form_or_of_the_findings(
-        self, form: Form | None, covered: int, noticed: int, kept: bool
-    ) -> None:
-        """Five recordings of one follower."""
-        found = []
-        for k in range(5):
-            inside: dict[Form, np.ndarray] = {"cthp": np.zeros((1, 3), bool)}
-            inside[form or "cthp"] = np.full((1, 3), k < covered)
-            found.append(departures.Noticed(inside, better=False, inadequate=k < noticed))
-        line = departures.Line.of(departures.Departure("", form=form), found)
-        assert (line.better, line.inadequate, line.noticed) == (0.0, noticed / 5, noticed / 5)
-        assert line.covered[form or "cthp"] == pytest.approx(4 * [covered / 5])
-        assert line.is_as_promised == kept
-
-    def test_prints_a_row_a_departure(
-        self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-    ) -> None:
-        departure = departures.Departure(
-            "slope", Disturbance(0.05, slope=-0.4), "offset", (coverage.SETS[[0]],)
+        half = rng.gamma(9.0, 1.0, truth.shape)
+        lower = 1 - half
+        lower[::10, 0] = 2.0  # a tenth of the intervals of α miss it
+        few, many = (
+            by_name(coverage.coverage(truth[:n], lower[:n], 1 + half[:n])) for n in (100, 1600)
         )
-        other = replace(departure, name="other")
-        monkeypatch.setattr(departures, "DEPARTURES", (departure, other))
-        monkeypatch.setattr(departures, "disturbed", partial(disturbed, duration=60.0))
-        departures.main(["--recordings", "1", "--only", "^slope"])
-        heads, _, row = capsys.readouterr().out.splitlines()
-        assert row.startswith("| slope |")
-        assert row.count("|") == heads.count("|")
+        assert (few["α covered"].value, few["all three covered"].value) == (90.0, 90.0)
+        assert few["α covered"].error == pytest.approx(3.0)
+        assert few["α covered"].within
+        assert not few["β covered"].within, "100 % are too many"
+        # Of normal widths the median's error is 1.25 deviations over the root of their number.
+        name = "median width of τ"
+        expected = 1.25 * 200 * half[:, 2].std() / 10
+        assert few[name].error == pytest.approx(expected, rel=0.3)
+        assert many[name].error == pytest.approx(expected / 4, rel=0.3)
 
+    def test_bias_has_a_limit_where_it_is_promised(self) -> None:
+        truth = np.ones((4, 3))
+        estimates = {coverage.LIKELIHOOD: 1.05 * truth, "splines": 0.8 * truth}
+        found = by_name(coverage.bias(truth, estimates))
+        assert found["mean error of α, maximum-likelihood"].value == pytest.approx(5.0)
+        assert not found["mean error of α, maximum-likelihood"].within
+        assert found["mean error of τ, splines"].value == pytest.approx(-20.0)
+        assert found["mean error of τ, splines"].within
 
-class TestWidths:
-    def test_counts_followers_whose_interval_is_wide(self) -> None:
-        segment = sample(NOISY).segment
-        recording = read(FOLDER / f"{NOISY}.csv")
-        (window,) = widths.windows(recording)
-        np.testing.assert_array_equal(window.gaps, segment.gaps)
-        found = widths.widths([cut(recording, 0.0, 100.0)])
-        assert (found.sets, found.wide) == (1, (0.0, 0.0, 0.0))
-        assert 0.0 < found.median[2] < found.median[0] < 1.0
-        assert "| run | 1 | 0 %, 0 %, 0 % |" in widths.text({"run": found})
-
-
-class TestDisturbances:
-    def test_a_prior_is_taken_out(self) -> None:
-        rng = np.random.default_rng(1)
-        size = len(COMMON)
-        centre = np.array([one.centre for one in COMMON])
-        precision = np.diag([0.0 if one.spread is None else one.spread**-2 for one in COMMON])
-        root = rng.normal(size=(size, size))
-        own, best = root @ root.T + np.eye(size), rng.normal(size=size)
-        both = own + precision
-        mode = np.linalg.solve(both, own @ best + precision @ centre)
-        values, errors = disturbances.without_prior(_maximum(mode, both))
-        np.testing.assert_allclose(values, best)
-        np.testing.assert_allclose(errors, np.sqrt(np.diag(np.linalg.inv(own))))
-        values, errors = disturbances.without_prior(_maximum(mode, precision + 1e-3))
-        assert np.isnan([*values, *errors]).all()
-
-    def test_every_unknown_with_a_prior_is_measured(self, astazero: Recording) -> None:
-        found = disturbances.measure([cut(astazero, 320.0, 300.0)])
-        assert [one.name for one in found] == [one.name for one in COMMON if one.spread is not None]
-        assert all(one.found.windows == 4 for one in found[:3])
-        assert str(found[0]).startswith("| disturbance | 4 | ")
-
-
-def _maximum(z: FloatArray, curvature: FloatArray) -> Maximum:
-    return Maximum("cthp", z, 0.0, 0.0, curvature, True, 1)
+    def test_prints_a_line_a_figure_and_exits_by_the_limits(
+        self, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        for value, status in ((90.0, 0), (80.0, 1)):
+            figure = Measurement(name="α covered", value=value, unit="%", error=3, at_least=86)
+            monkeypatch.setattr(coverage, "measure", lambda *_, figure=figure: [figure])
+            assert coverage.main(["--recordings", "2", "--lag", "0.5"]) == status
+            printed = capsys.readouterr().out
+            assert f"{value:.1f} ± 3.0 %" in printed
+            assert "lag=0.5" in printed
 
 
 class TestDisturbedRecordings:
@@ -196,51 +90,37 @@ class TestDisturbedRecordings:
             assert segment.gaps[-1, 0] == pytest.approx(gap, abs=1e-6)
 
     def test_the_command_is_limited(self) -> None:
-        acceleration = motion(Disturbance(1e-9, limits=(-0.2, 0.3)))[0]
+        acceleration, _ = motion(Disturbance(1e-9, limits=(-0.2, 0.3)))
         assert acceleration.min() == pytest.approx(-0.2, abs=0.01)
         assert acceleration.max() == pytest.approx(0.3, abs=0.01)
 
-    def test_the_command_comes_late(self) -> None:
-        acceleration, command = motion(Disturbance(1e-9, delay=0.5))
-        np.testing.assert_allclose(acceleration[100:-5], command[95:-10], atol=0.01)
-
-    def test_disturbances_grow_with_the_speed(self) -> None:
-        left = []
-        for speed in (20.0, 30.0):
-            calm = LeaderProfile(speed, 10.0, 40.0, (500.0, 600.0), (0.4, 1.2), 0.0)
-            acceleration, command = motion(Disturbance(1e-3, growth=2.0), calm)
-            left.append(acceleration[5:-5] - command[5:-5])
-        np.testing.assert_allclose(left[1], left[0] * 1.5**2, atol=2e-5)
-
-    def test_gaps_are_multiples_of_their_resolution(self) -> None:
-        segment = disturbed(coverage.SETS[[0]], 1, Disturbance(), duration=20.0, resolution=0.5)
-        np.testing.assert_array_equal(2 * segment.gaps, np.round(2 * segment.gaps))
+    def test_a_lag_delays_the_acceleration(self) -> None:
+        acceleration, command = motion(Disturbance(1e-9, lag=0.5))
+        slope = np.gradient(acceleration, 0.1)
+        np.testing.assert_allclose((acceleration + 0.5 * slope)[5:-5], command[5:-5], atol=0.03)
 
     def test_the_disturbance_is_as_strong_as_stated(self) -> None:
         """Without noise the residual of the model is the disturbance."""
-        parameters = coverage.SETS[[0]]
         strong, calm = (
-            disturbed(parameters, 3, Disturbance(deviation, 4.0, 0.0), duration=300.0)
+            residual(disturbed(coverage.SETS[[0]], 3, Disturbance(deviation)))
             for deviation in (0.25, 1e-9)
         )
-        left = [residual(segment, parameters) for segment in (strong, calm)]
-        added = np.sqrt(max(left[0] ** 2 - left[1] ** 2, 0.0))
-        assert added == pytest.approx(0.25, rel=0.35)
+        assert np.sqrt(max(strong**2 - calm**2, 0.0)) == pytest.approx(0.25, rel=0.35)
 
 
 def motion(
     disturbance: Disturbance, driving: LeaderProfile = MOTORWAY
 ) -> tuple[FloatArray, FloatArray]:
-    """Acceleration and command, without noise; (N,) each."""
+    """Return acceleration and command (N,) without noise."""
     segment = disturbed(coverage.SETS[[3]], 3, disturbance, driving, 100.0, noise=None)
     acceleration = np.gradient(segment.speeds[:, 1], segment.time)
     return acceleration, regressors(segment.speeds, segment.gaps)[0] @ coverage.SETS[[3]].theta[0]
 
 
-def residual(segment: Segment, parameters: Parameters) -> float:
-    """RMS of dv/dt minus the model, smoothed over a second."""
+def residual(segment: Segment) -> float:
+    """Return the RMS of dv/dt minus the model, smoothed over a second."""
     acceleration = np.gradient(segment.speeds[:, 1], segment.time)
-    modelled = regressors(segment.speeds, segment.gaps)[0] @ parameters.theta[0]
+    modelled = regressors(segment.speeds, segment.gaps)[0] @ coverage.SETS[[0]].theta[0]
     second = round(1 / segment.sample_time)
     smooth = np.convolve(acceleration - modelled, np.ones(second) / second, mode="valid")
     return float(np.sqrt((smooth**2).mean()))
@@ -264,24 +144,21 @@ def test_the_papers_protocol_has_the_loss_of_the_package() -> None:
     assert theirs == pytest.approx(ours, rel=1e-12)
 
 
-def test_copies_of_recordings_can_be_read_and_have_contents_of_their_own(tmp_path: Path) -> None:
-    few = len(batches.originals()) + 1
-    batches.copies(tmp_path / "runs", few)
+def test_a_batch_is_run_over_recordings_with_contents_of_their_own(tmp_path: Path) -> None:
+    count = len(batch.SAMPLES) + 1
+    batch.copies(tmp_path / "runs", count)
     paths = sorted((tmp_path / "runs").iterdir())
-    assert len({path.read_bytes() for path in paths}) == len(paths) == few
+    assert len({path.read_bytes() for path in paths}) == len(paths) == count
     first, again = read(paths[0]), read(paths[-1])
-    assert again.samples == first.samples - batches.SHIFT
-    np.testing.assert_array_equal(again.speed, first.speed[batches.SHIFT :])
+    assert again.samples == first.samples - batch.SHIFT
+    np.testing.assert_array_equal(again.speed, first.speed[batch.SHIFT :])
+    batch.copies(tmp_path / "small", 1)
+    result = batch.run(tmp_path / "small", "least-squares", 1)
+    assert result.followers > 0
+    assert min(result.seconds, result.peak) > 0
 
 
-def test_cost_over_the_length_of_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batches, "LENGTH_METHODS", ("splines",))
-    found = batches.lengths(FOLDER / "synthetic_paper_study.csv", (70.0, 140.0))
-    assert [(one.method, one.duration) for one in found] == [("splines", 70), ("splines", 140)]
-    assert all(one.seconds > 0 for one in found)
-
-
-def test_how_long_a_command_takes_is_held_against_its_limit() -> None:
+def test_a_command_is_held_against_its_limit() -> None:
     counting = ("-c", "sum(range(5_000_000))")  # less than a tick of the clock counts as nothing
     quick, slow = (start.command("count", counting, limit, rounds=1) for limit in (60.0, 0.0))
     assert quick.within
@@ -289,43 +166,41 @@ def test_how_long_a_command_takes_is_held_against_its_limit() -> None:
     assert slow.processor > 0
 
 
-def test_an_advanced_clock_shows_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "advance").write_text("3600.0")
-    monkeypatch.setenv(advanced.ADVANCE, str(tmp_path / "advance"))
-    clock = advanced.Clock()
-    later = clock.later(lambda: 5.0)
-    assert later() == 5.0
-    clock.read()
-    assert later() == 3605.0
-
-
-def test_what_a_server_keeps_of_its_users_is_a_fault() -> None:
-    before = load.State(500.0, 6, 10, 1.0, 0, {"sessions": 1})
-    assert not load.State(515.0, 6, 12, 9.0, 0, {"sessions": 1}).kept_since(before, 2)
-    assert len(load.State(560.0, 16, 20, 9.0, 4, {"sessions": 2}).kept_since(before, 2)) == 5
-    assert not load.State(1100.0, 6, 10, 9.0, 0, {"sessions": 1}).kept_since(before, load.KEPT)
-    assert load.State(1200.0, 6, 10, 9.0, 0, {"sessions": 1}).kept_since(before, 9 * load.KEPT)
+def test_load_reports_light_views_and_memory_a_user() -> None:
+    users = load.Load(None)
+    users.taken |= {"training with its queue": [9.0], "Train": [1.0, 3.0]}
+    users.memory = [100.0, 300.0, 310.0]
+    found = by_name(users.measurements(2))
+    assert found["training with its queue, median"].value == 9.0
+    assert not found["light page views, 95 %"].within
+    assert (found["memory a user"].value, found["memory after round 2"].value) == (100.0, 310.0)
+    assert not found["memory a user"].within
 
 
 class TestReleasedFigures:
     def figures(self, seconds: float, fixed: float) -> Figures:
-        """One time and one ratio, measured while the fixed calculation took so long."""
-        time = Measurement("page", seconds, limit=2.0, processor=0.5)
-        ratio = Measurement("ratio", 350.0, "times", limit=300.0, at_least=True)
-        return Figures.now("a machine", [Part("app", fixed, [time, ratio])])
+        """Return one time and one ratio, and the time of the fixed calculation."""
+        time = Measurement(name="page", value=seconds, at_most=2.0, processor=0.5)
+        ratio = Measurement(name="ratio", value=350.0, unit="times", at_least=300.0)
+        return Figures.now([Part("app", fixed, [time, ratio])])
 
     def test_limits_are_the_least_or_the_largest_value(self) -> None:
         assert self.figures(1.9, 0.1).within
         assert not self.figures(2.1, 0.1).within
-        assert not Measurement("ratio", 299.0, "times", limit=300.0, at_least=True).within
+        assert not Measurement(name="ratio", value=299.0, at_least=300.0).within
 
     def test_are_kept_without_limits_which_the_code_has(self, tmp_path: Path) -> None:
         assert Figures.released(tmp_path / "none.json") is None
         self.figures(1.0, 0.1).release(tmp_path / "released.json")
-        found = Figures.released(tmp_path / "released.json")
-        [page, ratio] = found.parts[0].measurements
+        kept = Figures.released(tmp_path / "released.json")
+        [page, ratio] = kept.parts[0].measurements
         assert (page.value, page.processor, ratio.value) == (1.0, 0.5, 350.0)
-        assert page.limit is ratio.limit is None
+        assert page.at_most is ratio.at_least is None
+
+    def test_the_file_of_the_release_is_readable(self) -> None:
+        parts = {part.name for part in Figures.released().parts}
+        jobs = command_line._jobs(set(command_line.PARTS), 1)
+        assert parts <= {name for name, _ in jobs}
 
     def test_stand_beside_the_new_ones(self) -> None:
         *_, page, ratio, note = table(self.figures(2.5, 0.1), self.figures(2.0, 0.1)).splitlines()
@@ -338,15 +213,19 @@ class TestReleasedFigures:
             self.figures(2.5, 0.13), self.figures(2.0, 0.1)
         )
 
+    def test_a_part_times_the_fixed_calculation_too(self) -> None:
+        part = measured("app", partial(list, [Measurement(name="page", value=1.0)]))
+        assert part.fixed > 0
+        assert part.measurements[0].name == "page"
+
 
 @pytest.mark.parametrize(
     ("program", "arguments", "said"),
     [
         (coverage, ["--recordings", "0"], "at least 1"),
-        (replication, [], "OPENACC_DIR"),
         (command_line, ["--release", "--only", "start"], "all parts"),
     ],
-    ids=["no recordings", "no folder", "a release of some parts"],
+    ids=["no recordings", "a release of some parts"],
 )
 def test_what_cannot_be_measured_is_refused(
     program: Any, arguments: list[str], said: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
