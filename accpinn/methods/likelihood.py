@@ -11,8 +11,9 @@ the model is incomplete. Several searches run at once; one that comes close to a
 Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,6 +207,30 @@ def maximise(
 def search(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
 ) -> list[Maximum]:
+    """The maxima that `ascend` returns at its end."""
+    rounds = ascend(criterion, z, groups, is_last_held)
+    while True:
+        try:
+            next(rounds)
+        except StopIteration as end:
+            maxima: list[Maximum] = end.value
+            return maxima
+
+
+class Ascending(NamedTuple):
+    """Where a search of K rows has come to."""
+
+    coordinates: FloatArray
+    """(K, P) z."""
+    value: FloatArray
+    """(K,) the criterion."""
+    curvature: FloatArray
+    """(K, P, P)"""
+
+
+def ascend(
+    criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
+) -> Generator[Ascending, None, list[Maximum]]:
     """Ascend from each row of z (K, P); all rows move at once.
 
     Args:
@@ -213,12 +238,19 @@ def search(
         z: (K, P)
         groups: (K,) the group of each row.
         is_last_held: whether the last unknown keeps its value, each row its own.
+
+    Yields:
+        The present rows, at the start and after each round; the arrays change later.
+
+    Returns:
+        The maximum that each row leads to.
     """
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
     damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
     rounds = np.zeros(len(z), int)
     done = np.zeros(len(z), bool)
+    yield Ascending(z, value, curvature)
     for _ in range(ROUNDS):
         active = np.flatnonzero(~done)
         if not len(active):
@@ -255,6 +287,7 @@ def search(
             rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
             away = z[rivals] - z[k]
             done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
+        yield Ascending(z, value, curvature)
     maxima = []
     for end, top, slope, bend, is_done, taken in zip(
         z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True

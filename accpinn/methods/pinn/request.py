@@ -22,10 +22,10 @@ from accpinn.methods.pinn.config import (
     FAST,
     METHOD_VERSION,
     PAPER,
+    STRETCH,
     PinnConfig,
     PresetName,
 )
-from accpinn.methods.pinn.network import STRETCH, FourierFeatures
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -42,10 +42,6 @@ MOST_BYTES = 1.4e9
 _PER_FEATURE, _MASKED = (34, 2), (48, 15)
 """Bytes per instant and input feature that `fast` takes at its peak, and for each follower;
 measured, without a mask and with one."""
-_PER_PAIR, _MASKED_PAIR = (550, 115), (550, 250)
-"""Bytes per pair of features that `calibrated` takes, likewise: products of all derivatives."""
-_OTHER_FEATURES = 70
-"""Activations, constant and slope."""
 _PER_INSTANT = 5_000
 """Bytes per instant that `paper` takes at its peak; measured."""
 
@@ -175,24 +171,18 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
     if config.preset == "paper":
         needed: float = _PER_INSTANT * segment.samples
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
-    elif config.preset == "calibrated":
-        common, own = _PER_PAIR if segment.mask is None else _MASKED_PAIR
-        each = common + own * segment.followers
-        needed = each * (rate * segment.window.duration + _OTHER_FEATURES) ** 2
-        longest = (sqrt(MOST_BYTES / each) - _OTHER_FEATURES) / rate
     else:
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
         each = common + own * segment.followers
-        features = FourierFeatures.up_to(config.highest_frequency, segment.window.duration).size
+        features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
         needed = each * segment.samples * features
         # Instants and features both grow with the window.
         longest = sqrt(MOST_BYTES * step / (each * rate))
     if needed > MOST_BYTES:
-        other = ", or the preset fast" if config.preset == "calibrated" else ""
         raise SegmentError(
             f"{segment.source}: a window of {segment.window.duration:,.0f} s would take"
             f" {needed / 1e9:,.1f} GB of memory to train on; take at most"
-            f" {0.98 * longest // 10 * 10:,.0f} s{other}."
+            f" {0.98 * longest // 10 * 10:,.0f} s."
         )
 
 

@@ -1,7 +1,8 @@
 """Training from request to result: cache, checkpoints, progress, stop and continue.
 
-All presets are driven the same way. An identical request is answered from the cache; a training
-that was stopped, or whose process died, goes on from its last checkpoint.
+All presets are driven the same way. An identical request is answered from the cache. A training
+that takes minutes (`paper`) continues from its last checkpoint where it was stopped, or where its
+process died; the others take a second and begin anew.
 """
 
 import os
@@ -10,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.errors import AccpinnError, ConfigError
+from accpinn.errors import ConfigError
 from accpinn.methods.fit import (
     CacheProblem,
     Continued,
@@ -21,12 +22,11 @@ from accpinn.methods.fit import (
     Recorder,
     Run,
     ShouldStop,
-    StartedFrom,
 )
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
-from accpinn.methods.pinn.loss import Training
-from accpinn.methods.pinn.network import output_columns
-from accpinn.methods.pinn.request import TrainingRequest, WarmStart, require_memory
+from accpinn.methods.pinn.loss import Training, output_columns
+from accpinn.methods.pinn.request import TrainingRequest, require_memory
+from accpinn.methods.pinn.torch_loading import start_loading, wait_until_loaded
 from accpinn.methods.store import Store
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
@@ -47,11 +47,11 @@ def training(
     store: Store | None = None,
     should_stop: ShouldStop | None = None,
     threads: int | None = None,
-    warm: WarmStart | None = None,
 ) -> Run:
     """Learn the parameters of a segment with the physics-inspired neural network, step by step.
 
-    Closing it keeps a checkpoint; a training of the same request goes on from there.
+    Closing it keeps a checkpoint, where the preset has any; a training of the same request continues
+    from there.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
@@ -60,8 +60,6 @@ def training(
         store: where results and checkpoints are kept; None keeps nothing.
         should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
         threads: processor threads; by default as many as help, at most four.
-        warm: an earlier fit's weights and parameters to begin with, in place of random weights and
-            the initial values.
 
     Yields:
         The present moment, several times a second.
@@ -70,26 +68,29 @@ def training(
         The fit.
 
     Raises:
-        ConfigError: when ``warm`` is another network's, or ``threads`` no sensible number.
+        AccpinnError: where PyTorch cannot be loaded.
+        ConfigError: when ``threads`` is no sensible number.
         SegmentError: when the segment is too long to be trained on.
     """
     count = _default(config.preset) if threads is None else _allowed(threads)
 
     def begin() -> Training:
-        return _begun(_kind(config.preset)(segment, case, config, count), warm)
+        return _kind(config.preset)(segment, case, config, count)
 
-    result_key, resume_key = TrainingRequest(segment, case, config, warm).keys
+    result_key, resume_key = TrainingRequest(segment, case, config).keys
     faults: list[str] = []
     if store and (known := store.load_fit(result_key, segment, faults.append)):
         return replace(known, cached=True)
     require_memory(segment, config)
+    start_loading()
     started = saved = drawn = time.perf_counter()
     training, recorder, earlier = begin(), Recorder(), 0.0
     # A checkpoint beyond the planned iterations is a longer training's and stays untouched; the
     # shorter one then has its own under the result's key.
+    checkpoints = store if training.has_checkpoints else None
     for key in (resume_key, result_key):
-        state = store.load_state(key, faults.append) if store else None
-        if store is None or state is None:
+        state = checkpoints.load_state(key, faults.append) if checkpoints else None
+        if checkpoints is None or state is None:
             break
         try:
             if state["history.rows"][-1][0] > training.planned:
@@ -98,7 +99,7 @@ def training(
             recorder.restore(state)
             earlier = float(state["seconds"])
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
-            store.reject_state(key, fault, faults.append)
+            checkpoints.reject_state(key, fault, faults.append)
             training, recorder = begin(), Recorder()
         break
     outcome = training.outcome
@@ -122,9 +123,9 @@ def training(
         return now
 
     def save() -> None:
-        if store:
+        if checkpoints:
             state = training.state() | recorder.state() | {"seconds": np.array(elapsed())}
-            store.save_state(key, state, faults.append)
+            checkpoints.save_state(key, state, faults.append)
 
     try:
         if not earlier:
@@ -151,13 +152,13 @@ def training(
         surrogate=motion(learned.outputs),
         outcome=outcome,
         seconds=elapsed(),
-        config=config.to_json() | ({"started_from": warm.digest()} if warm else {}),
+        config=config.to_json(),
         loss=learned.loss,
         history=recorder.history(),
         iterations=training.progress.iteration,
         network_weights=learned.network_weights,
         arrays=learned.arrays,
-        findings=[*([StartedFrom(warm.origin)] if warm else []), *learned.findings, *begun],
+        findings=[*learned.findings, *begun],
     )
     if store and outcome in (Outcome.CONVERGED, Outcome.FINISHED):
         store.save_fit(result_key, fit, faults.append)
@@ -167,37 +168,32 @@ def training(
 
 
 def _kind(preset: PresetName) -> type[Training]:
-    """The preset's training, imported only now: each takes its time.
+    """The preset's training, imported only now; the search of `calibrated` needs no PyTorch.
 
     Raises:
-        AccpinnError: where PyTorch, which `paper` needs, cannot be loaded.
+        AccpinnError: where PyTorch cannot be loaded.
     """
-    if preset == "fast":
-        from accpinn.methods.pinn.fast import FastTraining
-
-        return FastTraining
     if preset == "calibrated":
         from accpinn.methods.pinn.calibrated import CalibratedTraining
 
         return CalibratedTraining
-    try:
-        from accpinn.methods.pinn.paper import PaperTraining
-    except (ImportError, OSError) as fault:  # the latter for a library of another system
-        raise AccpinnError(
-            f"PyTorch, which the preset paper needs, cannot be loaded ({str(fault)[:80]}); install"
-            " the packages of requirements.txt again, or choose another preset."
-        ) from fault
+    wait_until_loaded()
+    if preset == "fast":
+        from accpinn.methods.pinn.fast import FastTraining
+
+        return FastTraining
+    from accpinn.methods.pinn.paper import PaperTraining
+
     return PaperTraining
 
 
 def _default(preset: PresetName) -> int:
     """How many threads a training gets where nobody chose.
 
-    Those of `fast` have work of their own. With `paper` they share each small product, and one that
-    waits for a busy core costs far more than another gains: a core is left to others.
+    They share each small product, and one that waits for a busy core costs far more than another
+    gains: minibatches get one, and `paper` leaves a core to others.
     """
-    cores = os.cpu_count() or 1
-    return max(1, min(4, cores if preset == "fast" else cores - 1))
+    return 1 if preset != "paper" else max(1, min(4, (os.cpu_count() or 1) - 1))
 
 
 def _allowed(threads: int) -> int:
@@ -208,15 +204,3 @@ def _allowed(threads: int) -> int:
         )
     return threads
 
-
-def _begun(training: Training, warm: WarmStart | None) -> Training:
-    """A training at its beginning."""
-    if warm:
-        try:
-            training.begin_from(warm)
-        except ValueError:
-            raise ConfigError(
-                f"The weights of {warm.origin} do not fit this network; choose the preset, the"
-                " window and the highest frequency they were trained with, or start without them."
-            ) from None
-    return training

@@ -1,0 +1,150 @@
+"""The exact solves of the PiNN: output layer for given parameters, parameters for given outputs.
+
+Given Φ (N, K), what the output layer sees, the layer W (K, 2M+1) is linear and Ψ is quadratic in
+it for fixed parameters, while the parameters are a 3x3 solve for fixed outputs (variable
+projection, Golub and Pereyra 1973). Alternating the two lowers Ψ at every round.
+
+Every residual of follower i is linear in its speed v_i, its gap p_i and the speed ahead v_{i-1},
+with their rates:
+
+    residual         rate of            value of
+    gap's rate       p_i: 1             v_i: 1,  v_{i-1}: -1
+    acceleration     v_i: 1             p_i: -α,  v_i: ατ + β,  v_{i-1}: -β
+
+so the normal matrix is a chain: eliminating the last follower first leaves one K x K term on the
+speed ahead.
+
+    [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (v_i, p_i) weights, 2K;  B_i 2K x 2K
+    [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.loss import output_columns
+from accpinn.methods.regression import Solution, solve_platoon
+from accpinn.model.cthp import Case
+from accpinn.units import FloatArray, Mask
+
+RIDGE = 1e-10
+"""Share of the mean squared activation added to the diagonal: activations may be collinear."""
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Products of Φ, its rates and the data, summed over instants and divided by N."""
+
+    grams: FloatArray
+    """(2, 2, K, K) [a, b] the a-th derivative of Φ times its b-th derivative."""
+    dynamic_grams: tuple[FloatArray, ...]
+    """(M,) the same over the instants at which a follower's acceleration counts."""
+    value_data: FloatArray
+    """(K, 2M+1) ΦᵀY."""
+    first: FloatArray
+    """(K,) Φ at the first instant, for Ψ_R."""
+    first_data: FloatArray
+    """(2M+1,) the data at the first instant."""
+
+    @classmethod
+    def of(
+        cls, value: FloatArray, rate: FloatArray, measured: FloatArray, mask: Mask | None = None
+    ) -> Self:
+        """Sum products.
+
+        Args:
+            value: (N, K) Φ.
+            rate: (N, K) its derivative in time.
+            measured: (N, 2M+1) in the order of `output_columns`.
+            mask: (N, M) True where a follower's acceleration counts; None for everywhere.
+        """
+        count, followers = len(value), measured.shape[1] // 2
+        both = np.hstack([value, rate])
+        grams = _grams(both, count)
+        dynamic = [grams] * followers if mask is None else [_grams(both[at], count) for at in mask.T]
+        value_value = grams[0, 0]
+        value_value[np.diag_indices_from(value_value)] += RIDGE * value_value.diagonal().mean()
+        value_data = value.T @ measured / count
+        return cls(grams, tuple(dynamic), value_data, value[0], measured[0])
+
+
+def _grams(both: FloatArray, count: int) -> FloatArray:
+    """(2, 2, K, K) from Φ and Φ' side by side (n, 2K)."""
+    size = both.shape[1] // 2
+    return np.asarray((both.T @ both / count).reshape(2, size, 2, size).swapaxes(1, 2))
+
+
+def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
+    """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
+    size, followers = len(sums.first), len(theta)
+    speed_columns, gap_columns = output_columns(followers)
+    (s_gap, s_speed), restart = config.weight_data, config.weight_initial
+    at_first = restart * np.outer(sums.first, sums.first)
+    value_value = sums.grams[0, 0]
+    right = s_speed * sums.value_data
+    right[:, gap_columns] *= s_gap / s_speed
+    right[:, 1:] += restart * np.outer(sums.first, sums.first_data[1:])
+
+    # From the last follower to the first: what is left of those behind on their speed ahead.
+    behind = np.zeros((size, size + 1))
+    eliminated: list[FloatArray] = []
+    for follower in reversed(range(followers)):
+        blocks = _follower_blocks(sums, follower, theta[follower], config)
+        normal = np.block([[blocks[a, b] for b in range(3)] for a in range(3)])
+        both = slice(0, 2 * size)
+        normal[:size, :size] += s_speed * value_value + at_first + behind[:, :-1]
+        normal[size : 2 * size, size : 2 * size] += s_gap * value_value + at_first
+        goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].T.copy()
+        goal[0] += behind[:, -1]
+        coupling = normal[both, 2 * size :]
+        factor = cho_factor(normal[both, both], lower=True, check_finite=False)
+        reach = cho_solve(factor, np.column_stack([coupling, goal.ravel()]), check_finite=False)
+        eliminated.append(reach)
+        behind = -coupling.T @ reach
+        behind[:, :-1] += normal[2 * size :, 2 * size :]
+
+    weights = np.empty((size, 2 * followers + 1))
+    factor = cho_factor(s_speed * value_value + behind[:, :-1], lower=True, check_finite=False)
+    weights[:, 0] = cho_solve(factor, right[:, 0] + behind[:, -1], check_finite=False)
+    for follower, reach in enumerate(reversed(eliminated)):
+        solved = reach[:, -1] - reach[:, :-1] @ weights[:, speed_columns[follower]]
+        weights[:, speed_columns[follower + 1]] = solved[:size]
+        weights[:, gap_columns[follower]] = solved[size:]
+    return weights
+
+
+def _follower_blocks(
+    sums: NormalEquations, follower: int, theta: FloatArray, config: PinnConfig
+) -> FloatArray:
+    """(3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed ahead."""
+    alpha, alpha_tau, beta = theta
+    gap_rate = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    acceleration = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
+    q_gap, q_speed = config.weight_physics
+    forms = (
+        q_gap * np.multiply.outer(gap_rate, gap_rate),
+        q_speed * np.multiply.outer(acceleration, acceleration),
+    )
+    dynamic = sums.dynamic_grams[follower]
+    if dynamic is sums.grams:
+        return np.tensordot(forms[0] + forms[1], dynamic, ((0, 2), (0, 1)))
+    kinematic = np.tensordot(forms[0], sums.grams, ((0, 2), (0, 1)))
+    return np.asarray(kinematic + np.tensordot(forms[1], dynamic, ((0, 2), (0, 1))))
+
+
+def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> Solution:
+    """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
+    followers = weights.shape[1] // 2
+    speed_columns, gap_columns = output_columns(followers)
+    grams, targets = [], []
+    for follower in range(followers):
+        own = weights[:, speed_columns[follower + 1]]
+        relative = weights[:, speed_columns[follower]] - own
+        terms = np.stack([weights[:, gap_columns[follower]], -own, relative], axis=1)
+        dynamic = sums.dynamic_grams[follower]
+        grams.append(terms.T @ dynamic[0, 0] @ terms)
+        targets.append(terms.T @ (dynamic[0, 1] @ own))
+    return solve_platoon(np.stack(grams), np.stack(targets), case)
