@@ -116,6 +116,9 @@ def vanishing(form: Form, z: FloatArray) -> FloatArray:
 class Criterion:
     """log L + log prior of every group, as a function of its coordinates."""
 
+    rounding: float = 0.0
+    """Gain that rounding hides; a search that expects less ends."""
+
     def __init__(self, series: Series, form: Form = "cthp") -> None:
         """For series, under a form of the model."""
         self.series, self.form = series, form
@@ -262,7 +265,8 @@ def ascend(
             step = scoring_step(curvature[k], gradient[k], free, damping[k], reach[k])
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
             is_full = damping[k] < 1.0 and np.abs(step).max() < 0.99 * reach[k]
-            done[k] = is_full and gradient[k] @ step < CLOSE
+            gain = gradient[k] @ step
+            done[k] = (is_full and gain < CLOSE) or gain < criterion.rounding
         active = active[~done[active]]
         if not len(active):
             break

@@ -64,7 +64,7 @@ class PinnConfig:
     """`paper` only: L-BFGS iterations after Adam, which the paper suggests but does not report."""
     test_share: float = 0.0
     """`paper` only: share of instants, drawn at random, kept out of training."""
-    highest_frequency: float = 0.1
+    highest_frequency: float = 0.15
     """In Hz, not of `paper`: the input features reach from a cycle per window or less to here."""
     batch: int = 300
     """Random instants per Adam iteration; not of `paper`."""

@@ -26,6 +26,7 @@ Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solu
 """
 
 from collections.abc import Generator
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -51,6 +52,10 @@ OUTPUTS = 3
 """p, v, u."""
 DIFFERENCE = 1e-3
 """Difference of a coordinate for a slope: small against its deviation, large against rounding."""
+SECOND_DIFFERENCE = 0.02
+"""The same for the curvature at the maximum."""
+LEAST_CURVATURE = 0.1
+"""Least curvature of the criterion in any direction, where it is flat or curved upwards."""
 LEAST_START = 0.05
 """Share of a typical α, ατ, β: from zero a search in logarithms would not move."""
 MOST_WEIGHT = 300.0
@@ -211,6 +216,8 @@ class LinearEvidence:
 class Evidence(Criterion):
     """log evidence + log prior of every group, in place of the Kalman filter's likelihood."""
 
+    rounding = 1e-5
+
     def __init__(self, series: Series, knots_every: Seconds = KNOTS_EVERY) -> None:
         """For series, each of them with features of its own length."""
         super().__init__(series)
@@ -266,4 +273,31 @@ def climb(criterion: Evidence, theta: FloatArray) -> Generator[Ascending, None, 
     """
     z = np.tile(criterion.start, (len(theta), 1))
     z[:, :3] = np.log(np.maximum(theta, LEAST_START * np.exp(z[:, :3])))
-    return ascend(criterion, z, np.arange(len(z)))
+    maxima = yield from ascend(criterion, z, np.arange(len(z)))
+    return [
+        replace(maximum, curvature=_curvature(criterion, maximum, group))
+        for group, maximum in enumerate(maxima)
+    ]
+
+
+def _curvature(criterion: Evidence, maximum: Maximum, group: int) -> FloatArray:
+    """(P, P) minus the second derivatives at a maximum; 0 where a bound holds a coordinate.
+
+    Directions in which the criterion is not curved downwards get `LEAST_CURVATURE`.
+    """
+    free = np.flatnonzero(np.diag(maximum.curvature) > 0)
+    moves = SECOND_DIFFERENCE * np.eye(criterion.size)[free]
+    rows, columns = np.triu_indices(len(free))
+    pairs = moves[rows] + moves[columns]
+    z = maximum.coordinates + np.concatenate([pairs, -pairs, moves, -moves])
+    values = criterion.log_likelihood(z, np.full(len(z), group)) + criterion.log_prior(z)
+    ahead, behind, single = np.split(values, [len(rows), 2 * len(rows)])
+    along = single.reshape(2, -1).sum(axis=0)
+    second = ahead + behind - along[rows] - along[columns] + 2 * maximum.criterion
+    matrix = np.zeros((len(free), len(free)))
+    matrix[rows, columns] = matrix[columns, rows] = -second / (2 * SECOND_DIFFERENCE**2)
+    sizes, directions = np.linalg.eigh(matrix)
+    curvature = np.zeros((criterion.size, criterion.size))
+    downwards = directions * np.maximum(sizes, LEAST_CURVATURE) @ directions.T
+    curvature[np.ix_(free, free)] = downwards
+    return curvature

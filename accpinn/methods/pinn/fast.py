@@ -39,7 +39,7 @@ START_ROUNDS = 50
 """Largest number of exact rounds before the hidden layers are trained."""
 CYCLE_ROUNDS = 3
 """Largest number of exact rounds after a cycle."""
-CONVERGED = 5e-4
+CONVERGED = 1e-3
 """Largest share by which a parameter moves over the last cycle."""
 
 
@@ -47,20 +47,12 @@ CONVERGED = 5e-4
 class _Optimum:
     """The exact optimum, as far as sought, for some hidden layers."""
 
-    value: FloatArray
-    """(N, K) a constant and what the output layer sees."""
-    rate: FloatArray
-    """(N, K) the derivative in time."""
+    seen: FloatArray
+    """(N, 2, K) what the output layer sees, with a constant first, and its derivative in time."""
     sums: NormalEquations
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
     solution: Solution
-
-    def terms(self, training: Training) -> LossTerms:
-        """Ψ."""
-        outputs, rates = self.value @ self.weights, self.rate @ self.weights
-        theta, config = self.solution.theta, training.config
-        return loss_terms(outputs, rates, training.measured, theta, config, training.mask)
 
 
 class FastTraining(Training):
@@ -89,6 +81,11 @@ class FastTraining(Training):
         self.network = Network(self.followers, config, float(segment.time[-1]))
         with torch.no_grad():
             self._features = self.network.features(torch.tensor(segment.time))
+        value, rate = self._features
+        constant = np.ones((len(value), 1))
+        values, rates = np.hstack([constant, value]), np.hstack([0 * constant, rate])
+        self._skipped = np.stack([values, rates], axis=1)
+        self._skipped_sums = NormalEquations.of(self._skipped, self.measured, segment.mask)
         self._adam = Adam(list(self.network.hidden.parameters()), b2=0.99)
         self._held = held
         initial = Parameters.of([config.initial.values] * self.followers)
@@ -125,18 +122,27 @@ class FastTraining(Training):
             after = self._solved(after)
             if _largest_move(after.solution, last) <= STANDSTILL:
                 break
-        if after.terms(self).total < loss:
+        terms = self._terms(after)
+        if terms.total < loss:
             self._best = after
+            self._note("Adam", terms)
         else:
             self.network.load_arrays(kept)
-        self._note("Adam")
+            self._note("Adam")
         moved = _largest_move(self._best.solution, before.solution)
         if moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
-    def _note(self, phase: str) -> None:
-        """Look at the present moment, and see if it ends."""
-        self._look(phase, self._iteration, self._best.terms(self), self._best.solution.parameters)
+    def _terms(self, at: _Optimum) -> LossTerms:
+        """Ψ on all instants."""
+        outputs, rates = at.seen[:, 0] @ at.weights, at.seen[:, 1] @ at.weights
+        theta = at.solution.theta
+        return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask)
+
+    def _note(self, phase: str, terms: LossTerms | None = None) -> None:
+        """Look at the present moment, with Ψ where it is known already, and see if it ends."""
+        best = self._best
+        self._look(phase, self._iteration, terms or self._terms(best), best.solution.parameters)
         if phase == "start":
             self._start_loss = self.progress.total
         self.outcome = Outcome.FINISHED if self._iteration >= self.planned else None
@@ -145,15 +151,13 @@ class FastTraining(Training):
 
     def _optimum(self, solution: Solution) -> _Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
-        value, rate = self._features
         with torch.no_grad():
-            active, active_rate = self.network.activations(value, rate)
-        one = np.ones((len(value), 1))
-        seen = np.hstack([one, value, active])
-        seen_rate = np.hstack([0 * one, rate, active_rate])
-        sums = NormalEquations.of(seen, seen_rate, self.measured, self.segment.mask)
+            active, active_rate = self.network.activations(*self._features)
+        hidden = np.stack([active.numpy(), active_rate.numpy()], axis=1)
+        seen = np.concatenate([self._skipped, hidden], axis=2)
+        sums = NormalEquations.of(seen, self.measured, self.segment.mask, self._skipped_sums)
         weights = solve_output(sums, solution.theta, self.config)
-        return _Optimum(seen, seen_rate, sums, weights, solution)
+        return _Optimum(seen, sums, weights, solution)
 
     def _solved(self, at: _Optimum) -> _Optimum:
         """One exact round: the parameters, unless they are held, and then the output layer."""
@@ -168,8 +172,8 @@ class FastTraining(Training):
         config, best, width = self.config, self._best, self.config.width
         count = len(self.measured)
         skip, through = best.weights[:-width], torch.from_numpy(best.weights[-width:])
-        fixed = torch.from_numpy(best.value[:, :-width] @ skip)
-        fixed_rate = torch.from_numpy(best.rate[:, :-width] @ skip)
+        fixed = torch.from_numpy(self._skipped[:, 0] @ skip)
+        fixed_rate = torch.from_numpy(self._skipped[:, 1] @ skip)
         measured, theta = torch.from_numpy(self.measured), torch.tensor(best.solution.theta)
         mask = None if self.mask is None else torch.from_numpy(self.mask)
         value, rate = self._features
@@ -193,7 +197,7 @@ class FastTraining(Training):
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return self._best.value @ self._best.weights
+        return np.asarray(self._best.seen[:, 0] @ self._best.weights)
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cholesky, solve, solve_triangular
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import output_columns
@@ -51,30 +51,46 @@ class NormalEquations:
 
     @classmethod
     def of(
-        cls, value: FloatArray, rate: FloatArray, measured: FloatArray, mask: Mask | None = None
+        cls,
+        seen: FloatArray,
+        measured: FloatArray,
+        mask: Mask | None = None,
+        known: Self | None = None,
     ) -> Self:
         """Sum products.
 
         Args:
-            value: (N, K) Φ.
-            rate: (N, K) its derivative in time.
+            seen: (N, 2, K) Φ and its derivative in time.
             measured: (N, 2M+1) in the order of `output_columns`.
             mask: (N, M) True where a follower's acceleration counts; None for everywhere.
+            known: the same of the first columns of Φ alone, which are then not summed again.
         """
-        count, followers = len(value), measured.shape[1] // 2
-        both = np.hstack([value, rate])
-        grams = _grams(both, count)
-        dynamic = [grams] * followers if mask is None else [_grams(both[at], count) for at in mask.T]
-        value_value = grams[0, 0]
-        value_value[np.diag_indices_from(value_value)] += RIDGE * value_value.diagonal().mean()
-        value_data = value.T @ measured / count
-        return cls(grams, tuple(dynamic), value_data, value[0], measured[0])
+        count, followers = len(seen), measured.shape[1] // 2
+        grams = _grams(seen, count, known and known.grams)
+        dynamic = [grams] * followers
+        if mask is not None:
+            before = known.dynamic_grams if known else [None] * followers
+            rows = zip(mask.T, before, strict=True)
+            dynamic = [_grams(seen[kept], count, first) for kept, first in rows]
+        value_data = seen[:, 0].T @ measured / count
+        return cls(grams, tuple(dynamic), value_data, seen[0, 0], measured[0])
+
+    @property
+    def value_value(self) -> FloatArray:
+        """(K, K) ΦᵀΦ with a ridge."""
+        values = self.grams[0, 0]
+        return values + RIDGE * values.diagonal().mean() * np.eye(len(values))
 
 
-def _grams(both: FloatArray, count: int) -> FloatArray:
-    """(2, 2, K, K) from Φ and Φ' side by side (n, 2K)."""
-    size = both.shape[1] // 2
-    return np.asarray((both.T @ both / count).reshape(2, size, 2, size).swapaxes(1, 2))
+def _grams(seen: FloatArray, count: int, known: FloatArray | None) -> FloatArray:
+    """(2, 2, K, K) from Φ and Φ' (n, 2, K), and those of the first columns where known."""
+    size, old = seen.shape[2], 0 if known is None else known.shape[2]
+    left, right = seen.reshape(len(seen), -1), seen[:, :, old:].reshape(len(seen), -1)
+    fresh = (left.T @ (right if old else left) / count).reshape(2, size, 2, -1).swapaxes(1, 2)
+    if known is None:
+        return np.asarray(fresh)
+    mirrored = fresh[:, :, :old].transpose(1, 0, 3, 2)
+    return np.block([[known, fresh[:, :, :old]], [mirrored, fresh[:, :, old:]]])
 
 
 def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
@@ -83,14 +99,14 @@ def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -
     speed_columns, gap_columns = output_columns(followers)
     (s_gap, s_speed), restart = config.weight_data, config.weight_initial
     at_first = restart * np.outer(sums.first, sums.first)
-    value_value = sums.grams[0, 0]
+    value_value = sums.value_value
     right = s_speed * sums.value_data
     right[:, gap_columns] *= s_gap / s_speed
     right[:, 1:] += restart * np.outer(sums.first, sums.first_data[1:])
 
     # From the last follower to the first: what is left of those behind on their speed ahead.
     behind = np.zeros((size, size + 1))
-    eliminated: list[FloatArray] = []
+    eliminated: list[tuple[FloatArray, FloatArray]] = []
     for follower in reversed(range(followers)):
         blocks = _follower_blocks(sums, follower, theta[follower], config)
         normal = np.block([[blocks[a, b] for b in range(3)] for a in range(3)])
@@ -100,17 +116,19 @@ def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -
         goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].T.copy()
         goal[0] += behind[:, -1]
         coupling = normal[both, 2 * size :]
-        factor = cho_factor(normal[both, both], lower=True, check_finite=False)
-        reach = cho_solve(factor, np.column_stack([coupling, goal.ravel()]), check_finite=False)
-        eliminated.append(reach)
-        behind = -coupling.T @ reach
+        factor = cholesky(normal[both, both], lower=True, check_finite=False)
+        linked = np.column_stack([coupling, goal.ravel()])
+        half = solve_triangular(factor, linked, lower=True, check_finite=False)
+        eliminated.append((factor, half))
+        behind = -half[:, :-1].T @ half
         behind[:, :-1] += normal[2 * size :, 2 * size :]
 
     weights = np.empty((size, 2 * followers + 1))
-    factor = cho_factor(s_speed * value_value + behind[:, :-1], lower=True, check_finite=False)
-    weights[:, 0] = cho_solve(factor, right[:, 0] + behind[:, -1], check_finite=False)
-    for follower, reach in enumerate(reversed(eliminated)):
-        solved = reach[:, -1] - reach[:, :-1] @ weights[:, speed_columns[follower]]
+    leader = s_speed * value_value + behind[:, :-1]
+    weights[:, 0] = solve(leader, right[:, 0] + behind[:, -1], assume_a="pos", check_finite=False)
+    for follower, (factor, half) in enumerate(reversed(eliminated)):
+        left = half[:, -1] - half[:, :-1] @ weights[:, speed_columns[follower]]
+        solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
         weights[:, speed_columns[follower + 1]] = solved[:size]
         weights[:, gap_columns[follower]] = solved[size:]
     return weights
