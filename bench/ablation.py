@@ -18,24 +18,24 @@ import numpy as np
 
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.posterior import sample_from
-from accpinn.methods.likelihood import natural
+from accpinn.methods.likelihood import end_of, natural, search
 from accpinn.methods.maximum_likelihood import maxima_of
-from accpinn.methods.pinn.evidence import COMPLETE, LOSS, Determinants, Evidence
-from accpinn.methods.pinn.evidence_search import Ascent, maximise_evidence
+from accpinn.methods.pinn.evidence import Evidence, Parts, climb
 from accpinn.methods.regression import Regression
-from accpinn.methods.series import series_of
+from accpinn.methods.series import Series, series_of
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray
 from bench.coverage import ALL_THREE, EACH, SETS
 from bench.disturbed import Disturbance, disturbed
 from bench.run import SYMBOLS, each, options
 
-VARIANTS = {
-    "loss": LOSS,
-    "loss + log|Λ+A|": Determinants(prior=False),
-    "loss - log|Λ|": Determinants(posterior=False),
-    "evidence": COMPLETE,
+VARIANTS: dict[str, set[str]] = {
+    "loss": {"loss"},
+    "loss + log|Λ+A|": {"loss", "posterior"},
+    "loss - log|Λ|": {"loss", "prior"},
+    "evidence": {"loss", "posterior", "prior"},
 }
+"""The parts of the evidence that are kept."""
 BIAS, AGREEMENT = 0.04, 0.3
 STAGES = (100, 100, 400)
 """Proposals of the posterior's sampling; fewer than usual, as a value takes milliseconds."""
@@ -60,22 +60,34 @@ class Ablation:
     seconds: float
 
 
+class Variant(Evidence):
+    """Some parts of the evidence, as a function of α, ατ and β alone."""
+
+    def __init__(self, series: Series, kept: set[str], z: FloatArray) -> None:
+        """Hold disturbance and noise at coordinates z (P,)."""
+        super().__init__(series)
+        self._kept = kept
+        self.lower[3:] = self.upper[3:] = z[3:]
+
+    def combined(self, parts: Parts) -> float:
+        """The sum of the parts kept."""
+        return float(sum(getattr(parts, name) for name in self._kept))
+
+
 def study(seed: int) -> Ablation:
     """One recording."""
     true = SETS[[seed % len(SETS)]]
     segment = disturbed(true, seed, Disturbance())
     series = series_of([segment], "II")
     started = time.perf_counter()
-    maximum = maximise_evidence(series, Regression.of(segment).solve("II").theta)[0]
+    theta = Regression.of(segment).solve("II").theta
+    [maximum] = end_of(climb(Evidence(series), theta))
     seconds = time.perf_counter() - started
-    moving = np.arange(len(maximum.coordinates)) < 3
     variants = {}
-    for name, determinants in VARIANTS.items():
-        criterion = Evidence(series, determinants=determinants)
-        ascent = Ascent(criterion, 0, maximum.coordinates, moving)
-        while not ascent.ended:
-            ascent.advance()
-        variants[name] = _parameters(ascent.coordinates)
+    for name, kept in VARIANTS.items():
+        criterion = Variant(series, kept, maximum.coordinates)
+        [end] = search(criterion, maximum.coordinates[None], np.zeros(1, int))
+        variants[name] = _parameters(end.coordinates)
     draws = sample_from(Evidence(series), [maximum], stages=STAGES)[0].evenly(2000)
     lower, upper = interval_ends(Parameters.from_theta(draws).values, LEVEL)
     return Ablation(

@@ -14,8 +14,7 @@ import torch
 from accpinn.inference.intervals import Interval
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.pinn.config import PRESETS
-from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.network import output_columns
+from accpinn.methods.pinn.loss import loss_terms, output_columns
 from accpinn.methods.state_space import COMMON, Form
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.openacc import read

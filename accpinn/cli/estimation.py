@@ -39,6 +39,7 @@ from accpinn.inference.multistart import MultistartResult, multistart, summarise
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
+from accpinn.methods.pinn.torch_loading import start_loading
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Parameters
@@ -117,6 +118,8 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
+    if settings:
+        start_loading()  # while the recording is read
     recording, segment = chosen_segment(options, [options.method])
     with interruptible() as stopped, _progress_bar() as show_progress:
         context = replace(

@@ -210,8 +210,12 @@ def maximise(
 def search(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
 ) -> list[Maximum]:
-    """The maxima that `ascend` returns at its end."""
-    rounds = ascend(criterion, z, groups, is_last_held)
+    """The maxima that `ascend` returns; arguments as there."""
+    return end_of(ascend(criterion, z, groups, is_last_held))
+
+
+def end_of(rounds: "Generator[Ascending, None, list[Maximum]]") -> list[Maximum]:
+    """The maxima that a search returns after its last round."""
     while True:
         try:
             next(rounds)

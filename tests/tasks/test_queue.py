@@ -451,10 +451,10 @@ def test_what_is_imported_is_not_searched_for_garbage() -> None:
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.paper", None)
+    monkeypatch.setitem(sys.modules, "torch", None)
     queue = TaskQueue(threads=1)
     task = training_task("ann", TrainingRequest(segment(), "II", PAPER))
     finished(queue.submit(task))
     queue.close()
     assert task.status is Status.FAILED
-    assert task.error.startswith("PyTorch, which the preset paper needs, cannot be loaded (")
+    assert task.error.startswith("PyTorch, which the PiNN needs, cannot be loaded (")

@@ -54,6 +54,11 @@ class _Optimum:
     """(K, 2M+1) W, biases in the first row."""
     solution: Solution
 
+    def surrogate(self) -> tuple[FloatArray, FloatArray]:
+        """(N, 2M+1) outputs and their rates."""
+        both = self.seen.reshape(-1, self.seen.shape[2]) @ self.weights
+        return both[::2], both[1::2]
+
 
 class FastTraining(Training):
     """See the module's head; one `advance` is an exact round or a cycle."""
@@ -135,7 +140,7 @@ class FastTraining(Training):
 
     def _terms(self, at: _Optimum) -> LossTerms:
         """Ψ on all instants."""
-        outputs, rates = at.seen[:, 0] @ at.weights, at.seen[:, 1] @ at.weights
+        outputs, rates = at.surrogate()
         theta = at.solution.theta
         return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask)
 
@@ -197,7 +202,7 @@ class FastTraining(Training):
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return np.asarray(self._best.seen[:, 0] @ self._best.weights)
+        return self._best.surrogate()[0]
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""

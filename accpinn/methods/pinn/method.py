@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, Run
 from accpinn.methods.method import Method, TaskContext

@@ -19,7 +19,6 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
@@ -84,7 +83,8 @@ class Network(nn.Module):
     @torch.no_grad()
     def curves(self, time: FloatArray) -> FloatArray:
         """(N, 2M+1) outputs at instants (N,) in s."""
-        return np.asarray(self(torch.tensor(time))[0])
+        outputs: FloatArray = self(torch.tensor(time))[0].numpy()
+        return outputs
 
     @property
     def size(self) -> int:
@@ -93,7 +93,7 @@ class Network(nn.Module):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """A copy of weights and biases, by name."""
-        return {name: np.array(weights) for name, weights in self.state_dict().items()}
+        return {name: weights.numpy().copy() for name, weights in self.state_dict().items()}
 
     def load_arrays(self, state: State) -> None:
         """Take the weights and biases that `arrays` gave; other arrays are left aside.
@@ -139,7 +139,7 @@ class Adam:
         """Moments and count of steps, by name."""
         named = zip(self._means, self._squares, self._steps, strict=True)
         return {
-            f"adam.{k}.{part}": np.array(values)
+            f"adam.{k}.{part}": values.numpy().copy()
             for k, group in enumerate(named)
             for part, values in enumerate(group)
         }

@@ -50,8 +50,8 @@ def training(
 ) -> Run:
     """Learn the parameters of a segment with the physics-inspired neural network, step by step.
 
-    Closing it keeps a checkpoint, where the preset has any; a training of the same request continues
-    from there.
+    Closing it keeps a checkpoint, where the preset has any, and a training of the same request
+    continues from there.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
@@ -203,4 +203,3 @@ def _allowed(threads: int) -> int:
             f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
         )
     return threads
-
