@@ -33,21 +33,20 @@ if TYPE_CHECKING:
 class CalibratedTraining(Training):
     """See the module's head; one `advance` is a round of the search, or a cycle of `fast`."""
 
+    @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Begin the search at the estimate of least squares."""
         super().__init__(segment, case, config, threads)
         self._evidence = Evidence(series_of([segment], case))
         self._network: FastTraining | None = None
         self._iteration = 0
-        groups = self._evidence.series.groups
-        with np.errstate(all="ignore"):  # absurd numbers end as diverged
-            regression = Regression.of(segment)
-            start = np.zeros((groups, 3))
-            if np.isfinite(regression.grams()).all():
-                start = regression.solve(case).theta[:groups]
-            self._search = climb(self._evidence, start)
-            self._at: Ascending = next(self._search)
-            self._note()
+        start = np.zeros((self._evidence.series.groups, 3))
+        regression = Regression.of(segment)
+        if np.isfinite(regression.grams()).all():
+            start = regression.solve(case).theta[: len(start)]
+        self._search = climb(self._evidence, start)
+        self._at: Ascending = next(self._search)
+        self._note()
 
     @np.errstate(all="ignore")
     def advance(self) -> None:

@@ -35,8 +35,9 @@ HALF_LIFE = 100
 """Iterations in which Adam's learning rate halves: minibatch noise must fade for Ψ to converge."""
 STANDSTILL = 1e-4
 """Exact rounds go on until no parameter moves by more than this share."""
-START_ROUNDS = 50
-"""Largest number of exact rounds before the hidden layers are trained."""
+START_ROUNDS = 300
+"""Largest number of exact rounds before the hidden layers are trained; some ten are usual, and 200
+where the physics weighs a hundred times as much as the data."""
 CYCLE_ROUNDS = 3
 """Largest number of exact rounds after a cycle."""
 CONVERGED = 1e-3
@@ -107,10 +108,8 @@ class FastTraining(Training):
                 before = self._best.solution
                 self._best = self._solved(self._best)
                 self._iteration += 1
-                self._starting = (
-                    _largest_move(self._best.solution, before) > STANDSTILL
-                    and self._iteration < START_ROUNDS
-                )
+                moved = _largest_move(self._best.solution, before)
+                self._starting = moved > STANDSTILL and self._iteration < START_ROUNDS
                 self._note("start")
             else:
                 self._cycle()
@@ -120,7 +119,8 @@ class FastTraining(Training):
     def _cycle(self) -> None:
         before, loss = self._best, self.progress.total
         kept = self.network.arrays()
-        self._descend(min(CYCLE, self.planned - self._iteration))
+        steps = min(CYCLE, self.planned - self._iteration)
+        self._descend(steps)
         after = self._optimum(before.solution)
         for _ in range(CYCLE_ROUNDS):
             last = after.solution
@@ -135,7 +135,7 @@ class FastTraining(Training):
             self.network.load_arrays(kept)
             self._note("Adam")
         moved = _largest_move(self._best.solution, before.solution)
-        if moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
+        if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
     def _terms(self, at: _Optimum) -> LossTerms:

@@ -27,13 +27,13 @@ def started(config: PinnConfig = FAST, masked: bool = False) -> FastTraining:
 
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("config", [FAST, WEIGHTED])
-def test_hidden_layers_lower_the_loss_and_adam_moves_along_its_gradient(
-    config: PinnConfig, masked: bool
-) -> None:
+def test_training_the_hidden_layers_lowers_the_loss(config: PinnConfig, masked: bool) -> None:
     training = started(config, masked)
     before = training.progress.total
     training.advance()
-    assert training.progress.total < before
+    # With little data minibatches may raise the loss, and the cycle is taken back.
+    assert training.progress.total <= before
+    assert masked or training.progress.total < before
     assert training.progress.iteration - 50 in range(3, 15)
 
 
