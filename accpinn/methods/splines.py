@@ -105,7 +105,8 @@ class SplineBasis:
         knots, degree = self._lower(order)
         span = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
         size = len(knots) - degree - 1
-        return csr_array(diags_array([-span, span], offsets=[0, 1], shape=(size - 1, size)))
+        bands = np.stack([-span, span])
+        return csr_array(diags_array(bands, offsets=[0, 1], shape=(size - 1, size)))
 
     def diagonals(self, left: csr_array, right: csr_array) -> list[FloatArray]:
         """Sub-diagonals 0 to degree of leftᵀ right (K, K) for matrices (N, K); the rest is zero."""

@@ -48,17 +48,12 @@ CONVERGED = 1e-3
 class _Optimum:
     """The exact optimum, as far as sought, for some hidden layers."""
 
-    seen: FloatArray
-    """(N, 2, K) what the output layer sees, with a constant first, and its derivative in time."""
+    hidden: FloatArray
+    """(N, 2, width) the activations and their derivative in time."""
     sums: NormalEquations
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
     solution: Solution
-
-    def surrogate(self) -> tuple[FloatArray, FloatArray]:
-        """(N, 2M+1) outputs and their rates."""
-        both = self.seen.reshape(-1, self.seen.shape[2]) @ self.weights
-        return both[::2], both[1::2]
 
 
 class FastTraining(Training):
@@ -86,11 +81,13 @@ class FastTraining(Training):
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         with torch.no_grad():
-            self._features = self.network.features(torch.tensor(segment.time))
-        value, rate = self._features
-        constant = np.ones((len(value), 1))
-        values, rates = np.hstack([constant, value]), np.hstack([0 * constant, rate])
-        self._skipped = np.stack([values, rates], axis=1)
+            value, rate = self.network.features(torch.tensor(segment.time))
+        # (N, 2, F + 1) a constant and the features, which the output layer sees as well.
+        self._skipped = np.zeros((len(value), 2, value.shape[1] + 1))
+        self._skipped[:, 0, 0] = 1.0
+        self._skipped[:, 0, 1:], self._skipped[:, 1, 1:] = value, rate
+        features = torch.from_numpy(self._skipped)[:, :, 1:]
+        self._features = features[:, 0], features[:, 1]
         self._skipped_sums = NormalEquations.of(self._skipped, self.measured, segment.mask)
         self._adam = Adam(list(self.network.hidden.parameters()), b2=0.99)
         self._held = held
@@ -140,7 +137,7 @@ class FastTraining(Training):
 
     def _terms(self, at: _Optimum) -> LossTerms:
         """Ψ on all instants."""
-        outputs, rates = at.surrogate()
+        outputs, rates = self._surrogate(at)
         theta = at.solution.theta
         return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask)
 
@@ -157,12 +154,19 @@ class FastTraining(Training):
     def _optimum(self, solution: Solution) -> _Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
         with torch.no_grad():
-            active, active_rate = self.network.activations(*self._features)
-        hidden = np.stack([active.numpy(), active_rate.numpy()], axis=1)
-        seen = np.concatenate([self._skipped, hidden], axis=2)
-        sums = NormalEquations.of(seen, self.measured, self.segment.mask, self._skipped_sums)
-        weights = solve_output(sums, solution.theta, self.config)
-        return _Optimum(seen, sums, weights, solution)
+            hidden = torch.stack(self.network.activations(*self._features), 1).numpy()
+        mask = self.segment.mask
+        sums = self._skipped_sums.extended(self._skipped, hidden, self.measured, mask)
+        return _Optimum(hidden, sums, solve_output(sums, solution.theta, self.config), solution)
+
+    def _surrogate(self, at: _Optimum) -> tuple[FloatArray, FloatArray]:
+        """(N, 2M+1) outputs and their rates."""
+        both = self._from_features(at) + _mapped(at.hidden, at.weights[-self.config.width :])
+        return both[:, 0], both[:, 1]
+
+    def _from_features(self, at: _Optimum) -> FloatArray:
+        """(N, 2, 2M+1) what the skip connection contributes."""
+        return _mapped(self._skipped, at.weights[: -self.config.width])
 
     def _solved(self, at: _Optimum) -> _Optimum:
         """One exact round: the parameters, unless they are held, and then the output layer."""
@@ -176,9 +180,8 @@ class FastTraining(Training):
         """Adam on the hidden layers, on minibatches, everything else fixed."""
         config, best, width = self.config, self._best, self.config.width
         count = len(self.measured)
-        skip, through = best.weights[:-width], torch.from_numpy(best.weights[-width:])
-        fixed = torch.from_numpy(self._skipped[:, 0] @ skip)
-        fixed_rate = torch.from_numpy(self._skipped[:, 1] @ skip)
+        through = torch.from_numpy(best.weights[-width:])
+        fixed = torch.from_numpy(self._from_features(best))
         measured, theta = torch.from_numpy(self.measured), torch.tensor(best.solution.theta)
         mask = None if self.mask is None else torch.from_numpy(self.mask)
         value, rate = self._features
@@ -190,8 +193,8 @@ class FastTraining(Training):
             pick[:first] = 0
             active, active_rate = self.network.activations(value[pick], rate[pick])
             terms = loss_terms(
-                fixed[pick] + active @ through,
-                fixed_rate[pick] + active_rate @ through,
+                fixed[pick, 0] + active @ through,
+                fixed[pick, 1] + active_rate @ through,
                 measured[pick],
                 theta,
                 config,
@@ -202,7 +205,7 @@ class FastTraining(Training):
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return self._best.surrogate()[0]
+        return self._surrogate(self._best)[0]
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
@@ -227,3 +230,9 @@ def _largest_move(now: Solution, before: Solution) -> float:
     new, old = now.parameters.values, before.parameters.values
     scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
     return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
+
+
+def _mapped(columns: FloatArray, weights: FloatArray) -> FloatArray:
+    """(N, 2, L) from values and rates (N, 2, K) and weights (K, L)."""
+    flat = columns.reshape(-1, columns.shape[2]) @ weights
+    return np.asarray(flat.reshape(len(columns), 2, -1))

@@ -51,7 +51,8 @@ class Network(nn.Module):
         skipped = 2 * len(self._angular) + 1 if len(self._angular) else 0
         sizes = (skipped or 1, *config.hidden)
         generator = torch.Generator().manual_seed(config.seed)
-        self.hidden = nn.ModuleList([_layer(*pair, generator) for pair in pairwise(sizes)])
+        self._layers = [_layer(*pair, generator) for pair in pairwise(sizes)]
+        self.hidden = nn.ModuleList(self._layers)
         generator = torch.Generator().manual_seed(config.seed + 1)
         self.output = _layer(skipped + config.width, 2 * followers + 1, generator)
 
@@ -67,7 +68,7 @@ class Network(nn.Module):
 
     def activations(self, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor]:
         """The last tanh layer (N, width) and its derivative, from those of `features`."""
-        for layer in self.hidden:
+        for layer in self._layers:
             value, through = torch.tanh(layer(value)), rate @ layer.weight.T
             rate = (1 - value * value) * through
         return value, rate

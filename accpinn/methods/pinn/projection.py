@@ -18,7 +18,7 @@ speed ahead.
     [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -50,47 +50,62 @@ class NormalEquations:
     """(2M+1,) the data at the first instant."""
 
     @classmethod
-    def of(
-        cls,
-        seen: FloatArray,
-        measured: FloatArray,
-        mask: Mask | None = None,
-        known: Self | None = None,
-    ) -> Self:
+    def of(cls, seen: FloatArray, measured: FloatArray, mask: Mask | None = None) -> Self:
         """Sum products.
 
         Args:
             seen: (N, 2, K) Φ and its derivative in time.
             measured: (N, 2M+1) in the order of `output_columns`.
             mask: (N, M) True where a follower's acceleration counts; None for everywhere.
-            known: the same of the first columns of Φ alone, which are then not summed again.
         """
         count, followers = len(seen), measured.shape[1] // 2
-        grams = _grams(seen, count, known and known.grams)
+        grams = _products(seen, seen, count)
         dynamic = [grams] * followers
         if mask is not None:
-            before = known.dynamic_grams if known else [None] * followers
-            rows = zip(mask.T, before, strict=True)
-            dynamic = [_grams(seen[kept], count, first) for kept, first in rows]
+            dynamic = [_products(seen[kept], seen[kept], count) for kept in mask.T]
         value_data = seen[:, 0].T @ measured / count
         return cls(grams, tuple(dynamic), value_data, seen[0, 0], measured[0])
+
+    def extended(
+        self, seen: FloatArray, more: FloatArray, measured: FloatArray, mask: Mask | None = None
+    ) -> Self:
+        """The same for Φ with further columns (N, 2, L), which stand last; see `of`."""
+        new = self.of(more, measured, mask)
+        rows: list[slice | Mask] = [slice(None)] if mask is None else [slice(None), *mask.T]
+        cross = [_products(seen[kept], more[kept], len(seen)) for kept in rows]
+        grams = _joined(self.grams, cross[0], new.grams)
+        dynamic = [grams] * len(self.dynamic_grams)
+        if mask is not None:
+            parts = zip(self.dynamic_grams, cross[1:], new.dynamic_grams, strict=True)
+            dynamic = [_joined(*part) for part in parts]
+        return replace(
+            self,
+            grams=grams,
+            dynamic_grams=tuple(dynamic),
+            value_data=np.vstack([self.value_data, new.value_data]),
+            first=np.concatenate([self.first, new.first]),
+        )
 
     @property
     def value_value(self) -> FloatArray:
         """(K, K) ΦᵀΦ with a ridge."""
-        values = self.grams[0, 0]
-        return values + RIDGE * values.diagonal().mean() * np.eye(len(values))
+        values: FloatArray = self.grams[0, 0]
+        return np.asarray(values + RIDGE * values.diagonal().mean() * np.eye(len(values)))
 
 
-def _grams(seen: FloatArray, count: int, known: FloatArray | None) -> FloatArray:
-    """(2, 2, K, K) from Φ and Φ' (n, 2, K), and those of the first columns where known."""
-    size, old = seen.shape[2], 0 if known is None else known.shape[2]
-    left, right = seen.reshape(len(seen), -1), seen[:, :, old:].reshape(len(seen), -1)
-    fresh = (left.T @ (right if old else left) / count).reshape(2, size, 2, -1).swapaxes(1, 2)
-    if known is None:
-        return np.asarray(fresh)
-    mirrored = fresh[:, :, :old].transpose(1, 0, 3, 2)
-    return np.block([[known, fresh[:, :, :old]], [mirrored, fresh[:, :, old:]]])
+def _products(left: FloatArray, right: FloatArray, count: int) -> FloatArray:
+    """(2, 2, K, L) from values and rates (n, 2, K) and (n, 2, L)."""
+    flat, other = (columns.reshape(len(columns), -1) for columns in (left, right))
+    # Of one array with itself, half the work.
+    products = (flat.T @ (flat if left is right else other) / count).reshape(
+        2, left.shape[2], 2, -1
+    )
+    return np.asarray(products.swapaxes(1, 2))
+
+
+def _joined(first: FloatArray, cross: FloatArray, last: FloatArray) -> FloatArray:
+    """(2, 2, K+L, K+L) from the products of both kinds of columns, and between them."""
+    return np.block([[first, cross], [cross.transpose(1, 0, 3, 2), last]])
 
 
 def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
