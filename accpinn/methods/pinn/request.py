@@ -32,14 +32,14 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
-    "fast": (0.5, 0.12, FAST.iterations),
-    "calibrated": (1.2, 0.6, CALIBRATED.iterations),
+    "fast": (0.4, 0.25, FAST.iterations),
+    "calibrated": (0.6, 0.8, CALIBRATED.iterations),
     "paper": (450.0, 0.44, PAPER.iterations),
 }
 """Of a training on 300 s of one follower, the share of it that each further one adds, and for how
 many iterations at most; see docs/validation.md."""
 MOST_BYTES = 1.4e9
-_PER_FEATURE, _MASKED = (34, 2), (48, 15)
+_PER_FEATURE, _MASKED = (48, 3), (60, 5)
 """Bytes per instant and input feature that `fast` takes at its peak, and for each follower;
 measured, without a mask and with one."""
 _PER_INSTANT = 5_000
