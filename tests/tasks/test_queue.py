@@ -362,7 +362,7 @@ class TestStore:
     def test_a_damaged_file_is_noted_by_the_task_that_met_it(
         self, tmp_path: Path, part: int
     ) -> None:
-        store, config = Store(tmp_path), replace(FAST, iterations=2)
+        store, config = Store(tmp_path), replace(PAPER, iterations=2)
         request = TrainingRequest(segment(), "II", config)
         name = f"{request.keys[part]}.{('fit', 'state')[part]}.npz"
         (tmp_path / name).write_bytes(b"damaged")
