@@ -72,10 +72,9 @@ class Basis(SplineBasis):
         super().__init__((samples - 1) * step, knots_every, DEGREE)
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = float(np.diff(self.breaks)[0]) / 2
-        points: FloatArray = ((self.breaks[:-1] + self.breaks[1:]) / 2)[
-            :, None
-        ] + half * np.asarray(nodes, float)
-        at = self.derivatives(points.ravel(), ORDER)
+        centres: FloatArray = (self.breaks[:-1] + self.breaks[1:]) / 2
+        points = np.add.outer(centres, half * nodes).ravel().astype(np.float64)
+        at = self.derivatives(points, ORDER)
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
         products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
         self.grams = np.stack(products, axis=1)
