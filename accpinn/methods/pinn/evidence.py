@@ -73,7 +73,9 @@ class Basis(SplineBasis):
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = float(np.diff(self.breaks)[0]) / 2
         centres: FloatArray = (self.breaks[:-1] + self.breaks[1:]) / 2
-        points = np.add.outer(centres, half * nodes).ravel().astype(np.float64)
+        points: FloatArray = np.array(
+            [centre + half * node for centre in centres for node in nodes]
+        )
         at = self.derivatives(points, ORDER)
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
         products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
