@@ -72,16 +72,13 @@ class Basis(SplineBasis):
         super().__init__((samples - 1) * step, knots_every, DEGREE)
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = float(np.diff(self.breaks)[0]) / 2
-        centres: FloatArray = (self.breaks[:-1] + self.breaks[1:]) / 2
-        points: FloatArray = np.array(
-            [centre + half * node for centre in centres for node in nodes]
-        )
-        at = self.derivatives(points, ORDER)
+        points = ((self.breaks[:-1] + self.breaks[1:]) / 2)[:, None] + half * nodes
+        at = self.derivatives(points.ravel(), ORDER)
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
         products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
         self.grams = np.stack(products, axis=1)
         """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to `ORDER`."""
-        self.values, self.rates = self.derivatives(step * np.arange(samples), 1)
+        self.values, self.rates = self.derivatives(step * np.arange(samples, dtype=np.float64), 1)
         """(N, K) each."""
         # Only the first functions differ from zero at the first instant, up to derivative 2.
         start = self.derivatives(np.zeros(1), ORDER - 1)
