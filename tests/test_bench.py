@@ -10,8 +10,7 @@ import pytest
 import torch
 
 from accpinn.methods.pinn.config import PRESETS
-from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.network import output_columns
+from accpinn.methods.pinn.loss import loss_terms, output_columns
 from accpinn.model.cthp import Parameters, regressors
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import LeaderProfile

@@ -38,6 +38,7 @@ from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
+from accpinn.methods.pinn.torch_loading import start_loading
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -113,6 +114,8 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
+    if settings:
+        start_loading()  # while the recording is read
     analysis, recording = chosen_analysis(options, options.method, settings)
     with interruptible() as stopped, _progress_bar() as show_progress:
         context = TaskContext(None, options.threads, show_progress, stopped.is_set)

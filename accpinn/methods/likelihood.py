@@ -11,8 +11,9 @@ the model is incomplete. Several searches run at once; one that comes close to a
 Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +116,9 @@ def vanishing(form: Form, z: FloatArray) -> FloatArray:
 class Criterion:
     """log L + log prior of every group, as a function of its coordinates."""
 
+    rounding: float = 0.0
+    """Gain that rounding hides; a search that expects less ends."""
+
     def __init__(self, series: Series, form: Form = "cthp") -> None:
         """For series, under a form of the model."""
         self.series, self.form = series, form
@@ -206,6 +210,34 @@ def maximise(
 def search(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
 ) -> list[Maximum]:
+    """The maxima that `ascend` returns; arguments as there."""
+    return end_of(ascend(criterion, z, groups, is_last_held))
+
+
+def end_of(rounds: "Generator[Ascending, None, list[Maximum]]") -> list[Maximum]:
+    """The maxima that a search returns after its last round."""
+    while True:
+        try:
+            next(rounds)
+        except StopIteration as end:
+            maxima: list[Maximum] = end.value
+            return maxima
+
+
+class Ascending(NamedTuple):
+    """Where a search of K rows has come to."""
+
+    coordinates: FloatArray
+    """(K, P) z."""
+    value: FloatArray
+    """(K,) the criterion."""
+    curvature: FloatArray
+    """(K, P, P)"""
+
+
+def ascend(
+    criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
+) -> Generator[Ascending, None, list[Maximum]]:
     """Ascend from each row of z (K, P); all rows move at once.
 
     Args:
@@ -213,12 +245,19 @@ def search(
         z: (K, P)
         groups: (K,) the group of each row.
         is_last_held: whether the last unknown keeps its value, each row its own.
+
+    Yields:
+        The present rows, at the start and after each round; the arrays change later.
+
+    Returns:
+        The maximum that each row leads to.
     """
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
     damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
     rounds = np.zeros(len(z), int)
     done = np.zeros(len(z), bool)
+    yield Ascending(z, value, curvature)
     for _ in range(ROUNDS):
         active = np.flatnonzero(~done)
         if not len(active):
@@ -230,7 +269,8 @@ def search(
             step = scoring_step(curvature[k], gradient[k], free, damping[k], reach[k])
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
             is_full = damping[k] < 1.0 and np.abs(step).max() < 0.99 * reach[k]
-            done[k] = is_full and gradient[k] @ step < CLOSE
+            gain = gradient[k] @ step
+            done[k] = (is_full and gain < CLOSE) or gain < criterion.rounding
         active = active[~done[active]]
         if not len(active):
             break
@@ -255,6 +295,7 @@ def search(
             rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
             away = z[rivals] - z[k]
             done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
+        yield Ascending(z, value, curvature)
     maxima = []
     for end, top, slope, bend, is_done, taken in zip(
         z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True

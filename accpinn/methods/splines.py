@@ -68,19 +68,56 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
     )
 
 
+class SplineBasis:
+    """B-splines on evenly spaced knots over [0, duration]; only neighbours overlap."""
+
+    def __init__(self, duration: Seconds, knots_every: Seconds, degree: int) -> None:
+        """Place the knots; the last piece ends with the duration."""
+        pieces = max(1, round(duration / knots_every))
+        self.breaks: FloatArray = np.linspace(0.0, duration, pieces + 1)
+        """(pieces + 1,) the distinct knots."""
+        self.degree = degree
+        self.knots = np.r_[[0.0] * degree, self.breaks, [duration] * degree]
+        self.size = len(self.knots) - degree - 1
+        """K."""
+
+    def derivatives(self, instants: FloatArray, order: int) -> list[csr_array]:
+        """Matrices (N, K) of the functions and their derivatives up to an order, at instants (N,).
+
+        The derivative of a B-spline is a spline of one degree less on the same knots.
+        """
+        from scipy.interpolate import BSpline  # takes a second to import, which few need
+
+        matrices = []
+        for lost in range(order + 1):
+            matrix = csr_array(BSpline.design_matrix(instants, *self._lower(lost)))
+            for lower in reversed(range(lost)):
+                matrix = csr_array(matrix @ self._difference(lower))
+            matrices.append(matrix)
+        return matrices
+
+    def _lower(self, lost: int) -> tuple[FloatArray, int]:
+        """Knots and degree of a derivative."""
+        return self.knots[lost : len(self.knots) - lost], self.degree - lost
+
+    def _difference(self, order: int) -> csr_array:
+        """The map from coefficients of a derivative to those of the next one."""
+        knots, degree = self._lower(order)
+        span = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
+        size = len(knots) - degree - 1
+        bands = np.stack([-span, span])
+        return csr_array(diags_array(bands, offsets=[0, 1], shape=(size - 1, size)))
+
+    def diagonals(self, left: csr_array, right: csr_array) -> list[FloatArray]:
+        """Sub-diagonals 0 to degree of leftᵀ right (K, K) for matrices (N, K); the rest is zero."""
+        product = left.T @ right
+        return [product.diagonal(-offset) for offset in range(self.degree + 1)]
+
+
 _Bands = tuple[list[FloatArray], ...]
 """Sub-diagonals 0..degree of DᵀD, DᵀB, BᵀD and BᵀB (K, K), of basis values B and rates D."""
 _Residual = tuple[FloatArray, FloatArray]
 """(2M+1,) a and b of one equation's residual Σ_o (a_o D + b_o B) w_o."""
-
-
-def _bands(value: csr_array, rate: csr_array) -> _Bands:
-    """Of B and D (N, K), or of some of their rows."""
-    pairs = ((rate, rate), (rate, value), (value, rate), (value, value))
-    return tuple(
-        [(left.T @ right).diagonal(-offset) for offset in range(DEGREE + 1)]
-        for left, right in pairs
-    )
 
 
 class _Basis:
@@ -89,26 +126,19 @@ class _Basis:
     def __init__(
         self, instants: FloatArray, knots_every: Seconds, mask: Mask | None = None
     ) -> None:
-        from scipy.interpolate import BSpline  # takes a second to import, which few need
+        splines = SplineBasis(float(instants[-1]), knots_every, DEGREE)
+        self.value, self.rate = splines.derivatives(instants, 1)
+        self.size, self.count = splines.size, len(instants)
 
-        duration = float(instants[-1])
-        pieces = max(1, round(duration / knots_every))
-        inner = np.linspace(0.0, duration, pieces + 1)
-        knots = np.r_[[0.0] * DEGREE, inner, [duration] * DEGREE]
-        value = BSpline.design_matrix(instants, knots, DEGREE)
-        # The derivative of a B-spline is a spline of one degree less on the same knots.
-        lower = BSpline.design_matrix(instants, knots[1:-1], DEGREE - 1)
-        span = DEGREE / (knots[DEGREE + 1 : -1] - knots[1 : -DEGREE - 1])
-        size = value.shape[1]
-        difference = diags_array([-span, span], offsets=[0, 1], shape=(size - 1, size))
-        self.value, self.rate = csr_array(value), csr_array(lower @ difference)
-        self.size, self.count = size, len(instants)
-        self._bands = _bands(self.value, self.rate)
+        def bands(rows: slice | Mask) -> _Bands:
+            value, rate = self.value[rows], self.rate[rows]
+            pairs = ((rate, rate), (rate, value), (value, rate), (value, value))
+            return tuple(splines.diagonals(left, right) for left, right in pairs)
+
+        self._bands = bands(slice(None))
         self._mask = mask
-        self._masked_bands = (
-            [] if mask is None else [_bands(self.value[kept], self.rate[kept]) for kept in mask.T]
-        )
-        self._coefficients: FloatArray = np.zeros((size, 0))
+        self._masked_bands = [] if mask is None else [bands(kept) for kept in mask.T]
+        self._coefficients: FloatArray = np.zeros((self.size, 0))
 
     def smooth(
         self, segment: Segment, theta: FloatArray

@@ -325,7 +325,7 @@ def get_ready() -> None:
     What is imported stays for good, and a search of it for garbage would hold up all threads, so it
     is kept from the collector. Linear algebra takes one thread each.
     """
-    from accpinn.methods.pinn import calibrated, fast  # noqa: F401
+    from accpinn.methods.pinn import calibrated, fast  # noqa: F401  (with PyTorch)
 
     gc.collect()
     gc.freeze()

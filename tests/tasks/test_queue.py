@@ -362,7 +362,7 @@ class TestStore:
     def test_a_damaged_file_is_noted_by_the_task_that_met_it(
         self, tmp_path: Path, part: int
     ) -> None:
-        store, config = Store(tmp_path), replace(FAST, iterations=2)
+        store, config = Store(tmp_path), replace(PAPER, iterations=2)
         request = TrainingRequest(segment(), "II", config)
         name = f"{request.keys[part]}.{('fit', 'state')[part]}.npz"
         (tmp_path / name).write_bytes(b"damaged")
@@ -451,10 +451,10 @@ def test_what_is_imported_is_not_searched_for_garbage() -> None:
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "accpinn.methods.pinn.paper", None)
+    monkeypatch.setitem(sys.modules, "torch", None)
     queue = TaskQueue(threads=1)
     task = training_task("ann", TrainingRequest(segment(), "II", PAPER))
     finished(queue.submit(task))
     queue.close()
     assert task.status is Status.FAILED
-    assert task.error.startswith("PyTorch, which the preset paper needs, cannot be loaded (")
+    assert task.error.startswith("PyTorch, which the PiNN needs, cannot be loaded (")

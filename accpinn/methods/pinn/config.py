@@ -9,12 +9,15 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
+from accpinn.units import FloatArray, Seconds
 
-METHOD_VERSION = 4
+METHOD_VERSION = 5
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
 PresetName = Literal["fast", "calibrated", "paper"]
 NAMES = "fast, calibrated or paper"
+STRETCH = 1.1
+"""Period of the Fourier features, in windows: motions at its ends need not be alike."""
 
 STARTS = (
     Parameters(1.0, 1.0, 1.0),
@@ -61,7 +64,7 @@ class PinnConfig:
     """`paper` only: L-BFGS iterations after Adam, which the paper suggests but does not report."""
     test_share: float = 0.0
     """`paper` only: share of instants, drawn at random, kept out of training."""
-    highest_frequency: float = 0.1
+    highest_frequency: float = 0.15
     """In Hz, not of `paper`: the input features reach from a cycle per window or less to here."""
     batch: int = 300
     """Random instants per Adam iteration; not of `paper`."""
@@ -107,6 +110,20 @@ class PinnConfig:
     def hidden(self) -> tuple[int, ...]:
         """Neurons of the hidden layers."""
         return self.layers * (self.width,)
+
+    def angular_frequencies(self, duration: Seconds) -> FloatArray:
+        """(n,) of the Fourier features in rad/s; empty for the preset `paper`.
+
+        They are whole cycles of a period that is longer than the window, up to the highest
+        frequency, and at least four. Half cycles per window would be twice as many features for
+        the same motions.
+
+        Args:
+            duration: length of the window, in s.
+        """
+        period = STRETCH * duration
+        count = 0 if self.preset == "paper" else max(4, round(period * self.highest_frequency))
+        return np.arange(1, count + 1, dtype=np.float64) * (2 * np.pi / period)
 
     def to_json(self) -> dict[str, Any]:
         """All settings, with lists in place of tuples and parameters."""
@@ -163,7 +180,7 @@ def _require(good: bool, setting: str, allowed: str, given: object) -> None:
 FAST = PinnConfig()
 """Fourier input features, exact output layer and parameters, Adam on the hidden layers."""
 
-CALIBRATED = PinnConfig(preset="calibrated", iterations=300, highest_frequency=0.5)
+CALIBRATED = PinnConfig(preset="calibrated", iterations=300)
 """Parameters by the network's evidence in place of its loss, unbiased where disturbances last."""
 
 PAPER = PinnConfig(

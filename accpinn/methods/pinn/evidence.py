@@ -13,10 +13,11 @@ and the data, one sample each half second, add A = ⊕ ΦᵀΦ/σ². So w is int
 
     log p(y | z) = -½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - ½ log|Λ + A| + ½ log|Λ| - Σ log σ√(2π)
 
-which is the evidence. The loss of a PiNN is its first two terms. What the loss lacks is above all
+which is the evidence. A loss has its first two terms alone. What the loss lacks is above all
 log|Λ|: its slope with respect to ατ + β tends to half the duration, and without it the estimate
 of the parameters is biased. With features that resolve the motion the evidence is the Kalman
-filter's likelihood of the same model.
+filter's likelihood of the same model, so the search for its maximum is that of `likelihood`, with
+the filter's expected information as the curvature to begin with.
 
 Φ are B-splines here, so that Λ and A are banded and a value takes two banded factorisations.
 
@@ -24,114 +25,75 @@ Sources: MacKay, Neural Computation 4 (1992) 415-447 (evidence); Lindgren, Rue a
 Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solution in a basis).
 """
 
-from dataclasses import dataclass
+from collections.abc import Generator
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.methods.kalman import LOG_TWO_PI
-from accpinn.methods.likelihood import Criterion, Groups
+from accpinn.methods.likelihood import Ascending, Criterion, Groups, Maximum, ascend, natural
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.loss import LossTerms, loss_terms
 from accpinn.methods.series import Series
+from accpinn.methods.splines import SplineBasis
 from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY
 from accpinn.units import FloatArray, Mask, Seconds
 
 DEGREE = 5
-"""Of the splines: e_r has third derivatives of v."""
+"""Degree of the splines: e_r has third derivatives of v."""
 KNOTS_EVERY: Seconds = 0.5
 ORDER = 3
-"""Of the highest derivative."""
+"""Order of the highest derivative."""
 OUTPUTS = 3
 """p, v, u."""
+DIFFERENCE = 1e-3
+"""Difference of a coordinate for a slope: small against its deviation, large against rounding."""
+SECOND_DIFFERENCE = 0.02
+"""The same for the curvature at the maximum."""
+LEAST_CURVATURE = 0.1
+"""Least curvature of the criterion in any direction, where it is flat or curved upwards."""
+LEAST_START = 0.05
+"""Share of a typical α, ατ, β: from zero a search in logarithms would not move."""
+MOST_WEIGHT = 300.0
+"""Largest weight of the residual's second derivative. Cars whose disturbance the recording shows
+have about ten; where it shows none, its memory and rise are arbitrary, and with more weight Λ is
+singular to working precision."""
 
 
-@dataclass(frozen=True)
-class Determinants:
-    """Which of the evidence's determinants are kept; studies leave some out."""
-
-    prior: bool = True
-    """log|Λ|"""
-    posterior: bool = True
-    """log|Λ + A|"""
-
-
-COMPLETE = Determinants()
-LOSS = Determinants(prior=False, posterior=False)
-
-
-class Basis:
-    """B-splines on [0, duration], their derivatives' Gram matrices, and their values at instants.
-
-    Functions are numbered 0 to K-1; only neighbours overlap, so matrices are kept by diagonals.
-    """
+class Basis(SplineBasis):
+    """The features: splines with their derivatives' Gram matrices, and their values at samples."""
 
     def __init__(self, samples: int, step: Seconds, knots_every: Seconds = KNOTS_EVERY) -> None:
         """Splines for samples at 0, step, 2 step, ..."""
-        duration = (samples - 1) * step
-        pieces = max(1, round(duration / knots_every))
-        inner = np.linspace(0.0, duration, pieces + 1)
-        self.knots = np.r_[[0.0] * DEGREE, inner, [duration] * DEGREE]
-        self.size = len(self.knots) - DEGREE - 1
+        super().__init__((samples - 1) * step, knots_every, DEGREE)
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
-        half = duration / pieces / 2
-        points = ((inner[:-1] + inner[1:]) / 2)[:, None] + half * nodes
-        at = [matrix * 1.0 for matrix in self._derivatives(points.ravel())]
-        weight = diags_array(np.tile(half * weights, pieces))
-        grams = np.empty((DEGREE + 1, ORDER + 1, ORDER + 1, self.size))
-        for a, left in enumerate(at):
-            weighted = csr_array(left.T @ weight)
-            for b, right in enumerate(at):
-                grams[:, a, b] = _diagonals(weighted @ right)
-        self.grams = grams.reshape(DEGREE + 1, (ORDER + 1) ** 2, self.size)
-        """(d, ab, K): G^{ab}_{k,k+d} = ∫ D^aB_k D^bB_{k+d} dt."""
-        self.values = csr_array(
-            BSpline.design_matrix(step * np.arange(samples), self.knots, DEGREE)
-        )
-        """(N, K)"""
+        half = float(np.diff(self.breaks)[0]) / 2
+        points = ((self.breaks[:-1] + self.breaks[1:]) / 2)[:, None] + half * nodes
+        at = self.derivatives(points.ravel(), ORDER)
+        weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
+        products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
+        self.grams = np.stack(products, axis=1)
+        """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to `ORDER`."""
+        self.values, self.rates = self.derivatives(step * np.arange(samples, dtype=np.float64), 1)
+        """(N, K) each."""
         # Only the first functions differ from zero at the first instant, up to derivative 2.
-        self.first = np.stack([m.toarray()[0, :ORDER] for m in self._derivatives(np.zeros(1))[:3]])
+        start = self.derivatives(np.zeros(1), ORDER - 1)
+        self.first = np.stack([matrix.toarray()[0, :ORDER] for matrix in start])
         """(3, 3) derivative 0, 1, 2 of the first three functions."""
 
-    def _derivatives(self, points: FloatArray) -> list[csr_array]:
-        """Matrices (points, K) of derivatives 0 to `ORDER`."""
-        found = []
-        for order in range(ORDER + 1):
-            degree, knots = DEGREE - order, self.knots[order : len(self.knots) - order]
-            matrix = csr_array(BSpline.design_matrix(points, knots, degree))
-            for lower in reversed(range(order)):
-                matrix = csr_array(matrix @ self._difference(lower))
-            found.append(matrix)
-        return found
-
-    def _difference(self, order: int) -> csr_array:
-        """From coefficients of derivative ``order`` to those of the next one."""
-        degree, knots = DEGREE - order, self.knots[order : len(self.knots) - order]
-        span = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
-        size = len(knots) - degree - 1
-        return csr_array(diags_array([-span, span], offsets=[0, 1], shape=(size - 1, size)))
-
-
-def _diagonals(matrix: csr_array) -> FloatArray:
-    """(DEGREE + 1, K): entry (k, k + d) at [d, k]; 0 outside the matrix."""
-    size = matrix.shape[0]
-    found = np.zeros((DEGREE + 1, size))
-    for offset in range(min(size, DEGREE + 1)):
-        found[offset, : size - offset] = matrix.diagonal(offset)
-    return found
+    def padded(self, left: csr_array, right: csr_array) -> FloatArray:
+        """(DEGREE + 1, K) the `diagonals`, with zeros where they leave the matrix."""
+        bands = self.diagonals(left, right)
+        return np.stack([np.pad(band, (0, self.size - len(band))) for band in bands])
 
 
 @lru_cache(maxsize=8)
 def _basis(samples: int, step: Seconds, knots_every: Seconds) -> Basis:
     return Basis(samples, step, knots_every)
-
-
-MOST_WEIGHT = 300.0
-"""Of the residual's second derivative. Cars whose disturbance the recording shows have about ten;
-where it shows none, its memory and rise are arbitrary, and with more weight Λ is singular to
-working precision."""
 
 
 class Physics(NamedTuple):
@@ -170,37 +132,43 @@ def physics(values: FloatArray) -> Physics:
     return Physics(running, first)
 
 
+class Parts(NamedTuple):
+    """The parts of log p(y | z)."""
+
+    loss: float
+    """-½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - Σ log σ√(2π)."""
+    posterior: float
+    """-½ log|Λ + A|."""
+    prior: float
+    """½ log|Λ|."""
+
+
 class LinearEvidence:
     """log p(y | z) of one series, the output layer integrated out."""
 
     def __init__(
-        self,
-        measured: FloatArray,
-        step: Seconds,
-        knots_every: Seconds = KNOTS_EVERY,
-        determinants: Determinants = COMPLETE,
+        self, measured: FloatArray, step: Seconds, knots_every: Seconds = KNOTS_EVERY
     ) -> None:
-        """For p, v, u (N, 3), nan where missing, one sample each ``step``."""
-        there: Mask = np.asarray(~np.isnan(measured).all(axis=1))
-        measured = measured[: int(np.flatnonzero(there)[-1]) + 1]
+        """Sum products of the data p, v, u (N, 3), nan where missing, one sample each ``step``."""
+        complete: Mask = np.asarray(~np.isnan(measured).all(axis=1))
+        measured = measured[: int(np.flatnonzero(complete)[-1]) + 1]
         self.basis = _basis(len(measured), step, knots_every)
-        self.determinants = determinants
         self._measured = measured
         known = [~np.isnan(column) for column in measured.T]
-        rows = [self.basis.values[own] for own in known]
-        data = [column[own] for column, own in zip(measured.T, known, strict=True)]
-        self._grams = np.array([_diagonals(csr_array(one.T @ one)) for one in rows])
-        self._right = np.column_stack([one.T @ y for one, y in zip(rows, data, strict=True)])
+        rows = [self.basis.values[kept] for kept in known]
+        data = [column[kept] for column, kept in zip(measured.T, known, strict=True)]
+        self._grams = np.array([self.basis.padded(values, values) for values in rows])
+        self._right = np.column_stack([v.T @ y for v, y in zip(rows, data, strict=True)])
         self._squares = np.array([(y**2).sum() for y in data])
         self._counts = np.array([len(y) for y in data])
 
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
         running, first = physics(values)
-        squares = np.einsum("eoa,epb->opab", running, running).reshape(OUTPUTS, 1, OUTPUTS, -1)
+        # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
+        squares = np.einsum("eoa,epb->poab", running, running).reshape(OUTPUTS, 1, OUTPUTS, -1)
         banded = self._empty()
         for output, rows in enumerate(squares @ self.basis.grams):
-            # Above the diagonal an entry (o, o') stands for (o', o) of the functions k + d, k.
             banded[: len(banded) - output, output::OUTPUTS] = rows.reshape(len(banded), -1)[output:]
         start = np.einsum("eoa,ak->eko", first, self.basis.first).reshape(len(first), -1)
         corner = start.T @ start
@@ -219,66 +187,117 @@ class LinearEvidence:
             banded[::OUTPUTS, output::OUTPUTS] = self._grams[output] / sigma**2
         return banded, (self._right / noise**2).ravel(), noise
 
-    def __call__(self, values: FloatArray) -> float:
+    def parts(self, values: FloatArray) -> Parts:
         """The evidence at unknowns (9,) in their own units; -inf where Λ is singular."""
         prior = self.prior(values)
         data, right, noise = self.data(values)
-        factor, fault = lapack.dpbtrf(prior + data, lower=1, overwrite_ab=1)
-        if fault:
-            return -np.inf
-        weights, _ = lapack.dpbtrs(factor, right[:, None], lower=1)
+        posterior, fault = lapack.dpbtrf(prior + data, lower=1, overwrite_ab=1)
+        factor, also = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
+        if fault or also:
+            return Parts(-np.inf, 0.0, 0.0)
+        weights, _ = lapack.dpbtrs(posterior, right[:, None], lower=1)
         squares = (self._squares / noise**2).sum() - right @ weights[:, 0]
-        total = squares + 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
-        if self.determinants.posterior:
-            total += 2 * np.log(factor[0]).sum()
-        if self.determinants.prior:
-            own, fault = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
-            if fault:
-                return -np.inf
-            total -= 2 * np.log(own[0]).sum()
-        return float(-0.5 * total)
+        constant = 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
+        determinants = [float(np.log(matrix[0]).sum()) for matrix in (posterior, factor)]
+        return Parts(-0.5 * float(squares + constant), -determinants[0], determinants[1])
 
-    def loss(self, values: FloatArray) -> FloatArray:
-        """(2,) ½ Σ|y - Φŵ|²/σ² and ½ ŵᵀΛŵ."""
-        prior = self.prior(values)
-        data, right, noise = self.data(values)
-        factor, _ = lapack.dpbtrf(prior + data, lower=1)
-        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0][:, 0]
-        errors = self._measured - self.basis.values @ weights.reshape(-1, OUTPUTS)
-        misfit = np.nansum((errors / noise) ** 2)
-        # The two add up to the minimum, which takes no product with Λ.
-        total = (self._squares / noise**2).sum() - right @ weights
-        return np.array([misfit, total - misfit]) / 2
+    def loss(self, values: FloatArray, config: PinnConfig) -> LossTerms:
+        """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
+        data, right, _ = self.data(values)
+        factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
+        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, OUTPUTS)
+        in_order = weights[:, [2, 1, 0]]
+        outputs, rates = self.basis.values @ in_order, self.basis.rates @ in_order
+        measured = self._measured[:, [2, 1, 0]]
+        known = np.where(np.isnan(measured), outputs, measured)
+        return loss_terms(outputs, rates, known, values[None, :3], config)
 
 
 class Evidence(Criterion):
     """log evidence + log prior of every group, in place of the Kalman filter's likelihood."""
 
-    def __init__(
-        self,
-        series: Series,
-        knots_every: Seconds = KNOTS_EVERY,
-        determinants: Determinants = COMPLETE,
-    ) -> None:
+    rounding = 1e-5
+
+    def __init__(self, series: Series, knots_every: Seconds = KNOTS_EVERY) -> None:
         """For series, each of them with features of its own length."""
         super().__init__(series)
         self._terms = [
-            LinearEvidence(one, series.step, knots_every, determinants)
-            for one in np.moveaxis(series.measured, -1, 0)
+            LinearEvidence(measured, series.step, knots_every)
+            for measured in np.moveaxis(series.measured, -1, 0)
         ]
 
     def log_likelihood(self, z: FloatArray, groups: Groups) -> FloatArray:
         """(K,) log evidence at coordinates (K, P), each of the group (K,) named with it."""
         return np.array(
             [
-                sum(self._terms[k](values) for k in self._members[group])
+                sum(self.combined(self._terms[k].parts(values)) for k in self._members[group])
                 for values, group in zip(np.exp(z), groups, strict=True)
             ]
         )
 
-    def loss(self, z: FloatArray, group: int) -> FloatArray:
-        """(2,) the loss's terms of a group at coordinates z (P,)."""
-        found: FloatArray = np.sum(
-            [self._terms[k].loss(np.exp(z)) for k in self._members[group]], axis=0
-        )
-        return found
+    def combined(self, parts: Parts) -> float:
+        """What is made as large as possible: the sum of all parts."""
+        return sum(parts)
+
+    def score(self, z: FloatArray, groups: Groups) -> tuple[FloatArray, ...]:
+        """Criterion (K,), gradient (K, P) and the filter's expected information (K, P, P).
+
+        Slopes are central differences. One-sided ones would not do: α and ατ vary almost together,
+        and the error of their slopes would move them by a fifth of a standard error.
+        """
+        moves = DIFFERENCE * np.eye(self.size)
+        around = np.concatenate([z[:, None], z[:, None] + moves, z[:, None] - moves], axis=1)
+        rows = around.reshape(-1, self.size)
+        values = self.log_likelihood(rows, np.repeat(groups, around.shape[1]))
+        values = (values + self.log_prior(rows)).reshape(len(z), -1)
+        value, above, below = np.split(values, [1, 1 + self.size], axis=1)
+        *_, information = super().score(z, groups)
+        return value[:, 0], (above - below) / (2 * DIFFERENCE), information
+
+    def loss(self, z: FloatArray, config: PinnConfig) -> LossTerms:
+        """Ψ of all series together, at coordinates (G, P) of the groups."""
+        values = natural("cthp", z)
+        terms = [
+            term.loss(values[group], config)
+            for term, group in zip(self._terms, self.series.group, strict=True)
+        ]
+        return LossTerms(*np.mean([(t.data, t.physics, t.initial) for t in terms], axis=0))
+
+
+def climb(criterion: Evidence, theta: FloatArray) -> Generator[Ascending, None, list[Maximum]]:
+    """The search for the maximum of each group's evidence, a round at a time.
+
+    Args:
+        criterion: of G groups.
+        theta: (G, 3) parameters to begin with, such as those of least squares.
+    """
+    z = np.tile(criterion.start, (len(theta), 1))
+    z[:, :3] = np.log(np.maximum(theta, LEAST_START * np.exp(z[:, :3])))
+    maxima = yield from ascend(criterion, z, np.arange(len(z)))
+    return [
+        replace(maximum, curvature=_curvature(criterion, maximum, group))
+        for group, maximum in enumerate(maxima)
+    ]
+
+
+def _curvature(criterion: Evidence, maximum: Maximum, group: int) -> FloatArray:
+    """(P, P) minus the second derivatives at a maximum; 0 where a bound holds a coordinate.
+
+    Directions in which the criterion is not curved downwards get `LEAST_CURVATURE`.
+    """
+    free = np.flatnonzero(np.diag(maximum.curvature) > 0)
+    moves = SECOND_DIFFERENCE * np.eye(criterion.size)[free]
+    rows, columns = np.triu_indices(len(free))
+    pairs = moves[rows] + moves[columns]
+    z = maximum.coordinates + np.concatenate([pairs, -pairs, moves, -moves])
+    values = criterion.log_likelihood(z, np.full(len(z), group)) + criterion.log_prior(z)
+    ahead, behind, single = np.split(values, [len(rows), 2 * len(rows)])
+    along = single.reshape(2, -1).sum(axis=0)
+    second = ahead + behind - along[rows] - along[columns] + 2 * maximum.criterion
+    matrix = np.zeros((len(free), len(free)))
+    matrix[rows, columns] = matrix[columns, rows] = -second / (2 * SECOND_DIFFERENCE**2)
+    sizes, directions = np.linalg.eigh(matrix)
+    curvature = np.zeros((criterion.size, criterion.size))
+    downwards = directions * np.maximum(sizes, LEAST_CURVATURE) @ directions.T
+    curvature[np.ix_(free, free)] = downwards
+    return curvature

@@ -10,12 +10,14 @@ At masked instants the term with Q₂ is zero; |T| counts all instants.
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
 
-The formulas serve numpy's arrays and, for the preset `paper`, torch's tensors alike.
+The formulas serve numpy's arrays and torch's tensors alike.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import numpy as np
 
 from accpinn.methods.fit import (
     Checkpoint,
@@ -26,8 +28,6 @@ from accpinn.methods.fit import (
     Progress,
 )
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.network import output_columns, stack_outputs
-from accpinn.methods.pinn.request import WarmStart
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -37,6 +37,20 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 Array = TypeVar("Array", FloatArray, "Tensor")
+
+
+def output_columns(followers: int) -> tuple[list[int], list[int]]:
+    """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
+    return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
+
+
+def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
+    """(N, M+1) speeds and (N, M) gaps as (N, 2M+1) in the order of `output_columns`."""
+    followers = gaps.shape[1]
+    stacked = np.empty((len(gaps), 2 * followers + 1))
+    speed_columns, gap_columns = output_columns(followers)
+    stacked[:, speed_columns], stacked[:, gap_columns] = speeds, gaps
+    return stacked
 
 
 @dataclass(frozen=True)
@@ -77,50 +91,24 @@ def loss_terms(
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
     """
     count, followers = len(outputs), theta.shape[0]
-    found = residuals(outputs, rates, measured, theta, mask)
-    q_gap, q_speed = config.weight_physics
-    s_gap, s_speed = config.weight_data
-    scale = 1.0 / (count * followers)
-    physics = scale * (q_gap * _square(found.gap_rate) + q_speed * _square(found.speed_rate))
-    data = scale * (s_gap * _square(found.gap) + s_speed * _square(found.speed))
-    at_start = _square(found.gap[0]) + _square(found.speed[0, 1:])
-    return LossTerms(data, physics, config.weight_initial / followers * at_start)
-
-
-class Residuals(NamedTuple, Generic[Array]):
-    """What Ψ squares; linear in outputs, rates and data together."""
-
-    gap_rate: Array
-    """(N, M) of dp/dt, in m/s."""
-    speed_rate: Array
-    """(N, M) of dv/dt, in m/s²."""
-    gap: Array
-    """(N, M) in m."""
-    speed: Array
-    """(N, M+1) in m/s."""
-
-
-def residuals(
-    outputs: Array, rates: Array, measured: Array, theta: Array, mask: Array | None = None
-) -> Residuals[Array]:
-    """The residuals of a surrogate; arguments as of `loss_terms`."""
-    speed_columns, gap_columns = output_columns(theta.shape[0])
+    speed_columns, gap_columns = output_columns(followers)
     speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
-    ahead, own = speeds[:, :-1], speeds[:, 1:]
-    relative = ahead - own
+    relative = speeds[:, :-1] - speeds[:, 1:]
     alpha, alpha_tau, beta = theta.T
-
-    model = alpha * gaps - alpha_tau * own + beta * relative
-    speed_residual = rates[:, speed_columns[1:]] - model
+    gap_rate = rates[:, gap_columns] - relative
+    model = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
+    speed_rate = rates[:, speed_columns[1:]] - model
     if mask is not None:
-        speed_residual = speed_residual * mask
+        speed_rate = speed_rate * mask
     error = outputs - measured
-    return Residuals(
-        rates[:, gap_columns] - relative,
-        speed_residual,
-        error[:, gap_columns],
-        error[:, speed_columns],
-    )
+    gap, speed = error[:, gap_columns], error[:, speed_columns]
+
+    (q_gap, q_speed), (s_gap, s_speed) = config.weight_physics, config.weight_data
+    scale = 1.0 / (count * followers)
+    physics = scale * (q_gap * _square(gap_rate) + q_speed * _square(speed_rate))
+    data = scale * (s_gap * _square(gap) + s_speed * _square(speed))
+    at_start = _square(gap[0]) + _square(speed[0, 1:])
+    return LossTerms(data, physics, config.weight_initial / followers * at_start)
 
 
 def _square(values: Any) -> Any:
@@ -138,8 +126,8 @@ class Learned:
     loss: dict[str, float]
     network_weights: int
     arrays: dict[str, FloatArray]
-    """The network."""
-    findings: tuple[MethodFinding, ...]
+    """Weights and biases of the network, and further numbers of the preset."""
+    findings: tuple[MethodFinding, ...] = ()
 
 
 class Training(ABC):
@@ -149,9 +137,11 @@ class Training(ABC):
     """The present moment; its seconds are left to whoever drives the training."""
     outcome: Outcome | None
     """None while there is more to do."""
+    has_checkpoints: ClassVar[bool] = False
+    """Whether `state` and `restore` let it continue in another process."""
 
     def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
-        """The data as arrays; M followers, N instants."""
+        """Keep the data as arrays; M followers, N instants."""
         self.segment, self.case, self.config = segment, case, config
         self.followers, self.threads = segment.followers, threads
         self.planned = config.iterations + config.lbfgs_iterations
@@ -159,41 +149,33 @@ class Training(ABC):
         self.mask = None if segment.mask is None else segment.mask.astype(float)
 
     @abstractmethod
-    def begin_from(self, warm: WarmStart) -> None:
-        """Begin at an earlier fit's weights and parameters; called before anything else.
-
-        Raises:
-            ValueError: when they are another network's.
-        """
-
-    @abstractmethod
     def advance(self) -> None:
         """Do a fraction of a second's work."""
 
     @abstractmethod
-    def state(self) -> Checkpoint:
-        """Everything needed to go on from here in another process."""
-
-    @abstractmethod
-    def restore(self, state: Checkpoint) -> None:
-        """Go on from ``state``, which a training of the same problem gave."""
-
-    @abstractmethod
     def outputs(self) -> FloatArray | None:
-        """(N, 2M+1) the present surrogate on all instants; None where there is none yet."""
+        """(N, 2M+1) the present surrogate on all instants; None where it has none yet."""
 
     @abstractmethod
     def learned(self) -> Learned:
         """The present surrogate and parameters."""
 
+    def state(self) -> Checkpoint:
+        """Everything needed to continue from here in another process."""
+        raise NotImplementedError
+
+    def restore(self, state: Checkpoint) -> None:
+        """Continue from ``state``, which a training of the same problem gave."""
+        raise NotImplementedError
+
     def _training_findings(self, start: float) -> tuple[MethodFinding, ...]:
         """What the hidden layers gained since Ψ was ``start``, and whether iterations ran out."""
-        now, found = self.progress, list[MethodFinding]()
+        now, findings = self.progress, list[MethodFinding]()
         if now.phase == "Adam" and start > 0:
-            found.append(HiddenLayersGain(start, now.total))
+            findings.append(HiddenLayersGain(start, now.total))
         if self.outcome is Outcome.FINISHED:
-            found.append(IterationsExhausted(now.iteration))
-        return tuple(found)
+            findings.append(IterationsExhausted(now.iteration))
+        return tuple(findings)
 
     def _look(
         self,

@@ -3,15 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, Run
 from accpinn.methods.method import Method, TaskContext
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, METHOD_VERSION, PRESETS, PinnConfig
-from accpinn.methods.pinn.network import HIDDEN_FREQUENCY, FourierFeatures, output_columns
-from accpinn.methods.pinn.request import typical_seconds
+from accpinn.methods.pinn.limits import typical_seconds
+from accpinn.methods.pinn.loss import output_columns
+from accpinn.methods.pinn.torch_loading import wait_until_loaded
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -31,46 +30,22 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     Raises:
         ConfigError: when the weights are missing, or another network's.
     """
-    settings = {name: value for name, value in fit.config.items() if name != "started_from"}
-    config = PinnConfig.from_json(settings)
+    config = PinnConfig.from_json(fit.config)
+    wait_until_loaded()
+    from accpinn.methods.pinn.network import Network
+
     try:
-        is_paper = config.preset == "paper"
-        outputs = _paper(fit, time) if is_paper else _fourier(fit, time, duration, config)
-        speeds, gaps = output_columns(len(fit.parameters))
-        return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
-    except (KeyError, ValueError, IndexError):
+        if 2 * duration * config.highest_frequency > MOST_FEATURES:
+            raise ValueError(duration)
+        network = Network(len(fit.parameters), config, duration)
+        network.load_arrays(fit.arrays)
+    except (KeyError, ValueError, RuntimeError):
         raise ConfigError(
             "The network's weights are missing, or another network's; train again."
         ) from None
-
-
-def _fourier(fit: Fit, time: FloatArray, duration: Seconds, config: PinnConfig) -> FloatArray:
-    """[φ, h(φ)] W; see `pinn.fast` and `pinn.calibrated`."""
-    if 2 * duration * config.highest_frequency > MOST_FEATURES:
-        raise ValueError(duration)
-    of = FourierFeatures.up_to(config.highest_frequency, duration)
-    seen = of.below(HIDDEN_FREQUENCY) if config.preset == "calibrated" else of
-    features = of(time)
-    active = _hidden(fit, features[:, 1 : seen.size], "hidden.layers")
-    return np.asarray(np.hstack([features, active]) @ fit.arrays["output.weight"])
-
-
-def _paper(fit: Fit, time: FloatArray) -> FloatArray:
-    """See `pinn.paper.PaperNetwork`."""
-    active = _hidden(fit, time[:, None], "network.hidden.layers")
-    return _linear(fit, active, "network.output")
-
-
-def _hidden(fit: Fit, values: FloatArray, prefix: str) -> FloatArray:
-    count = sum(name.startswith(prefix) and name.endswith("weight") for name in fit.arrays)
-    for k in range(count):
-        values = np.tanh(_linear(fit, values, f"{prefix}.{k}"))
-    return values
-
-
-def _linear(fit: Fit, values: FloatArray, name: str) -> FloatArray:
-    weight, bias = (np.asarray(fit.arrays[f"{name}.{part}"], float) for part in ("weight", "bias"))
-    return np.asarray(values @ weight.T + bias)
+    outputs = network.curves(time)
+    speeds, gaps = output_columns(len(fit.parameters))
+    return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
 
 
 def _run(segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext) -> Run:

@@ -1,7 +1,7 @@
 """Training from settings to fit: checkpoints, progress, stop and continue.
 
-All presets are driven the same way. A training that was stopped, or whose process died, goes on
-from its last checkpoint where its preset keeps one.
+All presets are driven the same way. A training that takes minutes (`paper`) continues from its last
+checkpoint where it was stopped, or where its process died; the others take a second and begin anew.
 """
 
 import os
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.errors import AccpinnError, ConfigError
+from accpinn.errors import ConfigError
 from accpinn.methods.fit import (
     Continued,
     Fit,
@@ -23,9 +23,9 @@ from accpinn.methods.fit import (
 )
 from accpinn.methods.method import Checkpoints
 from accpinn.methods.pinn.config import FAST, PinnConfig, PresetName
-from accpinn.methods.pinn.loss import Training
-from accpinn.methods.pinn.network import output_columns
-from accpinn.methods.pinn.request import require_memory
+from accpinn.methods.pinn.limits import require_memory
+from accpinn.methods.pinn.loss import Training, output_columns
+from accpinn.methods.pinn.torch_loading import start_loading, wait_until_loaded
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -65,6 +65,7 @@ def training(
         The fit.
 
     Raises:
+        AccpinnError: where PyTorch cannot be loaded.
         ConfigError: when ``threads`` is no sensible number.
         SegmentError: when the segment is too long to be trained on.
     """
@@ -74,8 +75,10 @@ def training(
         return _kind(config.preset)(segment, case, config, count)
 
     require_memory(segment, config)
+    start_loading()
     started = saved = drawn = time.perf_counter()
     training, recorder, earlier = begin(), Recorder(), 0.0
+    checkpoints = checkpoints if training.has_checkpoints else None
     state = checkpoints.load(training.planned) if checkpoints else None
     if checkpoints and state:
         try:
@@ -146,37 +149,32 @@ def training(
 
 
 def _kind(preset: PresetName) -> type[Training]:
-    """The preset's training, imported only now: each takes its time.
+    """The preset's training, imported only now; the search of `calibrated` needs no PyTorch.
 
     Raises:
-        AccpinnError: where PyTorch, which `paper` needs, cannot be loaded.
+        AccpinnError: where PyTorch cannot be loaded.
     """
-    if preset == "fast":
-        from accpinn.methods.pinn.fast import FastTraining
-
-        return FastTraining
     if preset == "calibrated":
         from accpinn.methods.pinn.calibrated import CalibratedTraining
 
         return CalibratedTraining
-    try:
-        from accpinn.methods.pinn.paper import PaperTraining
-    except (ImportError, OSError) as fault:  # the latter for a library of another system
-        raise AccpinnError(
-            f"PyTorch, which the preset paper needs, cannot be loaded ({str(fault)[:80]}); install"
-            " the packages of requirements.txt again, or choose another preset."
-        ) from fault
+    wait_until_loaded()
+    if preset == "fast":
+        from accpinn.methods.pinn.fast import FastTraining
+
+        return FastTraining
+    from accpinn.methods.pinn.paper import PaperTraining
+
     return PaperTraining
 
 
 def _default(preset: PresetName) -> int:
     """How many threads a training gets where nobody chose.
 
-    Those of `fast` have work of their own. With `paper` they share each small product, and one that
-    waits for a busy core costs far more than another gains: a core is left to others.
+    They share each small product, and one that waits for a busy core costs far more than another
+    gains: minibatches get one, and `paper` leaves a core to others.
     """
-    cores = os.cpu_count() or 1
-    return max(1, min(4, cores if preset == "fast" else cores - 1))
+    return 1 if preset != "paper" else max(1, min(4, (os.cpu_count() or 1) - 1))
 
 
 def _allowed(threads: int) -> int:

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from accpinn.methods.likelihood import Criterion, Maximum
+from accpinn.methods.likelihood import Criterion, Maximum, end_of
+from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.methods.pinn.evidence import (
     DEGREE,
     OUTPUTS,
-    Determinants,
     Evidence,
     LinearEvidence,
+    climb,
     physics,
 )
-from accpinn.methods.pinn.evidence_search import Ascent, maximise_evidence
 from accpinn.methods.regression import Regression
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import COMMON, GAP_DRIFT, LEADER_MEMORY
@@ -37,8 +37,8 @@ def short() -> Series:
     return series_of([recording(1, 40.0)], "II")
 
 
-def evidence_of(series: Series, determinants: Determinants = Determinants()) -> LinearEvidence:  # noqa: B008
-    return LinearEvidence(series.measured[:, :, 0], series.step, determinants=determinants)
+def evidence_of(series: Series) -> LinearEvidence:
+    return LinearEvidence(series.measured[:, :, 0], series.step)
 
 
 def dense(banded: FloatArray) -> FloatArray:
@@ -104,20 +104,17 @@ class TestEvidence:
         covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(there, there)]
         whitened = np.linalg.solve(covariance, y[there])
         determinant = np.linalg.slogdet(2 * np.pi * covariance)[1]
-        assert evidence(VALUES) == pytest.approx(
+        assert sum(evidence.parts(VALUES)) == pytest.approx(
             -0.5 * (y[there] @ whitened + determinant), abs=1e-3
         )
 
     def test_determinants_by_dense_computation(self) -> None:
-        series = short()
-        complete = evidence_of(series)
-        prior = dense(complete.prior(VALUES))
-        posterior = prior + dense(complete.data(VALUES)[0])
-        without_prior = evidence_of(series, Determinants(prior=False))
-        without_posterior = evidence_of(series, Determinants(posterior=False))
+        evidence = evidence_of(short())
+        prior = dense(evidence.prior(VALUES))
+        posterior = prior + dense(evidence.data(VALUES)[0])
         half = [0.5 * np.linalg.slogdet(matrix)[1] for matrix in (prior, posterior)]
-        assert complete(VALUES) - without_prior(VALUES) == pytest.approx(half[0], rel=1e-8)
-        assert complete(VALUES) - without_posterior(VALUES) == pytest.approx(-half[1], rel=1e-8)
+        parts = evidence.parts(VALUES)
+        assert (parts.prior, -parts.posterior) == pytest.approx(half, rel=1e-8)
 
     def test_is_the_kalman_filters_likelihood_as_a_function_of_the_parameters(self) -> None:
         series = series_of([recording(0)], "II")
@@ -131,30 +128,29 @@ class TestEvidence:
 
     def test_prior_determinant_penalises_damping_by_half_the_duration(self) -> None:
         """-½ d log|Λ| / d(ατ + β) tends to -T/2; the reason why the loss alone is biased."""
-        series = series_of([recording(1, 100.0)], "II")
-        slopes = []
-        for determinants in (Determinants(), Determinants(prior=False)):
-            evidence = evidence_of(series, determinants)
-            above, below = VALUES.copy(), VALUES.copy()
-            above[1] += 1e-4
-            below[1] -= 1e-4
-            slopes.append((evidence(above) - evidence(below)) / 2e-4)
-        assert slopes[0] - slopes[1] == pytest.approx(50.0, rel=0.15)
+        evidence = evidence_of(series_of([recording(1, 100.0)], "II"))
+        above, below = VALUES.copy(), VALUES.copy()
+        above[1] += 1e-4
+        below[1] -= 1e-4
+        slope = (evidence.parts(above).prior - evidence.parts(below).prior) / 2e-4
+        assert slope == pytest.approx(50.0, rel=0.15)
 
-    def test_likeliest_motion_follows_the_data(self) -> None:
-        series = short()
-        misfit, _ = evidence_of(series).loss(VALUES)
-        assert misfit < series.measured.size / 2
+    def test_most_probable_motion_follows_the_data_and_the_model(self) -> None:
+        values = VALUES.copy()
+        values[:3] = SETS[[1]].theta[0]
+        terms = evidence_of(short()).loss(values, CALIBRATED)
+        assert 0 < terms.data < 0.02
+        assert 0 < terms.physics < 0.1
 
 
 @lru_cache
 def maximum(seed: int) -> Maximum:
     segment = recording(seed)
     start = Regression.of(segment).solve("II").theta
-    return maximise_evidence(series_of([segment], "II"), start)[0]
+    return end_of(climb(Evidence(series_of([segment], "II")), start))[0]
 
 
-class TestAscent:
+class TestSearch:
     def test_ends_where_the_criterion_is_stationary(self) -> None:
         series = series_of([recording(0)], "II")
         found = maximum(0)
@@ -169,31 +165,31 @@ class TestAscent:
             value = value + criterion.log_prior(around)
             assert (value < found.criterion + 1e-3).all(), COMMON[k].name
 
+    def test_curvature_is_that_of_wide_differences(self) -> None:
+        """Along the least determined direction, and along each coordinate."""
+        criterion, found = Evidence(series_of([recording(0)], "II")), maximum(0)
+        free = np.diag(found.curvature) > 0
+        for k in np.flatnonzero(free):
+            z = found.coordinates + 0.04 * np.eye(9)[[k, k]] * [[1], [-1]]
+            value = criterion.log_likelihood(z, np.zeros(2, int)) + criterion.log_prior(z)
+            second = (value.sum() - 2 * found.criterion) / 0.04**2
+            assert -second == pytest.approx(found.curvature[k, k], rel=0.05, abs=0.1)
+
     def test_slopes_are_those_of_a_wide_five_point_formula(self) -> None:
-        series = short()
-        criterion = Evidence(series)
-        ascent = Ascent(criterion, 0, np.log(VALUES))
-        slopes = ascent._slopes()
+        criterion = Evidence(short())
+        value, slopes, _ = criterion.score(np.log(VALUES)[None], np.zeros(1, int))
         for k in range(9):
             z = np.log(VALUES) + 0.02 * np.eye(9)[[k] * 4] * [[2], [1], [-1], [-2]]
-            value = criterion.log_likelihood(z, np.zeros(4, int)) + criterion.log_prior(z)
-            wide = value @ [-1, 8, -8, 1] / (12 * 0.02)
-            assert slopes[k] == pytest.approx(wide, rel=2e-3, abs=5e-3), COMMON[k].name
-
-    def test_only_what_may_move_moves(self) -> None:
-        moving = np.arange(9) < 3
-        start = np.log(VALUES)
-        ascent = Ascent(Evidence(short()), 0, start, moving)
-        ascent.advance()
-        assert (ascent.coordinates[:3] != start[:3]).all()
-        assert (ascent.coordinates[3:] == start[3:]).all()
+            values = criterion.log_likelihood(z, np.zeros(4, int)) + criterion.log_prior(z)
+            wide = values @ [-1, 8, -8, 1] / (12 * 0.02)
+            assert slopes[0, k] == pytest.approx(wide, rel=2e-3, abs=5e-3), COMMON[k].name
+        assert values[1:3].min() < value[0] + 1
 
     def test_case_i_has_one_set_for_all(self) -> None:
         truth = Parameters.stack([SETS[[0]][0], SETS[[0]][0]])
         segment = disturbed(truth, 3, Disturbance(), duration=120.0)
-        series = series_of([segment], "I")
         start = Regression.of(segment).solve("I").theta[:1]
-        assert len(maximise_evidence(series, start)) == 1
+        assert len(end_of(climb(Evidence(series_of([segment], "I")), start))) == 1
 
 
 def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:

@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.network import stack_outputs
+from accpinn.methods.pinn.loss import loss_terms, stack_outputs
 from tests.support.methods import WEIGHTED
 
 

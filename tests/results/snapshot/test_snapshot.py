@@ -39,8 +39,9 @@ from accpinn.results.snapshot.verification import QUICK, verify
 from tests.support import draws
 draws.take_few()  # as in this test's process
 snapshot = load(sys.argv[1])
-result = verify(snapshot, refit_within=QUICK)
-found = [snapshot.fit.parameters.values.tobytes().hex(), result.ok, "torch" in sys.modules]
+loaded = "torch" in sys.modules
+result = verify(snapshot, refit_within=QUICK)  # draws the network's curves again
+found = [snapshot.fit.parameters.values.tobytes().hex(), result.ok, loaded]
 print(json.dumps(found))
 """
 

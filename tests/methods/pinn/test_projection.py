@@ -8,13 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.fast import FastTraining
-from accpinn.methods.pinn.loss import loss_terms
-from accpinn.methods.pinn.network import output_columns
-from accpinn.methods.pinn.variable_projection import NormalEquations, solve_output, solve_parameters
-from accpinn.model.cthp import Case, Parameters, regressors
-from accpinn.units import FloatArray
-from tests.support.driving import LAW, MIXED, driven
+from accpinn.methods.pinn.loss import loss_terms, output_columns
+from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
+from accpinn.model.cthp import Case, regressors
+from accpinn.units import FloatArray, Mask
 from tests.support.methods import WEIGHTED
 
 
@@ -31,17 +28,12 @@ class Drawn:
     def followers(self) -> int:
         return len(self.theta)
 
-    def sums(self) -> NormalEquations:
-        value, rate, data = self.value, self.rate, self.data
-        count = len(value)
-        return NormalEquations(
-            value_value=value.T @ value / count,
-            rate_value=rate.T @ value / count,
-            rate_rate=rate.T @ rate / count,
-            value_data=value.T @ data / count,
-            first=value[0],
-            first_data=data[0],
-        )
+    @property
+    def seen(self) -> FloatArray:
+        return np.stack([self.value, self.rate], axis=1)
+
+    def sums(self, mask: Mask | None = None) -> NormalEquations:
+        return NormalEquations.of(self.seen, self.data, mask)
 
     def loss(self, weights: FloatArray, theta: FloatArray, config: PinnConfig) -> float:
         """Ψ of the output layer ``weights`` with parameters ``theta``."""
@@ -59,7 +51,9 @@ def draw(followers: int, seed: int = 0, instants: int = 60, width: int = 7) -> D
     )
 
 
-def by_dense_least_squares(drawn: Drawn, config: PinnConfig) -> FloatArray:
+def by_dense_least_squares(
+    drawn: Drawn, config: PinnConfig, mask: Mask | None = None
+) -> FloatArray:
     """(K, 2M+1): all residuals of Ψ stacked as rows over all weights, in one solve."""
     value, rate, data = drawn.value, drawn.rate, drawn.data
     instants, width = value.shape
@@ -82,7 +76,9 @@ def by_dense_least_squares(drawn: Drawn, config: PinnConfig) -> FloatArray:
         own, gap = 2 * follower + 1, 2 * follower + 2
         add(scale * q_gap, {gap: rate, ahead: -value, own: value}, nothing)
         model = {own: rate + (alpha_tau + beta) * value, gap: -alpha * value, ahead: -beta * value}
-        add(scale * q_speed, model, nothing)
+        counts = slice(None) if mask is None else mask[:, follower]
+        counted = {output: factor[counts] for output, factor in model.items()}
+        add(scale * q_speed, counted, nothing[counts])
         add(scale * s_gap, {gap: value}, data[:, gap])
         add(scale * s_speed, {own: value}, data[:, own])
         add(first, {gap: value[:1]}, data[:1, gap])
@@ -93,13 +89,40 @@ def by_dense_least_squares(drawn: Drawn, config: PinnConfig) -> FloatArray:
 
 class TestOutputLayer:
     @pytest.mark.parametrize("config", [PinnConfig(), WEIGHTED], ids=["plain", "weighted"])
+    @pytest.mark.parametrize("masked", [False, True])
     @pytest.mark.parametrize(("followers", "scale"), [(1, 1.0), (2, 0.0), (3, 1.0)])
-    def test_is_the_global_minimum(self, followers: int, scale: float, config: PinnConfig) -> None:
+    def test_is_the_global_minimum(
+        self, followers: int, scale: float, masked: bool, config: PinnConfig
+    ) -> None:
         drawn = draw(followers, seed=followers)
         drawn.theta[:] *= scale  # parameters at zero are no special case
-        solved = solve_output(drawn.sums(), drawn.theta, config)
-        expected = by_dense_least_squares(drawn, config)
-        np.testing.assert_allclose(solved, expected, rtol=1e-8, atol=1e-10)
+        mask = np.random.default_rng(5).random((60, followers)) < 0.7 if masked else None
+        solved = solve_output(drawn.sums(mask), drawn.theta, config)
+        expected = by_dense_least_squares(drawn, config, mask)
+        np.testing.assert_allclose(solved, expected, rtol=1e-7, atol=1e-8)
+
+    @pytest.mark.parametrize("masked", [False, True])
+    def test_products_of_the_first_columns_need_not_be_summed_again(self, masked: bool) -> None:
+        drawn = draw(2)
+        mask = np.random.default_rng(5).random((60, 2)) < 0.7 if masked else None
+        first, more = drawn.seen[:, :, :4], drawn.seen[:, :, 4:]
+        sums = NormalEquations.of(first, drawn.data, mask)
+        extended = sums.extended(first, more, drawn.data, mask)
+        np.testing.assert_allclose(extended.grams, drawn.sums(mask).grams, atol=1e-14)
+        expected = drawn.sums(mask).dynamic_grams
+        np.testing.assert_allclose(extended.dynamic_grams, expected, atol=1e-14)
+
+    @pytest.mark.parametrize("masked", [False, True])
+    def test_products_of_the_rates_follow_where_these_are_linear_in_the_values(
+        self, masked: bool
+    ) -> None:
+        drawn, slope = draw(2), np.random.default_rng(1).standard_normal((7, 7))
+        mask = np.random.default_rng(5).random((60, 2)) < 0.7 if masked else None
+        drawn.rate[:] = drawn.value @ slope
+        sums = NormalEquations.of(drawn.seen, drawn.data, mask, slope)
+        np.testing.assert_allclose(sums.grams, drawn.sums(mask).grams, atol=1e-12)
+        expected = drawn.sums(mask).dynamic_grams
+        np.testing.assert_allclose(sums.dynamic_grams, expected, atol=1e-12)
 
 
 def model_rows(drawn: Drawn, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -149,18 +172,3 @@ def test_rounds_of_both_solves_never_raise_the_loss(seed: int, followers: int, c
         losses.append(drawn.loss(weights, theta, WEIGHTED))
     assert (np.diff(losses) <= 1e-12 * losses[0]).all()
     assert losses[-1] < losses[0]
-
-
-@pytest.mark.parametrize("laws", [(LAW,), MIXED], ids=["one follower", "three"])
-def test_the_fast_preset_starts_at_its_output_layers_optimum(laws: tuple) -> None:
-    """Its sums are formed piecewise; here they are formed from its activations themselves."""
-    config = PinnConfig(initial=Parameters(0.2, 0.3, 1.4), weight_initial=1.0)
-    segment = driven(laws, noise=0.05)
-    training = FastTraining(segment, "II", config)
-    features, derivative = training._static.value, training._features.derivative
-    value = np.hstack([features, training._active])
-    rate = np.hstack([derivative(features), training._active_rate])
-    alone = Drawn(value, rate, training.measured, np.tile([0.2, 0.28, 0.3], (len(laws), 1)))
-    best = alone.loss(by_dense_least_squares(alone, config), alone.theta, config)
-    # The ridge that tames collinear activations costs a little.
-    assert best <= training.progress.total <= (1 + 1e-4) * best
