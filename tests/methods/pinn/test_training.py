@@ -2,22 +2,19 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from accpinn.methods.pinn.request import TrainingRequest
-from accpinn.methods.store import Say, Store
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import (
     BoundActive,
-    CacheProblem,
+    Checkpoint,
     Continued,
     Fit,
     HiddenLayersGain,
@@ -191,12 +188,13 @@ class TestEnds:
         fit = train(absurd, "II", preset(name, iterations=20))
         assert fit.outcome is Outcome.DIVERGED
 
-    def test_a_loss_that_runs_away_ends_as_diverged(self, tmp_path: Path) -> None:
+    def test_a_loss_that_runs_away_ends_as_diverged(self) -> None:
         """Weights so large that the second gradient step overflows."""
         config = replace(SHORT, weight_data=(1e307, 1e307), iterations=50)
-        fit = train(noisy(), "II", config, store=Store(tmp_path))
+        kept = Kept()
+        fit = train(noisy(), "II", config, checkpoints=kept)
         assert fit.outcome is Outcome.DIVERGED
-        assert list(tmp_path.iterdir()) == [], "a diverged training is nothing to keep"
+        assert kept.saved == [], "a diverged training is nothing to keep"
 
     @pytest.mark.parametrize("name", ["fast", "calibrated", "paper"])
     @pytest.mark.parametrize("speed", [0.0, 20.0])
@@ -268,149 +266,84 @@ class TestPaperPreset:
         assert (np.diff(second) < 0).all(), "each handful of its iterations lowers Ψ"
 
 
-class TestStore:
-    def test_stopped_and_continued_is_the_straight_run(self, tmp_path: Path) -> None:
-        store = Store(tmp_path)
-        stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
+@dataclass
+class Kept:
+    """Checkpoints in memory, as a store keeps them."""
+
+    state: Checkpoint | None = None
+    saved: list[float] = field(default_factory=list)
+    rejected: list[Exception] = field(default_factory=list)
+
+    def load(self, most: int) -> Checkpoint | None:
+        is_usable = self.state is not None and self.state["history.rows"][-1][0] <= most
+        return self.state if is_usable else None
+
+    def save(self, state: Checkpoint) -> None:
+        self.saved.append(float(state["history.rows"][-1][0]))
+        self.state = state
+
+    def reject(self, fault: Exception) -> None:
+        self.rejected.append(fault)
+
+
+class TestCheckpoints:
+    def test_stopped_and_continued_is_the_straight_run(self) -> None:
+        kept = Kept()
+        stopped = train(noisy(), "II", SHORT, checkpoints=kept, should_stop=after(2))
         assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, 10)
-        continued = train(noisy(), "II", SHORT, store=store)
+        continued = train(noisy(), "II", SHORT, checkpoints=kept)
         assert_same_result(continued, plain(SHORT))
         assert Continued(10) in continued.findings
-        assert not continued.cached
         assert continued.seconds > stopped.seconds
+        longer = replace(SHORT, iterations=60)
+        continued = train(noisy(), "II", longer, checkpoints=kept)
+        assert Continued(20) in continued.findings
+        assert_same_result(continued, plain(longer))
 
     @pytest.mark.parametrize("name", ["fast", "calibrated"])
-    def test_presets_of_a_second_have_no_checkpoints(self, tmp_path: Path, name: str) -> None:
-        config, store = preset(name, iterations=60), Store(tmp_path)
-        stopped = train(noisy(), "II", config, store=store, should_stop=after(2))
+    def test_presets_of_a_second_have_none(self, name: str) -> None:
+        kept = Kept()
+        stopped = train(
+            noisy(), "II", preset(name, iterations=60), checkpoints=kept, should_stop=after(2)
+        )
         assert stopped.outcome is Outcome.STOPPED
-        assert list(tmp_path.iterdir()) == []
-        again = train(noisy(), "II", config, store=store)
-        assert not any(isinstance(finding, Continued) for finding in again.findings)
+        assert kept.saved == []
 
-    def test_a_stop_in_the_lbfgs_phase_continues_there(self, tmp_path: Path) -> None:
-        config = replace(SHORT, lbfgs_iterations=40)
-        store = Store(tmp_path)
-        stopped = train(noisy(), "II", config, store=store, should_stop=after(6))
+    def test_a_stop_in_the_lbfgs_phase_continues_there(self) -> None:
+        config, kept = replace(SHORT, lbfgs_iterations=40), Kept()
+        stopped = train(noisy(), "II", config, checkpoints=kept, should_stop=after(6))
         assert stopped.iterations == 30
-        continued = train(noisy(), "II", config, store=store)
+        continued = train(noisy(), "II", config, checkpoints=kept)
         assert Continued(30) in continued.findings
         assert continued.iterations == 60
         assert continued.loss["total"] < stopped.loss["total"]
 
-    def test_where_a_training_would_go_on_is_known_and_can_be_forgotten(
-        self, tmp_path: Path
-    ) -> None:
-        store, request = Store(tmp_path), TrainingRequest(noisy(), "II", SHORT)
-        assert request.resume_iteration(store) is None
-        stopped = train(noisy(), "II", SHORT, store=store, should_stop=after(2))
-        assert request.resume_iteration(store) == stopped.iterations == 10
-        shorter = TrainingRequest(noisy(), "II", replace(SHORT, iterations=5))
-        assert shorter.resume_iteration(store) is None, "it is beyond"
-        request.drop_checkpoints(store)
-        assert request.resume_iteration(store) is None
-        anew = train(noisy(), "II", SHORT, store=store)
-        assert not any(isinstance(found, Continued) for found in anew.findings)
-        assert request.resume_iteration(store) is None, "a finished one is answered at once"
-
-    def test_a_shorter_training_leaves_a_longer_ones_checkpoint_alone(self, tmp_path: Path) -> None:
-        store = Store(tmp_path)
-        longer = replace(SHORT, iterations=60)
-        train(noisy(), "II", longer, store=store, should_stop=after(8))
-        shorter = train(noisy(), "II", SHORT, store=store)
-        assert_same_result(shorter, plain(SHORT))
-        continued = train(noisy(), "II", longer, store=store)
-        assert Continued(40) in continued.findings
-        still_longer = replace(SHORT, iterations=80)
-        continued = train(noisy(), "II", still_longer, store=store)
-        assert Continued(60) in continued.findings
-        assert_same_result(continued, plain(still_longer))
-
-    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
-    def test_an_identical_request_is_answered_from_the_cache(
-        self, tmp_path: Path, config: PinnConfig, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        first = train(noisy(), "II", config, store=Store(tmp_path))
-        assert not first.cached
-        monkeypatch.delattr(training, "_kind")  # nothing can be trained from here on
-        again = train(noisy(), "II", config, store=Store(tmp_path))
-        assert again.cached
-        assert_same_result(again, first)
-        assert again.seconds == first.seconds
-        assert again.findings == first.findings
-
-    def test_a_finished_training_whose_result_is_lost_is_not_trained_further(
-        self, tmp_path: Path
-    ) -> None:
-        first = train(noisy(), "II", SHORT, store=Store(tmp_path))
-        for path in tmp_path.glob("*.fit.npz"):
-            path.unlink()
-        again = train(noisy(), "II", SHORT, store=Store(tmp_path))
-        assert not again.cached
-        assert_same_result(again, first)
-
-    def test_what_differs_in_any_way_is_another_request(self) -> None:
-        segment = noisy()
-        other_data = segment_of(segment.time, segment.speeds, segment.gaps + 1e-9)
-        requests: list[tuple[Segment, Case, PinnConfig]] = [
-            (segment, "II", FAST),
-            (segment, "I", FAST),
-            (other_data, "II", FAST),
-            (replace(segment, vehicles=(2, 3)), "II", FAST),
-            (segment, "II", PAPER),
-            (segment, "II", replace(FAST, seed=1)),
-            (segment, "II", replace(FAST, initial=Parameters(1.0, 1.0, 2.0))),
-            (segment, "II", replace(FAST, weight_data=(1.0, 2.0))),
-            (segment, "II", replace(FAST, iterations=601)),
-        ]
-        addresses = [
-            address for request in requests for address in {*TrainingRequest(*request).keys}
-        ]
-        assert len(set(addresses)) == len(addresses)
-        renamed = replace(segment, names=("A", "B"), source="elsewhere.csv")
-        one, other = (TrainingRequest(data, "II", FAST) for data in (renamed, segment))
-        assert one.keys == other.keys
-
-    def test_a_checkpoint_no_training_can_use_is_set_aside(self, tmp_path: Path) -> None:
-        config = SHORT
-        _, key = TrainingRequest(noisy(), "II", config).keys
-        store = Store(tmp_path)
-        for foreign in (
-            {"anything": np.arange(3.0)},
+    @pytest.mark.parametrize(
+        "foreign",
+        [
+            {"history.rows": np.zeros((1, 6))},
             {"history.rows": np.zeros((1, 6)), "history.tables": np.zeros((1, 1, 3))},
-        ):
-            store.save_state(key, foreign)
-            fit = train(noisy(), "II", config, store=store)
-            assert_same_result(fit, plain(config))
-            (problem,) = [f for f in fit.findings if isinstance(f, CacheProblem)]
-            assert "set aside" in problem.problem
-            for path in tmp_path.glob("*.fit.npz"):
-                path.unlink()
+        ],
+    )
+    def test_one_that_no_training_can_use_is_rejected(self, foreign: Checkpoint) -> None:
+        kept = Kept(foreign)
+        assert_same_result(train(noisy(), "II", SHORT, checkpoints=kept), plain(SHORT))
+        assert len(kept.rejected) == 1
 
-    def test_closing_it_keeps_a_checkpoint(self, tmp_path: Path) -> None:
-        store = Store(tmp_path)
-        run = training.training(noisy(), "II", SHORT, store=store)
+    def test_closing_it_keeps_one(self) -> None:
+        kept = Kept()
+        run = training.training(noisy(), "II", SHORT, checkpoints=kept)
         steps = one_thread(lambda: [next(run).iteration for _ in range(3)])
         assert steps() == [0, 5, 10]
         run.close()
-        assert TrainingRequest(noisy(), "II", SHORT).resume_iteration(store) == 10
-        continued = train(noisy(), "II", SHORT, store=store)
-        assert Continued(10) in continued.findings
-        assert_same_result(continued, plain(SHORT))
+        assert kept.saved == [10]
+        assert_same_result(train(noisy(), "II", SHORT, checkpoints=kept), plain(SHORT))
 
-    def test_checkpoints_come_during_training(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        saved: list[float] = []
-
-        class Watched(Store):
-            def save_state(self, key: str, state: dict[str, Any], say: Say | None = None) -> None:
-                saved.append(float(state["history.rows"][-1][0]))
-                super().save_state(key, state, say)
-
+    def test_they_come_during_training(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        kept = Kept()
         monkeypatch.setattr(training, "CHECKPOINT_EVERY", 0.0)
-        train(noisy(), "II", SHORT, store=Watched(tmp_path))
-        assert saved == [5, 10, 15, 20]
+        train(noisy(), "II", SHORT, checkpoints=kept)
+        assert kept.saved == [5, 10, 15, 20]
 
 
 class TestSettings:
