@@ -5,7 +5,6 @@ import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
@@ -13,20 +12,20 @@ from tqdm import tqdm
 from accpinn.channels import by_key
 from accpinn.cli.estimation import add_method_help, interruptible
 from accpinn.cli.options import fields
-from accpinn.cli.output import print_json, progress, show, show_result
+from accpinn.cli.output import print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.mapping import load_mapping
-from accpinn.results.tables.groups import group_table, pooled_table
+from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import batch
-from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
-from accpinn.study.journal import FAILURES, JOURNAL, RESULTS, damaged_lines, read_pooled
+from accpinn.study.progress import BatchProgress, BatchSummary
+from accpinn.study.studies import FAILURES, RESULTS
 
 ALL = "all"
 KEYS = (
@@ -75,11 +74,6 @@ def run_batch(options: argparse.Namespace) -> int:
     return 130 if found.stopped else 0
 
 
-def _damage(lines: int) -> str:
-    many = "1 line of {} is damaged" if lines == 1 else f"{lines} lines of {{}} are damaged"
-    return many.format(JOURNAL)
-
-
 def _seconds(text: str) -> float:
     if text == ALL:
         return math.inf
@@ -91,7 +85,7 @@ def _seconds(text: str) -> float:
 
 @contextmanager
 def _progress_bar() -> Iterator[Any]:
-    """On standard error: share of all work, files or vehicles, windows, rows, time left."""
+    """On standard error: share of all work, files, windows, rows, time left."""
     form = "{l_bar}{bar}|{postfix}"
     with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
 
@@ -99,8 +93,6 @@ def _progress_bar() -> Iterator[Any]:
             bar.n = now.share
             parts = [f"{now.done:.1f}/{now.files} files", f"{now.windows} windows"]
             parts += [f"{now.rows} rows", f"{now.failed} failed"]
-            if now.vehicles:
-                parts.append(f"vehicles pooled {now.pooled}/{now.vehicles}")
             if now.seconds_left:
                 parts.append(f"{tqdm.format_interval(now.seconds_left)} left")
             bar.set_postfix_str(", ".join(parts), refresh=True)
@@ -124,8 +116,6 @@ def _batch_text(found: BatchSummary, out: str) -> str:
             f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
             f" {FAILURES} says why."
         )
-    if damaged := damaged_lines(Path(out)):
-        lines.append(f"Note: {_damage(damaged)}; what was there is computed again.")
     if found.unknown_names:
         listed = ", ".join(found.unknown_names)
         lines.append(f"Note: make and model stand as in the header for {listed}.")
@@ -141,29 +131,12 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
     option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
     option("--method", metavar="NAME", help=f"whose estimates ({KEY}, where it has some)")
     option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
-    option("--pooled", action="store_true", help="each vehicle's windows with one setting together")
     option("--format", choices=[*FORMATS], default="text", help="(text)")
     add_json_option(parser)
 
 
 def run_table(options: argparse.Namespace) -> int:
     """Group the rows, and print the table."""
-    if options.pooled:
-        for name, usual in (("by", ",".join(BY)), ("method", None), ("level", LEVEL)):
-            if getattr(options, name) != usual:
-                raise ConfigError(
-                    f"{name}: --pooled has one row a vehicle and setting, by {KEY}, with intervals"
-                    f" of {100 * LEVEL:g} %; leave --{name} out."
-                )
-        read_study(options.study)  # refuses what is no batch
-        rows = list(read_pooled(Path(options.study)))
-        if options.json:
-            print_json({"vehicles": rows})
-        else:
-            show(FORMATS[options.format](pooled_table(rows, LEVEL)).rstrip("\n"))
-        return 0
-    if damaged := damaged_lines(Path(options.study)):
-        progress(f"Note: {_damage(damaged)}; batch computes again what was there.")
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     found = group(read_study(options.study), by, options.method, options.level)
     if options.json:

@@ -28,12 +28,12 @@ from scipy.optimize import brentq
 from scipy.special import betainc, stdtrit
 
 from accpinn.channels import PARAMETER_KEYS
-from accpinn.errors import ConfigError, RecordingError
+from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
-from accpinn.study.journal import JOURNAL, read_rows
 from accpinn.study.rows import COLUMNS
+from accpinn.study.studies import read_rows
 from accpinn.study.windows import RandomEffects, random_effects
 from accpinn.units import FloatArray
 
@@ -112,12 +112,9 @@ def read_study(study: str | Path) -> pd.DataFrame:
     What is no number, or no probability where one should be, is nan.
 
     Raises:
-        RecordingError: where there is no batch.
+        RecordingError: where there is no batch, or its file is damaged.
     """
-    folder = Path(study)
-    if not (folder / JOURNAL).is_file():
-        raise RecordingError(f"{folder}: no batch is there; name the folder that batch wrote to.")
-    frame = pd.DataFrame(read_rows(folder), columns=[column.name for column in COLUMNS])
+    frame = pd.DataFrame(read_rows(Path(study)), columns=[column.name for column in COLUMNS])
     for column in COLUMNS:
         if column.kind == "double":
             frame[column.name] = pd.to_numeric(frame[column.name], errors="coerce")

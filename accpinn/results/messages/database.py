@@ -1,14 +1,13 @@
 """What a batch of estimations says, in sentences."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from accpinn.results.messages import percent
 from accpinn.results.tables.table import between
-from accpinn.study.batch_progress import BatchProgress, BatchSummary
-from accpinn.study.estimate import BatchEstimate
 from accpinn.study.groups import Group, Groups
-from accpinn.study.journal import Failure
+from accpinn.study.progress import BatchEstimate, BatchProgress, BatchSummary
+from accpinn.study.studies import Failure, Request
 
 
 def headline(whole: Group, level: float) -> str:
@@ -16,12 +15,12 @@ def headline(whole: Group, level: float) -> str:
 
     Args:
         whole: all rows that are shown, as one group.
-        level: of intervals.
+        level: coverage of the intervals, 0 to 1.
     """
     share = whole.l2_stable
     if not math.isfinite(share.value):
         return "Nothing is known of string stability."
-    value, low, high = (f"{100 * one:.0f}" for one in (share.value, share.low, share.high))
+    value, low, high = (f"{100 * x:.0f}" for x in (share.value, share.low, share.high))
     return (
         f"{value} % of the followers are L₂ string stable ({percent(level)} interval {low} to"
         f" {high} %)."
@@ -50,9 +49,9 @@ def typical_line(whole: Group, found: Groups) -> str:
             f"Median time headway τ {_headway(whole)},"
             f" mean time gap {whole.mean_time_gap.value:.2f} s."
         )
-    known = [one for one in found.groups if math.isfinite(one.tau.median)]
+    known = [group for group in found.groups if math.isfinite(group.tau.median)]
     if len(known) > 1:
-        first, last = (pick(known, key=lambda one: one.tau.median) for pick in (min, max))
+        first, last = (pick(known, key=lambda group: group.tau.median) for pick in (min, max))
         parts.append(
             f"Shortest τ: {_name(first)}, {_headway(first)}; longest: {_name(last)},"
             f" {_headway(last)}."
@@ -60,20 +59,20 @@ def typical_line(whole: Group, found: Groups) -> str:
     return " ".join(parts)
 
 
-def _headway(one: Group) -> str:
+def _headway(group: Group) -> str:
     """The median and its interval."""
-    return f"{one.tau.median:.2f} s ({between(one.tau.low, one.tau.high, 2)} s)"
+    return f"{group.tau.median:.2f} s ({between(group.tau.low, group.tau.high, 2)} s)"
 
 
-def _name(one: Group) -> str:
-    return " ".join(value for value in one.values if value) or "not named"
+def _name(group: Group) -> str:
+    return " ".join(value for value in group.values if value) or "not named"
 
 
 def trust_line(found: Groups) -> str:
     """How far groups can be trusted: those with one window or one vehicle."""
     count = _counted(len(found.groups), "group")
-    few = sum(one.windows == 1 for one in found.groups)
-    alone = sum(one.vehicles == 1 for one in found.groups)
+    few = sum(group.windows == 1 for group in found.groups)
+    alone = sum(group.vehicles == 1 for group in found.groups)
     said = ""
     if few:
         said = f"{few} of {count} with one window" + (f", {alone} with one vehicle" * bool(alone))
@@ -83,21 +82,20 @@ def trust_line(found: Groups) -> str:
     return f"{said}Windows of one recording are not independent, so intervals may be too narrow."
 
 
-def batch_line(settings: Mapping[str, object]) -> str:
+def batch_line(request: Request | None) -> str:
     """What all rows of a batch share; empty where that is not known."""
-    window, case = settings.get("window"), settings.get("case")
-    if window is None or case is None:
+    if request is None:
         return ""
-    lasting = f"of up to {window:g} s" if isinstance(window, float | int) else "of any length"
-    return f"Windows {lasting}, Case {case}."
+    lasting = f"of up to {request.window:g} s" if request.window else "of any length"
+    return f"Windows {lasting}, Case {request.case}."
 
 
 def failures_line(failures: Sequence[Failure]) -> str:
     """How much has no result; empty where everything has one."""
-    files = len({one.file for one in failures if one.start is None and one.file})
-    rest = sum(one.start is not None or not one.file for one in failures)
+    files = len({failure.file for failure in failures if failure.start is None})
+    estimates = sum(failure.start is not None for failure in failures)
     parts = [f"{_counted(files, 'file')} without a window"] if files else []
-    parts += [f"{_counted(rest, 'estimate')} failed"] if rest else []
+    parts += [f"{_counted(estimates, 'estimate')} failed"] if estimates else []
     return f"{' and '.join(parts)}; the tab Failures says why." if parts else ""
 
 
@@ -105,11 +103,6 @@ def progress_line(now: BatchProgress) -> str:
     """How far a batch is."""
     files = f"{now.done:.0f} of {_counted(now.files, 'file')}"
     rows = f"{_counted(now.windows, 'window')} and {_counted(now.rows, 'row')} so far"
-    if now.vehicles:
-        return (
-            f"{files} · {rows} · windows of one vehicle taken together: {now.pooled} of"
-            f" {now.vehicles}"
-        )
     return f"{files} · {rows}" + (f" · {now.failed} failed" if now.failed else "")
 
 

@@ -32,7 +32,7 @@ from pages.ui.database.selection import (
     follow_link,
     known_studies,
     query,
-    settings_of,
+    request_of,
     shown,
     study_rows,
     write_link,
@@ -65,15 +65,20 @@ def show_page() -> None:
     folder = folder_of(choice.study)
     stamp = Stamp.of(folder)
     _show_head(workspace, choice, names)
-    running.show_batch(choice.study)
-    rows = study_rows(stamp) if stamp.size else pd.DataFrame()
+    show.attempt(lambda: _show_body(workspace, choice, stamp))
+    write_link(choice)
+
+
+def _show_body(workspace: Workspace, choice: DatabaseChoice, stamp: Stamp) -> None:
+    """The batch, and what it has found so far."""
+    running.show_batch(choice.study, request_of(stamp))
+    rows = study_rows(stamp) if stamp.state else pd.DataFrame()
     if len(rows):
         _show_study(workspace, choice, stamp, rows)
-    else:
-        show.messages("The study has no rows yet.")
-        if stamp.size:
-            views.show_failures(failures_of(stamp), choice.study)
-    write_link(choice)
+        return
+    show.messages("The study has no rows yet.")
+    if stamp.state:
+        views.show_failures(failures_of(stamp), choice.study)
 
 
 def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
@@ -133,14 +138,13 @@ def _show_study(
         if line := failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
-        _show_forest(found, batch_line(settings_of(stamp)))
+        _show_forest(found, batch_line(request_of(stamp)))
     drawn = {
         "Groups": lambda: views.show_groups(found, choice),
         "Spread": lambda: views.show_spread(found, choice),
         "α–β plane": lambda: views.show_plane(workspace, choice, found),
         "Time gap": lambda: views.show_gaps(workspace, choice, found),
         "All rows": lambda: views.show_rows(workspace, choice, found),
-        "Pooled vehicles": lambda: views.show_pooled(stamp, choice),
         "Failures": lambda: views.show_failures(failures, choice.study),
     }
     tabs(workspace, "database_tabs", drawn)

@@ -1,6 +1,6 @@
 """Which study, rows and groups page Database shows, and the address that says so.
 
-What is read and grouped is kept as long as the study's journal does not change.
+What is read and grouped is kept as long as the study does not change.
 """
 
 from collections.abc import Mapping
@@ -14,9 +14,17 @@ import streamlit as st
 
 from accpinn.results.figures import database as figures
 from accpinn.results.tables.groups import HEADINGS
-from accpinn.study.folders import default_folder, studies, study_path
 from accpinn.study.groups import Group, Groups, group, read_study
-from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_settings
+from accpinn.study.studies import (
+    Failure,
+    Request,
+    default_folder,
+    read_failures,
+    read_request,
+    state_of,
+    studies,
+    study_path,
+)
 from pages.ui.session.choices import DatabaseChoice
 
 FILTERS: Mapping[str, str] = {
@@ -44,17 +52,13 @@ class Stamp:
     """A study in one state."""
 
     folder: str
-    size: int
-    changed: int
+    state: tuple[int, ...]
+    """As `state_of` gives it; empty where the batch has not begun to write."""
 
     @classmethod
     def of(cls, folder: Path) -> "Stamp":
         """Its present state."""
-        try:
-            status = (folder / JOURNAL).stat()
-        except OSError:  # a batch that has not begun to write
-            return cls(str(folder), 0, 0)
-        return cls(str(folder), status.st_size, status.st_mtime_ns)
+        return cls(str(folder), state_of(folder))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +112,9 @@ def failures_of(stamp: Stamp) -> tuple[Failure, ...]:
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)
-def pooled_of(stamp: Stamp) -> tuple[dict[str, object], ...]:
-    """The parameters of each vehicle's windows taken together."""
-    return tuple(read_pooled(Path(stamp.folder)))
-
-
-@st.cache_resource(max_entries=8, show_spinner=False)
-def settings_of(stamp: Stamp) -> dict[str, object]:
-    """What all rows share: longest window and Case."""
-    return read_settings(Path(stamp.folder))
+def request_of(stamp: Stamp) -> Request | None:
+    """What the study was last asked to do; all its rows share longest window and Case."""
+    return read_request(Path(stamp.folder)) if stamp.state else None
 
 
 # The address
@@ -150,9 +148,9 @@ def write_link(choice: DatabaseChoice) -> None:
 
 def parameters_of(choice: DatabaseChoice) -> dict[str, tuple[str, ...]]:
     """The query parameters of what is shown, with all values of each."""
-    one = {STUDY: choice.study, METHOD: choice.method, BY: choice.by}
-    found = {name: (value,) for name, value in one.items() if value}
-    return found | {name: values for name, values in choice.filters.items() if values}
+    chosen = {STUDY: choice.study, METHOD: choice.method, BY: choice.by}
+    parameters = {name: (value,) for name, value in chosen.items() if value}
+    return parameters | {name: values for name, values in choice.filters.items() if values}
 
 
 def query(choice: DatabaseChoice) -> str:

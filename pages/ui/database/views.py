@@ -1,4 +1,4 @@
-"""The tabs of page Database: groups, planes, rows, vehicles, and what has no result."""
+"""The tabs of page Database: groups, planes, rows, and what has no result."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -8,16 +8,15 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.inference.intervals import LEVEL
 from accpinn.recordings.recording import Window
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.tables.groups import failure_table, group_table, pooled_table, spread_table
-from accpinn.study.journal import Failure
+from accpinn.results.tables.groups import failure_table, group_table, spread_table
+from accpinn.study.studies import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
-from pages.ui.database.selection import FILTERS, NOT_TOLD, ShownRows, Stamp, pooled_of, study_rows
+from pages.ui.database.selection import NOT_TOLD, ShownRows, study_rows
 from pages.ui.session.choices import DatabaseChoice
 from pages.ui.session.recordings import find_recording
 from pages.ui.session.workspace import Workspace
@@ -41,7 +40,7 @@ COLUMNS = {
     "mean_speed": ("Speed [m/s]", "%.1f"),
     "p_l2_stable": ("P(L₂)", "%.2f"),
 }
-"""Of the list of rows: heading and format, by name in the results."""
+"""Heading and format of each column in the list of rows, by its name in the results."""
 
 
 def show_groups(found: ShownRows, choice: DatabaseChoice) -> None:
@@ -211,29 +210,7 @@ def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> No
     frame.go(frame.DATA, workspace)
 
 
-# Vehicles and failures
-
-
-def show_pooled(stamp: Stamp, choice: DatabaseChoice) -> None:
-    """Each vehicle's windows with one setting under one likelihood."""
-    kept = []
-    for row in pooled_of(stamp):
-        cells = {name: str(row[name] or NOT_TOLD) for name in FILTERS}
-        if all(not values or cells[name] in values for name, values in choice.filters.items()):
-            kept.append(row)
-    if not kept:
-        st.caption(
-            "No vehicle has several windows by maximum likelihood that were taken together; a batch"
-            " does that at its end."
-        )
-        return
-    table = pooled_table(kept, LEVEL)
-    show.table(table)
-    st.caption(
-        "All windows of a vehicle with one setting share one parameter set here. The intervals"
-        " assume that they do: compare the tab Spread. P: probability of string stability."
-    )
-    show.downloads(table, f"{choice.study}_vehicles", "database_pooled")
+# Failures
 
 
 def show_failures(failures: Sequence[Failure], study: str) -> None:
