@@ -328,10 +328,10 @@ class _Batch:
     def _job(
         self, file: Path, fraction: float, window: WindowData, asked: tuple[Analysis, ...]
     ) -> Job:
-        self._tally.begin(file, fraction)
+        began = self._tally.begin()
 
         def finish(answers: list[Answer] | None, fault: str) -> None:
-            self._tally.finish(file, fraction)
+            self._tally.finish(file, fraction, began)
             for answer in answers or [Answer(a, [], fault, is_final=False) for a in asked]:
                 self._keep(answer, file.name)
 

@@ -259,7 +259,7 @@ def serve(workers: int, space: str) -> None:
                 n_workers=workers,
                 threads_per_worker=1,
                 protocol="tcp://",
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 local_directory=space,
                 memory_limit=0,
                 silence_logs=50,

@@ -2,7 +2,8 @@
 
 Before a batch, files at even steps among all of them, sorted by size, are read; the others count by
 their bytes. While it runs, each file is a share of the work by its bytes, split among its windows
-by their size, and a window in work counts half.
+by their size. The time left is what the rest would take at the finished windows' pace, less what
+has been spent on those in work, over the number in work at a time.
 """
 
 import time
@@ -153,23 +154,32 @@ class Tally:
         """The counts of `BatchSummary` by name, and of windows finished."""
         sizes = {file: 1.0 + (file.stat().st_size if file.is_file() else 0.0) for file in files}
         self._weights = {file: size / sum(sizes.values()) for file, size in sizes.items()}
-        self._done = self._share = self._computed = self._in_work = 0.0
-        self._started, self._computing_since = time.monotonic(), 0.0
+        self._done = self._share = self._computed = self._spent = 0.0
+        self._started, self._in_work, self._at_a_time = time.monotonic(), list[float](), 1
 
     def skip(self, file: Path) -> None:
         """Nothing of a file is left to do."""
         self._done += 1.0
         self._share += self._weights[file]
 
-    def begin(self, file: Path, fraction: float) -> None:
-        """A worker has begun with a window, which is that fraction of what is left of a file."""
-        self._computing_since = self._computing_since or time.monotonic()
-        self._in_work += fraction * self._weights[file]
+    def begin(self) -> float:
+        """A worker has begun with a window; when it did."""
+        began = time.monotonic()
+        self._in_work.append(began)
+        self._at_a_time = max(self._at_a_time, len(self._in_work))
+        return began
 
-    def finish(self, file: Path, fraction: float) -> None:
-        """A worker has ended with it."""
+    def finish(self, file: Path, fraction: float, began: float) -> None:
+        """A worker has ended with a window.
+
+        Args:
+            file: which it is of.
+            fraction: of what was left of the file.
+            began: when the worker began, as `begin` gave it.
+        """
         share = fraction * self._weights[file]
-        self._in_work -= share
+        self._in_work.remove(began)
+        self._spent += time.monotonic() - began
         self._computed += share
         self._share += share
         self._done += fraction
@@ -183,12 +193,13 @@ class Tally:
     def progress(self, workers: int, is_done: bool = False) -> BatchProgress:
         """How far it has got, with so many workers."""
         counts = self.counts
-        done = 1.0 if is_done else min(1.0, self._share)
+        share = 1.0 if is_done else min(1.0, self._share)
         left: Seconds | None = 0.0 if is_done else None
         if self._computed > 0 and not is_done:
-            computed = self._computed + self._in_work / 2
-            spent = time.monotonic() - self._computing_since
-            left = spent / computed * max(0.0, 1.0 - self._share - self._in_work / 2)
+            now = time.monotonic()
+            needed = self._spent / self._computed * (1.0 - share)
+            spent = sum(now - began for began in self._in_work)
+            left = max(0.0, needed - spent) / self._at_a_time
         return BatchProgress(
             files=len(self._weights),
             done=min(self._done, len(self._weights)),
@@ -198,5 +209,5 @@ class Tally:
             workers=workers,
             seconds=self.seconds,
             seconds_left=left,
-            share=done,
+            share=share,
         )

@@ -407,9 +407,9 @@ def _told(folder: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.OperationalError as fault:
-        code = getattr(fault, "sqlite_errorname", "")
-        known = damaged if code == "SQLITE_ERROR" else None  # as a table that is not there
-        raise RecordingError(known) if known else _unwritten(folder, str(fault)) from None
+        # A table that is not there, or a text that is none, is no fault of the disk.
+        is_damaged = getattr(fault, "sqlite_errorname", "SQLITE_ERROR") == "SQLITE_ERROR"
+        raise RecordingError(damaged) if is_damaged else _unwritten(folder, str(fault)) from None
     except (sqlite3.Error, msgspec.DecodeError, UnicodeDecodeError, TypeError):
         raise RecordingError(damaged) from None
 
