@@ -10,11 +10,11 @@ import streamlit as st
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.results.figures.database import MOST_GROUPS
 from accpinn.results.messages.database import (
+    DEPENDENT,
     batch_line,
     extent,
     failures_line,
     headline,
-    trust_line,
     typical_line,
 )
 from accpinn.results.tables.estimates import TITLES
@@ -133,8 +133,8 @@ def _show_study(
         level = found.groups.level
         st.markdown(f"#### {escape_markdown(headline(found.whole, level))}")
         said = extent(found.whole, found.makes, found.recordings)
-        st.markdown(escape_markdown(f"{said} {typical_line(found.whole, found.groups)}"))
-        st.caption(escape_markdown(trust_line(found.groups)))
+        st.markdown(escape_markdown(f"{said} {typical_line(found.whole)}"))
+        st.caption(DEPENDENT)
         if line := failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:

@@ -64,7 +64,7 @@ def show_batch(study: str, request: Request | None) -> None:
         with bar:
             _watch(task)
         with button:
-            stop_button(task, "Stop", "database_stop", batch_queue())
+            stop_button(task, "Stop", "database_stop")
         return
     show_refusal(study)
     if task is not None and task.summary is not None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accpinn.results.snapshot import Snapshot, stability
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.inference.intervals import Uncertainty
@@ -18,7 +19,6 @@ from accpinn.results.messages.summary import (
     summary,
     title,
 )
-from accpinn.results.snapshot import Snapshot, stability
 from tests.support.snapshots import small, whole
 
 
