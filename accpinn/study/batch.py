@@ -313,9 +313,8 @@ class _Batch:
         windows = contents.windows
         analyses = tuple(window.analysis for window in windows)
         known = KnownFile(mapping, contents.recordings, len(contents.refused), analyses)
-        reasons = (*contents.refused, *contents.empty * (NOTHING,))
-        failures = [Failure(file.name, None, None, reason) for reason in reasons]
-        self._study.add_file(digest, known, str(file), failures)
+        self._study.refuse(file, (*contents.refused, *contents.empty * (NOTHING,)))
+        self._study.add_file(digest, known)
         self._count(known)
         left = [(window, analyses) for window in windows
                 if (analyses := self._missing(window.analysis))]  # fmt: skip
@@ -381,4 +380,4 @@ class _Batch:
         """Nothing of a file can be used."""
         self._tally.counts["refused"] += 1
         self._tally.skip(file)
-        self._study.refuse(str(file), Failure(file.name, None, None, reason))
+        self._study.refuse(file, [reason])

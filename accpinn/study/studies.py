@@ -12,7 +12,7 @@ import json
 import re
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, astuple, dataclass
 from itertools import islice
 from pathlib import Path
@@ -25,8 +25,7 @@ from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.storage import folder as folder_named
-from accpinn.storage import reported, write_whole, written_whole
+from accpinn.storage import reason_of, write_whole, written_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.rows import COLUMNS
 from accpinn.units import Seconds
@@ -123,51 +122,32 @@ class Study:
             RecordingError: where it cannot be read or written, or another process writes to it.
         """
         self.folder = folder
-        with reported(lambda reason: RecordingError(f"{folder}: it cannot be written ({reason}).")):
-            folder.mkdir(parents=True, exist_ok=True)
-        with _told(folder):
-            self._lock = sqlite3.connect(folder / LOCK, timeout=0)
-        try:
-            self._reserve()
-            _refuse_earlier(folder)
-            self._open()
-            self._accept(request)
-        except BaseException:
-            self.close()
-            raise
-
-    def _reserve(self) -> None:
-        """Keep other processes from writing, for as long as this one lives."""
-        try:
-            self._lock.execute("begin exclusive")
-        except sqlite3.OperationalError:
-            raise RecordingError(
-                f"{self.folder}: another batch is writing there; wait for its end, or take another"
-                " folder."
-            ) from None
-
-    def _open(self) -> None:
-        path = self.folder / FILE
-        with reported(lambda reason: _unwritten(self.folder, reason)), _told(self.folder):
-            if not path.exists():  # a reader sees a whole file or none
-                with closing(sqlite3.connect(":memory:")) as empty:
-                    empty.executescript(TABLES)
-                    write_whole(path, empty.serialize())
-            self._database = sqlite3.connect(path, timeout=PATIENCE)
-            _require_format(self._database, self.folder)
-            self._database.execute("pragma journal_mode = wal")
-            self._database.execute("pragma synchronous = normal")
-
-    def _accept(self, request: Request) -> None:
-        with _told(self.folder):
-            kept = _request(self._database)
-        if kept and (kept.window, kept.case) != (request.window, request.case):
-            window = "all" if kept.window is None else f"{kept.window:g}"
-            raise ConfigError(
-                f"{self.folder}: it holds a batch with window {window} and Case {kept.case}; ask"
-                " for the same, or take another folder."
-            )
-        self.note(request)
+        with ExitStack() as opened:
+            with _told(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+                lock = opened.enter_context(closing(sqlite3.connect(folder / LOCK, timeout=0)))
+                try:
+                    lock.execute("begin exclusive")  # as long as this process lives
+                except sqlite3.OperationalError:
+                    raise RecordingError(
+                        f"{folder}: another batch is writing there; wait for its end, or take"
+                        " another folder."
+                    ) from None
+                _refuse_earlier(folder)
+                if not (folder / FILE).exists():
+                    _make(folder / FILE)
+                self._database = opened.enter_context(closing(_connect(folder)))
+                self._database.execute("pragma journal_mode = wal")
+                self._database.execute("pragma synchronous = normal")
+                kept = _request(self._database)
+            if kept and (kept.window, kept.case) != (request.window, request.case):
+                window = "all" if kept.window is None else f"{kept.window:g}"
+                raise ConfigError(
+                    f"{folder}: it holds a batch with window {window} and Case {kept.case}; ask"
+                    " for the same, or take another folder."
+                )
+            self.note(request)
+            self._opened = opened.pop_all()
 
     def __enter__(self) -> Self:
         """The study itself."""
@@ -179,20 +159,12 @@ class Study:
         fault: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Make the files, and let others write."""
-        try:
+        """Make the files, leave one plain file of the database, and let others write."""
+        with self._opened:
             if not isinstance(fault, RecordingError):  # else nothing can be written
                 self.publish()
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        """Leave one plain file behind, and let others write."""
-        if database := getattr(self, "_database", None):
             with suppress(sqlite3.Error):  # somebody reads it just now
-                database.execute("pragma journal_mode = delete")
-            database.close()
-        self._lock.close()
+                self._database.execute("pragma journal_mode = delete")
 
     def note(self, request: Request) -> None:
         """Keep what the study is asked to do."""
@@ -202,50 +174,45 @@ class Study:
     def known_file(self, sha256: str) -> KnownFile | None:
         """What was read of a file with these bytes; None where it was not read yet."""
         with _told(self.folder):
-            asked = "select document from files where sha256 = ?"
-            row = self._database.execute(asked, (sha256,)).fetchone()
+            row = self._ask("select document from files where sha256 = ?", sha256)
             return msgspec.json.decode(row[0], type=KnownFile) if row else None
 
-    def add_file(
-        self, sha256: str, known: KnownFile, path: str, failures: Sequence[Failure]
-    ) -> None:
-        """Keep what was read of a file, and what was not.
+    def add_file(self, sha256: str, known: KnownFile) -> None:
+        """Keep what was read of a file.
 
         Args:
             sha256: of the file's bytes.
             known: what was read.
-            path: where the file is; failures of an earlier file of that path are forgotten.
-            failures: what cannot be used.
         """
         document = msgspec.json.encode(known).decode()
+        self._write(("insert or replace into files values (?, ?)", (sha256, document)))
+
+    def refuse(self, path: Path, reasons: Sequence[str]) -> None:
+        """Keep what of a file cannot be used, in place of what was said of that path before.
+
+        Args:
+            path: where the file is.
+            reasons: one for each recording in it, or one for the whole file.
+        """
+        failures = [Failure(path.name, None, None, reason) for reason in reasons]
         self._write(
-            ("delete from failures where path = ?", (path,)),
-            ("insert or replace into files values (?, ?)", (sha256, document)),
+            ("delete from failures where path = ?", (str(path),)),
             *(_failing(f"{path} {k}", path, failure) for k, failure in enumerate(failures)),
         )
 
-    def refuse(self, path: str, failure: Failure) -> None:
-        """Keep why nothing of a file can be used."""
-        forget = ("delete from failures where path = ?", (path,))
-        self._write(forget, _failing(path, path, failure))
-
     def rows_of(self, analysis: Analysis) -> int:
         """How many rows the answer to an analysis has; 0 where it is not known."""
-        place = (analysis.source.sha256, analysis.window.start, analysis.vehicles[0],
-                 analysis.method, analysis.key)  # fmt: skip
+        columns = "sha256, start, leader, method, key"
+        asked = f"select json_array_length(rows) from results where ({columns}) = (?, ?, ?, ?, ?)"
         with _told(self.folder):
-            found = self._database.execute(
-                "select json_array_length(rows) from results where (sha256, start, leader, method,"
-                " key) = (?, ?, ?, ?, ?)", place,
-            ).fetchone()  # fmt: skip
-        return int(found[0]) if found else 0
+            row = self._ask(asked, *_place(analysis), analysis.key)
+        return int(row[0]) if row else 0
 
     def has_failed(self, analysis: Analysis) -> bool:
         """Whether an analysis failed in a way that would come again."""
         with _told(self.folder):
-            asked = "select is_final from failures where place = ?"
-            found = self._database.execute(asked, (_place(analysis),)).fetchone()
-        return bool(found and found[0])
+            row = self._ask("select is_final from failures where place = ?", _name(analysis))
+        return bool(row and row[0])
 
     def add_rows(self, analysis: Analysis, file: str, rows: list[dict[str, Any]]) -> None:
         """Keep the answer to an analysis, in place of one by an earlier version of its method.
@@ -255,14 +222,12 @@ class Study:
             file: name of the recording's file, by which rows are ordered.
             rows: one a follower, with the keys of `COLUMNS`.
         """
-        source = analysis.source.sha256
-        place = (source, analysis.window.start, analysis.vehicles[0], analysis.method)
         document = json.dumps(rows, ensure_ascii=False, allow_nan=False)
+        values = (*_place(analysis), analysis.key, file, document)
         self._write(
-            ("delete from failures where place = ?", (_place(analysis),)),
-            ("insert or replace into results values (?, ?, ?, ?, ?, ?, ?)",
-             (*place, analysis.key, file, document)),
-        )  # fmt: skip
+            ("delete from failures where place = ?", (_name(analysis),)),
+            ("insert or replace into results values (?, ?, ?, ?, ?, ?, ?)", values),
+        )
 
     def add_failure(self, analysis: Analysis, failure: Failure, is_final: bool) -> None:
         """Keep why an analysis has no answer.
@@ -272,7 +237,10 @@ class Study:
             failure: why it has none.
             is_final: whether it would fail again.
         """
-        self._write(_failing(_place(analysis), "", failure, is_final))
+        self._write(_failing(_name(analysis), "", failure, is_final))
+
+    def _ask(self, statement: str, *values: Any) -> Any:
+        return self._database.execute(statement, values).fetchone()
 
     def _write(self, *statements: tuple[str, tuple[Any, ...]]) -> None:
         """One transaction."""
@@ -282,7 +250,7 @@ class Study:
 
     def publish(self) -> None:
         """Make the Parquet file, the list of failures and the schema from what is known so far."""
-        with reported(lambda reason: _unwritten(self.folder, reason)), _told(self.folder):
+        with _told(self.folder):
             _write_parquet(self.folder / RESULTS, _rows(self._database))
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
@@ -298,15 +266,29 @@ class Study:
             write_whole(self.folder / SCHEMA, described.encode())
 
 
-def _place(analysis: Analysis) -> str:
+def _make(path: Path) -> None:
+    """Make an empty study's file in one step: a reader sees all tables or no file."""
+    with closing(sqlite3.connect(":memory:")) as database:
+        database.executescript(TABLES)
+        write_whole(path, database.serialize())
+
+
+def _place(analysis: Analysis) -> tuple[str, Seconds, int, str]:
+    """What a study has one answer for."""
+    start, leader = analysis.window.start, analysis.vehicles[0]
+    return analysis.source.sha256, start, leader, analysis.method
+
+
+def _name(analysis: Analysis) -> str:
+    """The place of an analysis among failures."""
     return f"{analysis.source.sha256} {analysis.key}"
 
 
 def _failing(
-    place: str, path: str, failure: Failure, is_final: bool = False
+    place: str, path: Path | str, failure: Failure, is_final: bool = False
 ) -> tuple[str, tuple[Any, ...]]:
     """The statement that keeps a failure."""
-    values = (place, path, *astuple(failure), is_final)
+    values = (place, str(path), *astuple(failure), is_final)
     return "insert or replace into failures values (?, ?, ?, ?, ?, ?, ?)", values
 
 
@@ -349,15 +331,24 @@ def state_of(folder: Path) -> tuple[int, ...]:
 
 @contextmanager
 def _opened(folder: Path) -> Iterator[sqlite3.Connection]:
-    path = folder / FILE
-    if not path.is_file():
+    if not (folder / FILE).is_file():
         _refuse_earlier(folder)
         raise RecordingError(f"{folder}: no batch is there; name the folder that batch wrote to.")
-    with _told(folder):
-        uri = f"{path.resolve().as_uri()}?mode=rw"  # one that is gone meanwhile is not made anew
-        with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE)) as database:
-            _require_format(database, folder)
-            yield database
+    with _told(folder), closing(_connect(folder)) as database:
+        yield database
+
+
+def _connect(folder: Path) -> sqlite3.Connection:
+    """The study's file, which is there; it is not made anew where it is gone meanwhile."""
+    uri = f"{(folder / FILE).resolve().as_uri()}?mode=rw"
+    database = sqlite3.connect(uri, uri=True, timeout=PATIENCE)
+    try:
+        if database.execute("pragma user_version").fetchone() != (FORMAT,):
+            raise _other_program(folder)
+    except BaseException:
+        database.close()
+        raise
+    return database
 
 
 def _rows(database: sqlite3.Connection) -> Iterator[dict[str, Any]]:
@@ -377,11 +368,6 @@ def _request(database: sqlite3.Connection) -> Request | None:
     return msgspec.json.decode(row[0], type=Request) if row else None
 
 
-def _require_format(database: sqlite3.Connection, folder: Path) -> None:
-    if database.execute("pragma user_version").fetchone() != (FORMAT,):
-        raise _other_program(folder)
-
-
 def _refuse_earlier(folder: Path) -> None:
     if (folder / EARLIER).exists():
         raise _other_program(folder)
@@ -393,25 +379,24 @@ def _other_program(folder: Path) -> RecordingError:
     )
 
 
-def _unwritten(folder: Path, reason: str) -> RecordingError:
-    return RecordingError(
-        f"{folder}: it cannot be written ({reason}); free some space, and give the same call"
-        " again, which goes on from here."
-    )
-
-
 @contextmanager
 def _told(folder: Path) -> Iterator[None]:
-    """Turn what SQLite and the documents in it have to object into a sentence for the user."""
-    damaged = f"{folder / FILE}: it is damaged; take another folder, or delete the file."
+    """Turn a fault of the disk, of SQLite or of a document in it into a sentence for the user."""
     try:
         yield
-    except sqlite3.OperationalError as fault:
+    except (OSError, sqlite3.Error, msgspec.DecodeError, UnicodeDecodeError, TypeError) as fault:
         # A table that is not there, or a text that is none, is no fault of the disk.
-        is_damaged = getattr(fault, "sqlite_errorname", "SQLITE_ERROR") == "SQLITE_ERROR"
-        raise RecordingError(damaged) if is_damaged else _unwritten(folder, str(fault)) from None
-    except (sqlite3.Error, msgspec.DecodeError, UnicodeDecodeError, TypeError):
-        raise RecordingError(damaged) from None
+        kind = getattr(fault, "sqlite_errorname", "SQLITE_ERROR")
+        of_disk = isinstance(fault, sqlite3.OperationalError) and kind != "SQLITE_ERROR"
+        if of_disk or isinstance(fault, OSError):
+            reason = str(fault) if of_disk else reason_of(fault)
+            sentence = (
+                f"{folder}: it cannot be written ({reason}); free some space, and give the same"
+                " call again, which goes on from here."
+            )
+        else:
+            sentence = f"{folder / FILE}: it is damaged; take another folder, or delete the file."
+        raise RecordingError(sentence) from None
 
 
 def _write_parquet(path: Path, rows: Iterator[dict[str, Any]]) -> None:
@@ -435,11 +420,6 @@ def _write_parquet(path: Path, rows: Iterator[dict[str, Any]]) -> None:
 
 
 # Names
-
-
-def default_folder() -> Path:
-    """The folder of the app's studies; it need not exist."""
-    return folder_named("studies")
 
 
 def study_path(name: str, folder: Path) -> Path:

@@ -47,7 +47,7 @@ from accpinn.serial import read_json, write_json
 from accpinn.study.comparison import MethodResult
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import FILE, Failure, KnownFile, Study, read_failures, read_request
+from accpinn.study.studies import FILE, KnownFile, Study, read_failures, read_request
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
@@ -298,8 +298,8 @@ def study_file() -> bytes:
         with Study(folder, REQUEST) as study:
             for k in range(3):
                 study.add_rows(analysis(300.0 * k), "a.csv", [cells | {"start": 300.0 * k}])
-            study.add_file("r", KnownFile("", 1, 0, (analysis(),)), "a.csv", [])
-            study.refuse("b.csv", Failure("b.csv", None, None, "no reason"))
+            study.add_file("r", KnownFile("", 1, 0, (analysis(),)))
+            study.refuse(Path("b.csv"), ["no reason"])
         return (folder / FILE).read_bytes()
 
 

@@ -117,9 +117,9 @@ def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
 
 def test_every_tab_and_the_failures(study: Path) -> None:
     with Study(study, REQUEST) as written:
-        failure = Failure("bad0.csv", None, None, "it <b>cannot</b> be read")
-        written.refuse("bad0.csv", failure)
-        written.add_failure(analysis(), replace(failure, file="bad1.csv", start=5.0), True)
+        said = "it <b>cannot</b> be read"
+        written.refuse(Path("bad0.csv"), [said])
+        written.add_failure(analysis(), Failure("bad1.csv", 5.0, None, said), True)
     page = opened()
     assert "1 file without a window and 1 estimate failed" in page.plain()
     page.open_tab("database_tabs", "Failures")

@@ -20,7 +20,6 @@ from accpinn.study.studies import (
     Failure,
     KnownFile,
     Study,
-    default_folder,
     read_failures,
     read_request,
     read_rows,
@@ -87,9 +86,10 @@ def test_rows_have_one_order_whatever_ended_first(tmp_path: Path) -> None:
 def test_failures_of_a_file_last_until_it_is_read_again(tmp_path: Path) -> None:
     known = KnownFile("", 1, 1, (analysis(),))
     with Study(tmp_path, REQUEST) as study:
-        study.refuse("runs/x.csv", BROKEN)
-        study.refuse("runs/y.csv", replace(BROKEN, file="y.csv"))
-        study.add_file("bytes", known, "runs/x.csv", [replace(BROKEN, reason="no window")])
+        study.refuse(Path("runs/x.csv"), ["broken", "broken, too"])
+        study.refuse(Path("runs/y.csv"), ["broken"])
+        study.refuse(Path("runs/x.csv"), ["no window"])
+        study.add_file("bytes", known)
         assert study.known_file("bytes") == known
         assert study.known_file("others") is None
     assert [(f.file, f.reason) for f in read_failures(tmp_path)] == [
@@ -105,7 +105,8 @@ def test_a_request_is_found_again_and_window_and_case_stay(tmp_path: Path) -> No
     assert read_request(tmp_path) == finished
     with pytest.raises(ConfigError, match="holds a batch with window 300 and Case II"):
         Study(tmp_path, replace(REQUEST, case="I"))
-    Study(tmp_path, REQUEST).close()
+    with Study(tmp_path, REQUEST):
+        pass
 
 
 def spoilt(folder: Path, statement: str) -> Path:
@@ -155,11 +156,8 @@ def test_what_leads_out_of_the_folder_is_refused(name: str, tmp_path: Path) -> N
     assert studies(tmp_path / "studies") == ()
 
 
-def test_studies_are_listed_the_latest_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ACCPINN_STUDIES", str(tmp_path / "none"))
-    assert studies(default_folder()) == ()
+def test_studies_are_listed_the_latest_first(tmp_path: Path) -> None:
+    assert studies(tmp_path / "none") == ()
     for age, name in enumerate(("Meine Läufe (2)", "old")):
         file = write_study(tmp_path / name, row("A")) / FILE
         os.utime(file, (1e9 - age, 1e9 - age))

@@ -14,11 +14,11 @@ import streamlit as st
 
 from accpinn.results.figures import database as figures
 from accpinn.results.tables.groups import HEADINGS
+from accpinn.storage import folder
 from accpinn.study.groups import Group, Groups, group, read_study
 from accpinn.study.studies import (
     Failure,
     Request,
-    default_folder,
     read_failures,
     read_request,
     state_of,
@@ -169,9 +169,9 @@ def folder_of(name: str) -> Path:
     Raises:
         ConfigError: for what is no name.
     """
-    return study_path(name, default_folder())
+    return study_path(name, folder("studies"))
 
 
 def known_studies() -> tuple[str, ...]:
     """The names of the server's studies, the one that was written to last first."""
-    return studies(default_folder())
+    return studies(folder("studies"))
