@@ -58,7 +58,7 @@ def run_batch(options: argparse.Namespace) -> int:
     """Run what is missing, and print what the batch has come to; 130 when interrupted."""
     mapping = load_mapping(options.mapping) if options.mapping else None
     with interruptible() as stopped, _progress_bar() as show_progress:
-        found = batch(
+        summary = batch(
             options.sources,
             options.out,
             window=_seconds(options.window),
@@ -70,8 +70,8 @@ def run_batch(options: argparse.Namespace) -> int:
             on_progress=show_progress,
             should_stop=stopped.is_set,
         )
-    show_result(options, _describe_batch, _batch_text, found, options.out)
-    return 130 if found.stopped else 0
+    show_result(options, _describe_batch, _batch_text, summary, options.out)
+    return 130 if summary.stopped else 0
 
 
 def _seconds(text: str) -> float:
@@ -100,26 +100,26 @@ def _progress_bar() -> Iterator[Any]:
         yield show_progress
 
 
-def _describe_batch(found: BatchSummary, _out: str) -> dict[str, Any]:
+def _describe_batch(summary: BatchSummary, _out: str) -> dict[str, Any]:
     """The batch as the command-line contract has it."""
-    return fields(found, *KEYS)
+    return fields(summary, *KEYS)
 
 
-def _batch_text(found: BatchSummary, out: str) -> str:
+def _batch_text(summary: BatchSummary, out: str) -> str:
     lines = [
-        f"{out}: {found.recordings} recordings, {found.windows} windows,"
-        f" {found.followers} followers, {found.rows} rows in {RESULTS}"
-        f" ({found.reused} of them known before), {found.seconds:.1f} s"
+        f"{out}: {summary.recordings} recordings, {summary.windows} windows,"
+        f" {summary.followers} followers, {summary.rows} rows in {RESULTS}"
+        f" ({summary.reused} of them known before), {summary.seconds:.1f} s"
     ]
-    if found.refused or found.failed:
+    if summary.refused or summary.failed:
         lines.append(
-            f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
-            f" {FAILURES} says why."
+            f"Note: {summary.refused} files could not be read and {summary.failed} estimates"
+            f" failed; {FAILURES} says why."
         )
-    if found.unknown_names:
-        listed = ", ".join(found.unknown_names)
+    if summary.unknown_names:
+        listed = ", ".join(summary.unknown_names)
         lines.append(f"Note: make and model stand as in the header for {listed}.")
-    if found.stopped:
+    if summary.stopped:
         lines.append("Note: stopped before the end; the same call goes on from here.")
     return "\n".join(lines)
 
@@ -138,35 +138,35 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
 def run_table(options: argparse.Namespace) -> int:
     """Group the rows, and print the table."""
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
-    found = group(read_study(options.study), by, options.method, options.level)
+    grouped = group(read_study(options.study), by, options.method, options.level)
     if options.json:
-        print_json(_describe_groups(found))
+        print_json(_describe_groups(grouped))
     else:
-        show(FORMATS[options.format](group_table(found)).rstrip("\n"))
+        show(FORMATS[options.format](group_table(grouped)).rstrip("\n"))
     return 0
 
 
 FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
 
 
-def _describe_groups(found: Groups) -> dict[str, Any]:
+def _describe_groups(grouped: Groups) -> dict[str, Any]:
     return {
-        "by": list(found.by),
-        "method": found.method,
-        "level": found.level,
+        "by": list(grouped.by),
+        "method": grouped.method,
+        "level": grouped.level,
         "groups": [
             {
-                **dict(zip(found.by, one.values, strict=True)),
-                **fields(one, "windows", "vehicles"),
-                **by_key(map(_describe_typical, one.parameters)),
+                **dict(zip(grouped.by, row.values, strict=True)),
+                **fields(row, "windows", "vehicles"),
+                **by_key(map(_describe_typical, row.parameters)),
                 "mean_time_gap": {
-                    "median": one.mean_time_gap.value,
-                    "quartiles": [one.mean_time_gap.low, one.mean_time_gap.high],
+                    "median": row.mean_time_gap.value,
+                    "quartiles": [row.mean_time_gap.low, row.mean_time_gap.high],
                 },
-                "l2_stable": _describe_share(one.l2_stable),
-                "linf_stable": _describe_share(one.linf_stable),
+                "l2_stable": _describe_share(row.l2_stable),
+                "linf_stable": _describe_share(row.linf_stable),
             }
-            for one in found.groups
+            for row in grouped.groups
         ],
     }
 

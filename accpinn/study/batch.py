@@ -121,8 +121,7 @@ class WindowData:
     """(M,) as `plan` gives them."""
     recording: dict[str, Any]
     """What rows say of the recording."""
-    data: Segment | str
-    """What was cut, or why it could not be."""
+    segment: Segment
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,10 +130,10 @@ class FileContents:
 
     recordings: int
     """Recordings that could be read."""
-    refused: tuple[str, ...]
-    """Why trajectories could not be read."""
-    empty: int
-    """Recordings without a window."""
+    refused: int
+    """Trajectories that could not be read."""
+    reasons: tuple[str, ...]
+    """Why these could not, recordings have no window, and windows could not be cut."""
     windows: tuple[WindowData, ...]
 
 
@@ -150,27 +149,27 @@ def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Cas
     Raises:
         RecordingError: when the file as a whole cannot be read.
     """
-    recordings, empty, refused, windows = 0, 0, [], []
+    recordings, refused, reasons, windows = 0, 0, list[str](), []
     for recording in read_all(path, mapping=mapping):
         if not isinstance(recording, Recording):
-            refused.append(str(recording))
+            refused += 1
+            reasons.append(str(recording))
             continue
-        planned, source = plan(recording, window), Source.of(recording)
-        recordings, empty = recordings + 1, empty + (not planned)
+        recordings += 1
+        source, planned = Source.of(recording), plan(recording, window)
         named = {"file": path.name, "trajectory": source.trajectory, "sha256": source.sha256}
         about = {**facts_of(recording), **named}
+        if not planned:
+            reasons.append(NOTHING)
         for place in planned:
             analysis = Analysis(source, place.vehicles, (place.window,), case, method=KEY)
-            data = _cut(analysis, recording)
-            windows.append(WindowData(analysis, place.modes, about, data))
-    return FileContents(recordings, tuple(refused), empty, tuple(windows))
-
-
-def _cut(analysis: Analysis, recording: Recording) -> Segment | str:
-    try:
-        return analysis.segments(recording)[0]
-    except AccpinnError as fault:
-        return str(fault)
+            try:
+                (segment,) = analysis.segments(recording)
+            except AccpinnError as fault:
+                reasons.append(str(fault))
+            else:
+                windows.append(WindowData(analysis, place.modes, about, segment))
+    return FileContents(recordings, refused, tuple(reasons), tuple(windows))
 
 
 @dataclass(frozen=True)
@@ -192,9 +191,7 @@ def answer_all(window: WindowData, analyses: Sequence[Analysis]) -> list[Answer]
 
 
 def _answer(window: WindowData, analysis: Analysis) -> Answer:
-    if isinstance(window.data, str):
-        return Answer(analysis, [], window.data)
-    segment = replace(window.data)  # arrays of its own: those received may lie anyhow in memory
+    segment = replace(window.segment)  # arrays of its own: those received may lie anyhow in memory
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
         return Answer(analysis, rows_of(result, window.recording, window.modes))
@@ -312,8 +309,8 @@ class _Batch:
             return
         windows = contents.windows
         analyses = tuple(window.analysis for window in windows)
-        known = KnownFile(mapping, contents.recordings, len(contents.refused), analyses)
-        self._study.refuse(file, (*contents.refused, *contents.empty * (NOTHING,)))
+        known = KnownFile(mapping, contents.recordings, contents.refused, analyses)
+        self._study.refuse(file, contents.reasons)
         self._study.add_file(digest, known)
         self._count(known)
         left = [(window, analyses) for window in windows

@@ -39,7 +39,7 @@ INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
 HOVERED = 3000
-"""With more points than this, they tell their values only."""
+"""Largest number of points whose labels name vehicle, file and window."""
 UNITS_OF_TAU = {
     "alpha": Quantity("Gain on spacing in units of τ", "ατ²", "", 3, 0.0, 10.0),
     "beta": Quantity("Gain on relative speed in units of τ", "βτ", "", 3, 0.0, 10.0),
@@ -51,21 +51,23 @@ def label_of(values: Sequence[str]) -> str:
     return " · ".join(value or ABSENT for value in values) or "all"
 
 
-def forest(found: Groups) -> go.Figure:
+def forest(grouped: Groups) -> go.Figure:
     """The medians of τ, α and β of each group, with their intervals; the shortest τ on top.
 
     A marker's size tells the number of windows. A gain whose estimate is not above zero stands as a
     triangle at the left edge.
     """
-    largest = sorted(found.groups, key=lambda one: -one.windows)[:MOST_GROUPS]
-    groups = sorted(largest, key=lambda one: (not np.isnan(one.tau.median), -one.tau.median))
-    names = [html.escape(label_of(one.values)) for one in groups]
+    largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
+    groups = sorted(largest, key=lambda group: (not np.isnan(group.tau.median), -group.tau.median))
+    names = [html.escape(label_of(group.values)) for group in groups]
     places = np.arange(len(groups))
     figure = subplots(rows=1, cols=3, shared_yaxes=True, horizontal_spacing=0.025)
     for column, which in enumerate((2, 0, 1), 1):  # τ, α, β
-        quantity, typical = PARAMETERS[which], [one.parameters[which] for one in groups]
+        quantity, typical = PARAMETERS[which], [group.parameters[which] for group in groups]
         on_log_axis = quantity is not TAU
-        values = np.array([(one.median, one.low, one.high) for one in typical]).reshape(-1, 3)
+        values = np.array([(value.median, value.low, value.high) for value in typical]).reshape(
+            -1, 3
+        )
         low, high = _axis(values, on_log_axis)
         middle, ends = np.clip(values[:, 0], low, high), np.clip(values[:, 1:], low, high)
         at_edge = values[:, 0] <= low
@@ -74,7 +76,7 @@ def forest(found: Groups) -> go.Figure:
             cliponaxis=False,
             marker={
                 "color": FOLLOWERS[0],
-                "size": [_size(one.windows) for one in groups],
+                "size": [_size(group.windows) for group in groups],
                 "symbol": ["triangle-left" if edge else "circle" for edge in at_edge],
             },
             error_x={
@@ -144,8 +146,8 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
     counts = pd.Series(list(labels), dtype=str).value_counts()
     named = list(counts.index[:MOST_NAMED])
     looks = zip(FOLLOWERS, cycle(SYMBOLS))
-    found = dict(zip(named, looks, strict=False))
-    return found | ({OTHERS: (LEADER, "circle-open")} if len(counts) > len(named) else {})
+    by_label = dict(zip(named, looks, strict=False))
+    return by_label | ({OTHERS: (LEADER, "circle-open")} if len(counts) > len(named) else {})
 
 
 def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
@@ -211,11 +213,12 @@ def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
         labels: (K,) of each row's group.
     """
     x, y = (rows[name].to_numpy(float) for name in ("mean_speed", "mean_time_gap"))
-    own = np.array(labels, dtype=str)
-    found = colours(labels)
+    label_of_row = np.array(labels, dtype=str)
+    looks = colours(labels)
     figure = go.Figure()
-    for label, (colour, symbol) in found.items():
-        part = own == label if label != OTHERS else ~np.isin(own, list(found))
+    for label, (colour, symbol) in looks.items():
+        named = label_of_row == label
+        part = named if label != OTHERS else ~np.isin(label_of_row, list(looks))
         places = np.flatnonzero(part & np.isfinite(x + y))
         _add_points(figure, rows, x, y, places, label, colour, symbol)
     figure.update_xaxes(
@@ -257,7 +260,7 @@ def _add_points(
 def beyond(figure: go.Figure) -> int:
     """How many points a `plane` does not show before it is zoomed out."""
     right, top = figure.layout.xaxis.range[1], figure.layout.yaxis.range[1]
-    points = [one for one in figure.data if one.type == "scattergl"]
+    points = [trace for trace in figure.data if trace.type == "scattergl"]
     return sum(
         int(((np.asarray(p.x, float) > right) | (np.asarray(p.y, float) > top)).sum())
         for p in points

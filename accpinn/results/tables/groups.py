@@ -23,18 +23,18 @@ HEADINGS = {
 }
 
 
-def group_table(found: Groups, with_spread: bool = True) -> Table:
+def group_table(grouped: Groups, with_spread: bool = True) -> Table:
     """One row a group: medians with intervals, spread between windows, shares that are stable.
 
     Args:
-        found: the groups of a batch.
+        grouped: the groups of a batch.
         with_spread: whether the spread is among them; `spread_table` has it with its intervals.
     """
-    groups = found.groups
-    method = found.method and TITLES.get(found.method, found.method)
-    level = f"{100 * found.level:g} % intervals"
+    groups = grouped.groups
+    method = grouped.method and TITLES.get(grouped.method, grouped.method)
+    level = f"{100 * grouped.level:g} % intervals"
     caption = ", ".join(filter(None, (method, "median over windows", level)))
-    columns = _heads(found)
+    columns = _heads(grouped)
     for k, quantity in enumerate(PARAMETERS):
         typical = [group.parameters[k] for group in groups]
         values = [_estimate(value.median, value.low, value.high) for value in typical]
@@ -50,28 +50,28 @@ def group_table(found: Groups, with_spread: bool = True) -> Table:
     return Table.of(caption, columns)
 
 
-def spread_table(found: Groups) -> Table:
+def spread_table(grouped: Groups) -> Table:
     """One row a group: how far windows differ beyond their standard errors, with intervals.
 
     Args:
-        found: the groups of a batch.
+        grouped: the groups of a batch.
     """
-    columns = _heads(found)
+    columns = _heads(grouped)
     for k, quantity in enumerate(PARAMETERS):
-        between = [group.parameters[k].between for group in found.groups]
+        between = [group.parameters[k].between for group in grouped.groups]
         cells = [_percent(effect.deviation, effect.lower, effect.upper) for effect in between]
         columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), cells))
         shares: list[Cell] = [100 * effect.i_squared for effect in between]
         columns.append((Column(f"I² of {quantity.symbol}", "%", 0), shares))
-    return Table.of(f"Between windows, {100 * found.level:g} % intervals", columns)
+    return Table.of(f"Between windows, {100 * grouped.level:g} % intervals", columns)
 
 
-def _heads(found: Groups) -> list[tuple[Column, list[Cell]]]:
+def _heads(grouped: Groups) -> list[tuple[Column, list[Cell]]]:
     """What names each group, and how much it has."""
-    groups = found.groups
+    groups = grouped.groups
     names: list[tuple[Column, list[Cell]]] = [
         (Column(HEADINGS[name]), [group.values[k] or ABSENT for group in groups])
-        for k, name in enumerate(found.by)
+        for k, name in enumerate(grouped.by)
     ] or [(Column("Group"), ["all" for _ in groups])]
     return [
         *names,

@@ -68,7 +68,7 @@ class ShownRows:
     stamp: Stamp
     """The study."""
     rows: pd.DataFrame
-    """Of one method; the index is the place among all rows of the study."""
+    """Rows of one method; the index is the place among all rows of the study."""
     groups: Groups
     whole: Group | None
     """All rows as one group; None where there is no row."""
@@ -99,10 +99,10 @@ def shown(
     rows = rows[rows["method"] == method]
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
-    found = group(rows, GROUPINGS[by][1], method)
+    groups = group(rows, GROUPINGS[by][1], method)
     whole = next(iter(group(rows, (), method).groups), None)
     makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
-    return ShownRows(stamp, rows, found, whole, makes, recordings, figures.forest(found))
+    return ShownRows(stamp, rows, groups, whole, makes, recordings, figures.forest(groups))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)
