@@ -65,7 +65,8 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
             yield client
         return
     count = str(workers or os.cpu_count() or 1)
-    package = str(Path(__file__).parents[2])
+    places = (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))
+    path = os.pathsep.join(place for place in places if place)
     with (
         tempfile.TemporaryDirectory(prefix="accpinn-") as space,
         subprocess.Popen(
@@ -73,7 +74,7 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            env={**os.environ, "PYTHONPATH": package},
+            env={**os.environ, "PYTHONPATH": path},
         ) as process,
     ):
         assert process.stdin
@@ -248,6 +249,8 @@ def serve(workers: int, space: str) -> None:
     from distributed import LocalCluster
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is for the caller, who ends this
+    answer = os.dup(1)
+    os.dup2(2, 1)  # what workers print is no answer
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": f"{WORKERLESS:g}s",
@@ -265,10 +268,10 @@ def serve(workers: int, space: str) -> None:
                 silence_logs=50,
             ) as cluster,
         ):
-            print(cluster.scheduler_address, flush=True)
+            os.write(answer, f"{cluster.scheduler_address}\n".encode())
             sys.stdin.read()
     except (OSError, RuntimeError, TimeoutError) as fault:
-        print(_first_line(fault), flush=True)
+        os.write(answer, f"{_first_line(fault)}\n".encode())
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.errors import AccpinnError
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
@@ -195,6 +194,7 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
     if estimate and asked["methods"]:
         duration = format_duration(estimate.seconds(asked["methods"], int(asked["workers"])))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
+    is_allowed = bool(name) and show.attempt(lambda: folder_of(name)) is not None
     request = Request(
         sources=(str(path),),
         methods=tuple(asked["methods"]),
@@ -204,7 +204,7 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
     )
     st.button(
         "Start the batch", type="primary", icon=":material/play_arrow:", key="database_start",
-        disabled=not (estimate and asked["methods"] and name and _is_allowed(name)),
+        disabled=not (estimate and asked["methods"] and is_allowed),
         on_click=_start_from, args=(choice, name, request),
     )  # fmt: skip
 
@@ -213,16 +213,6 @@ def _free_name() -> str:
     known = known_studies()
     names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(known) + 3)))
     return next(name for name in names if name not in known)
-
-
-def _is_allowed(name: str) -> bool:
-    """Whether a study may have that name; if not, why."""
-    try:
-        folder_of(name)
-    except AccpinnError as fault:
-        show.messages(str(fault), "error")
-        return False
-    return True
 
 
 def _start_from(choice: DatabaseChoice, name: str, request: Request) -> None:
