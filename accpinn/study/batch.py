@@ -203,6 +203,14 @@ def _answer(window: WindowData, analysis: Analysis) -> Answer:
 
 # In the caller's process
 
+Known = tuple[Analysis, int | None]
+"""An analysis, and the number of its rows as `Study.rows_of` gives it."""
+
+
+def _missing(rows: list[Known]) -> tuple[Analysis, ...]:
+    """Those analyses of a window that are to be run."""
+    return tuple(analysis for analysis, number in rows if number is None)
+
 
 class _Batch:
     """One call of `batch`."""
@@ -215,13 +223,13 @@ class _Batch:
         on_progress: Callable[[BatchProgress], None] | None,
         should_stop: Callable[[], bool] | None,
     ) -> None:
-        self._study, self._request = study, request
+        self._study, self._request, self._methods = study, request, request.methods
         self._on_progress = on_progress or (lambda _: None)
         self._should_stop = should_stop or (lambda: False)
         self._tally, self._published = Tally(files), 0.0
         self._unread, self._jobs = deque(files), deque[Callable[[], Job]]()
-        self._names: dict[str, str] = {}
-        """Names of the files so far, by the SHA-256 of their bytes."""
+        self._files: dict[str, Path] = {}
+        """The files so far, by the SHA-256 of their bytes."""
 
     def work(self) -> BatchSummary:
         """Run all jobs; workers are started for the first one that is left to do."""
@@ -259,36 +267,34 @@ class _Batch:
     def _next_job(self) -> Job | None:
         """The next window that is left to do, else the next file that is not known."""
         while not self._jobs and self._unread:
-            file = self._unread.popleft()
-            try:
-                self._look_at(file)
-            except (AccpinnError, OSError) as fault:
-                self._refuse(file, sentence_of(fault))
+            self._look_at(self._unread.popleft())
         return self._jobs.popleft()() if self._jobs else None
 
     def _look_at(self, file: Path) -> None:
         """Have a file read, unless all of it is known."""
         try:
             raw = file.read_bytes()
+            used = mapping_of(raw, file.name, self._request.mapping)
         except OSError as fault:
             self._refuse(file, f"it cannot be opened ({reason_of(fault)})")
             return
-        digest = sha256(raw).hexdigest()
-        if digest in self._names:
-            self._refuse(file, f"its contents are those of {self._names[digest]}")
+        except Exception as fault:  # whatever a file holds, the others go on
+            self._refuse(file, sentence_of(fault))
             return
-        self._names[digest] = file.name
-        used = mapping_of(raw, file.name, self._request.mapping)
+        digest = sha256(raw).hexdigest()
         mapping = sha256(write_mapping(used)).hexdigest() if used else ""
+        earlier = self._files.setdefault(digest, file)
         known = self._study.known_file(digest)
-        if known and known.mapping != mapping:
+        if earlier != file:
+            self._refuse(file, f"its contents are those of {earlier.name}")
+        elif known and known.mapping != mapping:
             self._refuse(file, OTHER_MAPPING)
-        elif known and not any(map(self._missing, known.windows)):
-            self._count(known)
+        elif known and not any(map(_missing, rows := self._rows(known))):
+            self._count(known, rows)
             self._tally.skip(file)
         else:
             longest = self._request.window or math.inf
-            arguments = (file.resolve(), self._request.mapping, longest, self._request.case)
+            arguments = (file.absolute(), self._request.mapping, longest, self._request.case)
             finish = partial(self._plan, file, digest, mapping)
             if not self._request.scheduler:
                 self._jobs.append(lambda: Job(read_file, arguments, finish))
@@ -312,9 +318,10 @@ class _Batch:
         known = KnownFile(mapping, contents.recordings, contents.refused, analyses)
         self._study.refuse(file, contents.reasons)
         self._study.add_file(digest, known)
-        self._count(known)
-        left = [(window, analyses) for window in windows
-                if (analyses := self._missing(window.analysis))]  # fmt: skip
+        rows = self._rows(known)
+        self._count(known, rows)
+        left = [(window, asked) for window, asked in zip(windows, map(_missing, rows), strict=True)
+                if asked]  # fmt: skip
         if not left:
             self._tally.skip(file)
         sizes = [size_of(window.analysis.window.duration, len(window.modes)) for window, _ in left]
@@ -346,32 +353,27 @@ class _Batch:
         failure = Failure(file, analysis.window.start, alone, reason)
         self._study.add_failure(analysis, failure, answer.is_final)
 
-    def _asked(self, window: Analysis) -> tuple[Analysis, ...]:
-        """The analyses of a window, one for each method."""
-        return tuple(window.with_method(method) for method in self._request.methods)
+    def _rows(self, known: KnownFile) -> list[list[Known]]:
+        """What is known of each window by each method."""
+        return [
+            [
+                (asked, self._study.rows_of(asked))
+                for asked in map(window.with_method, self._methods)
+            ]
+            for window in known.windows
+        ]
 
-    def _missing(self, window: Analysis) -> tuple[Analysis, ...]:
-        """Those of them that have neither an answer nor a failure that would come again."""
-        study = self._study
-        return tuple(
-            analysis
-            for analysis in self._asked(window)
-            if not study.rows_of(analysis) and not study.has_failed(analysis)
-        )
-
-    def _count(self, known: KnownFile) -> None:
-        """A file's recordings and windows, and what is known of them."""
+    def _count(self, known: KnownFile, rows: list[list[Known]]) -> None:
+        """Count a file's recordings and windows, and what is known of them."""
         counts = self._tally.counts
         counts["recordings"] += known.recordings
         counts["refused"] += known.refused
-        for window in known.windows:
-            counts["windows"] += 1
-            counts["followers"] += len(window.vehicles) - 1
-            for analysis in self._asked(window):
-                rows = self._study.rows_of(analysis)
-                counts["reused"] += rows
-                counts["rows"] += rows
-                counts["failed"] += self._study.has_failed(analysis)
+        counts["windows"] += len(known.windows)
+        counts["followers"] += sum(len(window.vehicles) - 1 for window in known.windows)
+        numbers = [number for window in rows for _, number in window if number is not None]
+        counts["reused"] += sum(numbers)
+        counts["rows"] += sum(numbers)
+        counts["failed"] += numbers.count(0)
 
     def _refuse(self, file: Path, reason: str) -> None:
         """Nothing of a file can be used."""

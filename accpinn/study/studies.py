@@ -200,19 +200,20 @@ class Study:
             *(_failing(f"{path} {k}", path, failure) for k, failure in enumerate(failures)),
         )
 
-    def rows_of(self, analysis: Analysis) -> int:
-        """How many rows the answer to an analysis has; 0 where it is not known."""
-        columns = "sha256, start, leader, method, key"
-        asked = f"select json_array_length(rows) from results where ({columns}) = (?, ?, ?, ?, ?)"
-        with _told(self.folder):
-            row = self._ask(asked, *_place(analysis), analysis.key)
-        return int(row[0]) if row else 0
+    def rows_of(self, analysis: Analysis) -> int | None:
+        """How many rows the answer to an analysis has.
 
-    def has_failed(self, analysis: Analysis) -> bool:
-        """Whether an analysis failed in a way that would come again."""
+        Returns:
+            0 where it failed in a way that would come again, None where it is to be run.
+        """
         with _told(self.folder):
-            row = self._ask("select is_final from failures where place = ?", _name(analysis))
-        return bool(row and row[0])
+            row = self._ask(
+                "select json_array_length(rows) from results where sha256 = ? and start = ?"
+                " and leader = ? and method = ? and key = ? union all"
+                " select 0 from failures where place = ? and is_final",
+                *_place(analysis), analysis.key, _name(analysis),
+            )  # fmt: skip
+        return int(row[0]) if row else None
 
     def add_rows(self, analysis: Analysis, file: str, rows: list[dict[str, Any]]) -> None:
         """Keep the answer to an analysis, in place of one by an earlier version of its method.

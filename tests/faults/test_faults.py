@@ -200,7 +200,7 @@ class TestFullDisk:
         assert kept > 2
         with Study(tmp_path, REQUEST) as study:
             known = [study.rows_of(analysis(60.0 * k)) for k in range(100)]
-        assert known == [1] * kept + [0] * (100 - kept)
+        assert known == [1] * kept + [None] * (100 - kept)
 
     def test_a_download_keeps_its_part(self, tmp_path: Path) -> None:
         content = csv(platoon(2, 1500))
