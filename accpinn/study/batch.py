@@ -355,13 +355,8 @@ class _Batch:
 
     def _rows(self, known: KnownFile) -> list[list[Known]]:
         """What is known of each window by each method."""
-        return [
-            [
-                (asked, self._study.rows_of(asked))
-                for asked in map(window.with_method, self._methods)
-            ]
-            for window in known.windows
-        ]
+        every = ([w.with_method(method) for method in self._methods] for w in known.windows)
+        return [[(asked, self._study.rows_of(asked)) for asked in window] for window in every]
 
     def _count(self, known: KnownFile, rows: list[list[Known]]) -> None:
         """Count a file's recordings and windows, and what is known of them."""
