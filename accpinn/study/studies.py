@@ -25,7 +25,7 @@ from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.storage import reason_of, write_whole, written_whole
+from accpinn.storage import reason_of, reported, write_whole, written_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.rows import COLUMNS
 from accpinn.units import Seconds
@@ -123,8 +123,11 @@ class Study:
         """
         self.folder = folder
         with ExitStack() as opened:
-            with _told(folder):
+            with reported(
+                lambda reason: RecordingError(f"{folder}: it cannot be written ({reason}).")
+            ):
                 folder.mkdir(parents=True, exist_ok=True)
+            with _told(folder):
                 lock = opened.enter_context(closing(sqlite3.connect(folder / LOCK, timeout=0)))
                 try:
                     lock.execute("begin exclusive")  # as long as this process lives
