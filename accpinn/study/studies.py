@@ -131,7 +131,9 @@ class Study:
                 lock = opened.enter_context(closing(sqlite3.connect(folder / LOCK, timeout=0)))
                 try:
                     lock.execute("begin exclusive")  # as long as this process lives
-                except sqlite3.OperationalError:
+                except sqlite3.OperationalError as fault:
+                    if fault.sqlite_errorname != "SQLITE_BUSY":
+                        raise
                     raise RecordingError(
                         f"{folder}: another batch is writing there; wait for its end, or take"
                         " another folder."
