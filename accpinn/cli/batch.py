@@ -5,7 +5,6 @@ import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
@@ -13,20 +12,20 @@ from tqdm import tqdm
 from accpinn.channels import by_key
 from accpinn.cli.estimation import add_method_help, interruptible
 from accpinn.cli.options import fields
-from accpinn.cli.output import print_json, progress, show, show_result
+from accpinn.cli.output import print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.mapping import load_mapping
-from accpinn.results.tables.groups import group_table, pooled_table
+from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import batch
-from accpinn.study.batch_progress import BatchProgress, BatchSummary
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
-from accpinn.study.journal import FAILURES, JOURNAL, RESULTS, damaged_lines, read_pooled
+from accpinn.study.progress import BatchProgress, BatchSummary
+from accpinn.study.studies import FAILURES, RESULTS
 
 ALL = "all"
 KEYS = (
@@ -59,7 +58,7 @@ def run_batch(options: argparse.Namespace) -> int:
     """Run what is missing, and print what the batch has come to; 130 when interrupted."""
     mapping = load_mapping(options.mapping) if options.mapping else None
     with interruptible() as stopped, _progress_bar() as show_progress:
-        found = batch(
+        summary = batch(
             options.sources,
             options.out,
             window=_seconds(options.window),
@@ -71,13 +70,8 @@ def run_batch(options: argparse.Namespace) -> int:
             on_progress=show_progress,
             should_stop=stopped.is_set,
         )
-    show_result(options, _describe_batch, _batch_text, found, options.out)
-    return 130 if found.stopped else 0
-
-
-def _damage(lines: int) -> str:
-    many = "1 line of {} is damaged" if lines == 1 else f"{lines} lines of {{}} are damaged"
-    return many.format(JOURNAL)
+    show_result(options, _describe_batch, _batch_text, summary, options.out)
+    return 130 if summary.stopped else 0
 
 
 def _seconds(text: str) -> float:
@@ -91,7 +85,7 @@ def _seconds(text: str) -> float:
 
 @contextmanager
 def _progress_bar() -> Iterator[Any]:
-    """On standard error: share of all work, files or vehicles, windows, rows, time left."""
+    """On standard error: share of all work, files, windows, rows, time left."""
     form = "{l_bar}{bar}|{postfix}"
     with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
 
@@ -99,8 +93,6 @@ def _progress_bar() -> Iterator[Any]:
             bar.n = now.share
             parts = [f"{now.done:.1f}/{now.files} files", f"{now.windows} windows"]
             parts += [f"{now.rows} rows", f"{now.failed} failed"]
-            if now.vehicles:
-                parts.append(f"vehicles pooled {now.pooled}/{now.vehicles}")
             if now.seconds_left:
                 parts.append(f"{tqdm.format_interval(now.seconds_left)} left")
             bar.set_postfix_str(", ".join(parts), refresh=True)
@@ -108,28 +100,26 @@ def _progress_bar() -> Iterator[Any]:
         yield show_progress
 
 
-def _describe_batch(found: BatchSummary, _out: str) -> dict[str, Any]:
+def _describe_batch(summary: BatchSummary, _out: str) -> dict[str, Any]:
     """The batch as the command-line contract has it."""
-    return fields(found, *KEYS)
+    return fields(summary, *KEYS)
 
 
-def _batch_text(found: BatchSummary, out: str) -> str:
+def _batch_text(summary: BatchSummary, out: str) -> str:
     lines = [
-        f"{out}: {found.recordings} recordings, {found.windows} windows,"
-        f" {found.followers} followers, {found.rows} rows in {RESULTS}"
-        f" ({found.reused} of them known before), {found.seconds:.1f} s"
+        f"{out}: {summary.recordings} recordings, {summary.windows} windows,"
+        f" {summary.followers} followers, {summary.rows} rows in {RESULTS}"
+        f" ({summary.reused} of them known before), {summary.seconds:.1f} s"
     ]
-    if found.refused or found.failed:
+    if summary.refused or summary.failed:
         lines.append(
-            f"Note: {found.refused} files could not be read and {found.failed} estimates failed;"
-            f" {FAILURES} says why."
+            f"Note: {summary.refused} files could not be read and {summary.failed} estimates"
+            f" failed; {FAILURES} says why."
         )
-    if damaged := damaged_lines(Path(out)):
-        lines.append(f"Note: {_damage(damaged)}; what was there is computed again.")
-    if found.unknown_names:
-        listed = ", ".join(found.unknown_names)
+    if summary.unknown_names:
+        listed = ", ".join(summary.unknown_names)
         lines.append(f"Note: make and model stand as in the header for {listed}.")
-    if found.stopped:
+    if summary.stopped:
         lines.append("Note: stopped before the end; the same call goes on from here.")
     return "\n".join(lines)
 
@@ -141,59 +131,42 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
     option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
     option("--method", metavar="NAME", help=f"whose estimates ({KEY}, where it has some)")
     option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
-    option("--pooled", action="store_true", help="each vehicle's windows with one setting together")
     option("--format", choices=[*FORMATS], default="text", help="(text)")
     add_json_option(parser)
 
 
 def run_table(options: argparse.Namespace) -> int:
     """Group the rows, and print the table."""
-    if options.pooled:
-        for name, usual in (("by", ",".join(BY)), ("method", None), ("level", LEVEL)):
-            if getattr(options, name) != usual:
-                raise ConfigError(
-                    f"{name}: --pooled has one row a vehicle and setting, by {KEY}, with intervals"
-                    f" of {100 * LEVEL:g} %; leave --{name} out."
-                )
-        read_study(options.study)  # refuses what is no batch
-        rows = list(read_pooled(Path(options.study)))
-        if options.json:
-            print_json({"vehicles": rows})
-        else:
-            show(FORMATS[options.format](pooled_table(rows, LEVEL)).rstrip("\n"))
-        return 0
-    if damaged := damaged_lines(Path(options.study)):
-        progress(f"Note: {_damage(damaged)}; batch computes again what was there.")
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
-    found = group(read_study(options.study), by, options.method, options.level)
+    grouped = group(read_study(options.study), by, options.method, options.level)
     if options.json:
-        print_json(_describe_groups(found))
+        print_json(_describe_groups(grouped))
     else:
-        show(FORMATS[options.format](group_table(found)).rstrip("\n"))
+        show(FORMATS[options.format](group_table(grouped)).rstrip("\n"))
     return 0
 
 
 FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
 
 
-def _describe_groups(found: Groups) -> dict[str, Any]:
+def _describe_groups(grouped: Groups) -> dict[str, Any]:
     return {
-        "by": list(found.by),
-        "method": found.method,
-        "level": found.level,
+        "by": list(grouped.by),
+        "method": grouped.method,
+        "level": grouped.level,
         "groups": [
             {
-                **dict(zip(found.by, one.values, strict=True)),
-                **fields(one, "windows", "vehicles"),
-                **by_key(map(_describe_typical, one.parameters)),
+                **dict(zip(grouped.by, row.values, strict=True)),
+                **fields(row, "windows", "vehicles"),
+                **by_key(map(_describe_typical, row.parameters)),
                 "mean_time_gap": {
-                    "median": one.mean_time_gap.value,
-                    "quartiles": [one.mean_time_gap.low, one.mean_time_gap.high],
+                    "median": row.mean_time_gap.value,
+                    "quartiles": [row.mean_time_gap.low, row.mean_time_gap.high],
                 },
-                "l2_stable": _describe_share(one.l2_stable),
-                "linf_stable": _describe_share(one.linf_stable),
+                "l2_stable": _describe_share(row.l2_stable),
+                "linf_stable": _describe_share(row.linf_stable),
             }
-            for one in found.groups
+            for row in grouped.groups
         ],
     }
 

@@ -1,52 +1,47 @@
 """Many recordings: every window in car-following under ACC, by several methods, on many processors.
 
-One task is one window of a chain of vehicles with all methods that have no result for it yet. The
-calling process reads the recordings, one at a time and as workers ask for more, sends each task its
-data, and writes each result as it arrives. Results go by their content: recording, vehicles,
-window, case and method. So a batch that was killed or stopped goes on where it was, a renamed file
-is not computed again, and a further method adds its rows.
+A batch is the analyses of a folder, mapped over dask: each planned window of a chain of vehicles by
+each method. Answers are kept in a study by the keys of their analyses as they arrive. So a batch
+that was killed or stopped goes on where it was, a renamed file is not computed again, and a further
+method adds its rows.
 
-At the end the windows of each vehicle with one setting are taken together, where maximum likelihood
-is among the methods (see `study.pooling`).
-
-Workers are those of `study.cluster`.
+Workers on this machine read the files themselves; those of a scheduler elsewhere are sent the data
+and need no access to the files.
 """
 
-import hashlib
-import json
 import math
 import os
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from itertools import chain
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from accpinn.errors import AccpinnError, ConfigError, RecordingError
+from accpinn.errors import AccpinnError, ConfigError
 from accpinn.methods.maximum_likelihood import KEY
+from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.recordings.files import mapping_of, read_all
 from accpinn.recordings.makes import is_known
 from accpinn.recordings.mapping import CsvMapping, write_mapping
 from accpinn.recordings.recording import Recording, facts_of
-from accpinn.segment.cut import DURATION, MINIMUM_DURATION, cut
+from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.segment.segment import Segment
-from accpinn.study.batch_progress import BatchProgress, BatchSummary, Tally
-from accpinn.study.batch_tasks import BatchTask, MethodRows, Place, PoolTask, run_pool, run_task
-from accpinn.study.cluster import connected, fault_of, run_all, threads_of
-from accpinn.study.journal import FORMAT, Failure, Journal, read_rows
-from accpinn.study.plan import LEAST, plan
-from accpinn.study.pooling import Pool, PoolWindow, pools
+from accpinn.storage import reason_of
+from accpinn.study.analysis import Analysis, Source
+from accpinn.study.cluster import Job, connected, run_all, sentence_of
+from accpinn.study.plan import LEAST, Sources, files_of, plan
+from accpinn.study.progress import BatchProgress, BatchSummary, Tally, size_of
+from accpinn.study.rows import rows_of
+from accpinn.study.run import estimate
+from accpinn.study.studies import Failure, KnownFile, Request, Study, read_rows
 from accpinn.units import Seconds
 
-if TYPE_CHECKING:
-    from distributed import Client, Future
-
 PUBLISHED_EVERY: Seconds = 60.0
-"""How often `results.parquet` is made while a batch runs."""
-ENDINGS = (".csv", ".txt")
+"""Time between two versions of `results.parquet` while a batch runs."""
 NOTHING = f"no complete stretch of {LEAST:g} s in car-following under ACC"
 OTHER_MAPPING = (
     "its columns were read by another mapping before; take another folder for results by this one"
@@ -54,7 +49,7 @@ OTHER_MAPPING = (
 
 
 def batch(
-    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    sources: Sources,
     study: str | os.PathLike[str],
     *,
     window: Seconds = DURATION,
@@ -68,8 +63,6 @@ def batch(
 ) -> BatchSummary:
     """Apply methods to every window of many recordings, and keep what they find in a folder.
 
-    A script that calls this needs ``if __name__ == "__main__":``, as worker processes import it.
-
     Args:
         sources: files and folders; of a folder all CSV files in it and below.
         study: the folder of the results; one that exists is continued.
@@ -79,7 +72,7 @@ def batch(
         workers: processes on this machine; by default one for each processor.
         scheduler: address of a dask scheduler, as "tcp://host:8786", in place of ``workers``.
         mapping: of tables that are neither OpenACC runs nor tables of pairs.
-        on_progress: called after every task.
+        on_progress: called after every window.
         should_stop: asked several times a second; True ends the batch, and all is kept.
 
     Raises:
@@ -87,7 +80,6 @@ def batch(
         RecordingError: when a source does not exist, the study cannot be written, or the scheduler
             cannot be reached.
     """
-    started = time.monotonic()
     for key in methods:
         method_of(key)
     if case not in ("I", "II"):
@@ -101,309 +93,285 @@ def batch(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
     files = files_of(sources, Path(study))
-    length = window if math.isfinite(window) else "all"
-    with Journal(Path(study), {"window": length, "case": case}) as journal:
-        run = _Run(
-            journal, tuple(dict.fromkeys(methods)), case, window, mapping, files, started,
-            on_progress or (lambda _: None), should_stop or (lambda: False),
-        )  # fmt: skip
-        run.work(workers, scheduler)
-        return run.summary()
+    listed = [sources] if isinstance(sources, str | os.PathLike) else sources
+    request = Request(
+        sources=tuple(map(os.path.abspath, listed)),
+        methods=tuple(dict.fromkeys(methods)),
+        window=window if math.isfinite(window) else None,
+        case=case,
+        workers=workers,
+        scheduler=scheduler,
+        mapping=mapping,
+    )
+    with Study(Path(study), request) as opened:
+        running = _Batch(opened, request, files, on_progress, should_stop)
+        return running.work()
 
 
-def files_of(
-    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], study: Path | None = None
-) -> list[Path]:
-    """The files of a batch: each once, those of a folder in the order of their names.
+# On a worker
+
+
+@dataclass(frozen=True, eq=False)
+class WindowData:
+    """A planned window with all that its rows need."""
+
+    analysis: Analysis
+    """The window asked of one method; the others are asked the same."""
+    modes: tuple[str, ...]
+    """(M,) as `plan` gives them."""
+    recording: dict[str, Any]
+    """What rows say of the recording."""
+    segment: Segment
+
+
+@dataclass(frozen=True, eq=False)
+class FileContents:
+    """What a file has for a batch."""
+
+    recordings: int
+    """Recordings that could be read."""
+    refused: int
+    """Trajectories that could not be read."""
+    reasons: tuple[str, ...]
+    """Why these could not, recordings have no window, and windows could not be cut."""
+    windows: tuple[WindowData, ...]
+
+
+def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Case) -> FileContents:
+    """Read a file, and cut what a batch takes of it.
 
     Args:
-        sources: as `batch` takes them.
-        study: the folder of the results, which may lie among them.
+        path: of the file.
+        mapping: of a table of one's own.
+        window: longest window, in s.
+        case: "I" or "II".
 
     Raises:
-        RecordingError: when a source does not exist, or holds no CSV file.
+        RecordingError: when the file as a whole cannot be read.
     """
-    listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
-    own = study.resolve() if study else None
-    found: dict[Path, None] = {}
-    for source in listed:
-        path = Path(source)
-        if path.is_dir():
-            inside = (p for p in path.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file())
-            runs = (p for p in inside if not _is_note(p) and own not in p.resolve().parents)
-            found |= dict.fromkeys(sorted(runs))
-        elif path.exists():
-            found[path] = None
-        else:
-            raise RecordingError(f"{path}: there is no such file or folder; check its name.")
-    if not found:
-        raise RecordingError(f"{listed[0] if listed else 'No source'}: no CSV file is there.")
-    return list(found)
+    recordings, refused, reasons, windows = 0, 0, list[str](), []
+    for recording in read_all(path, mapping=mapping):
+        if not isinstance(recording, Recording):
+            refused += 1
+            reasons.append(str(recording))
+            continue
+        recordings += 1
+        source, planned = Source.of(recording), plan(recording, window)
+        named = {"file": path.name, "trajectory": source.trajectory, "sha256": source.sha256}
+        about = {**facts_of(recording), **named}
+        if not planned:
+            reasons.append(NOTHING)
+        for place in planned:
+            analysis = Analysis(source, place.vehicles, (place.window,), case, method=KEY)
+            try:
+                (segment,) = analysis.segments(recording)
+            except AccpinnError as fault:
+                reasons.append(str(fault))
+            else:
+                windows.append(WindowData(analysis, place.modes, about, segment))
+    return FileContents(recordings, refused, tuple(reasons), tuple(windows))
 
 
-def _is_note(path: Path) -> bool:
-    """Whether a text accompanies the runs and is none."""
-    return path.suffix.lower() == ".txt" and not path.stem.lower().startswith("step")
+@dataclass(frozen=True)
+class Answer:
+    """What came of one analysis."""
+
+    analysis: Analysis
+    rows: list[dict[str, Any]]
+    """One a follower; empty where it failed."""
+    reason: str = ""
+    """Why it failed."""
+    is_final: bool = True
+    """Whether it would fail again."""
 
 
-class _Run:
+def answer_all(window: WindowData, analyses: Sequence[Analysis]) -> list[Answer]:
+    """Answer analyses of one window; one that fails does not stop the others."""
+    return [_answer(window, analysis) for analysis in analyses]
+
+
+def _answer(window: WindowData, analysis: Analysis) -> Answer:
+    segment = replace(window.segment)  # arrays of its own: those received may lie anyhow in memory
+    try:
+        result = estimate(analysis, (segment,), context=TaskContext(threads=1))
+        return Answer(analysis, rows_of(result, window.recording, window.modes))
+    except AccpinnError as fault:
+        return Answer(analysis, [], str(fault))
+    except Exception as fault:  # a fault of the program, told and tried again another time
+        return Answer(analysis, [], sentence_of(fault), is_final=False)
+
+
+# In the caller's process
+
+Known = tuple[Analysis, int | None]
+"""An analysis, and the number of its rows as `Study.rows_of` gives it."""
+
+
+def _missing(rows: list[Known]) -> tuple[Analysis, ...]:
+    """Those analyses of a window that are to be run."""
+    return tuple(analysis for analysis, number in rows if number is None)
+
+
+class _Batch:
     """One call of `batch`."""
 
     def __init__(
         self,
-        journal: Journal,
-        methods: tuple[str, ...],
-        case: Case,
-        window: Seconds,
-        mapping: CsvMapping | None,
+        study: Study,
+        request: Request,
         files: list[Path],
-        started: float,
-        on_progress: Callable[[BatchProgress], None],
-        should_stop: Callable[[], bool],
+        on_progress: Callable[[BatchProgress], None] | None,
+        should_stop: Callable[[], bool] | None,
     ) -> None:
-        self._journal, self._known = journal, journal.known
-        self._methods, self._case, self._window = methods, case, window
-        self._mapping, self._files = mapping, files
-        self._on_progress, self._should_stop = on_progress, should_stop
-        self._tally = Tally(len(files), methods, KEY in methods and case == "II", started)
-        self._published = time.monotonic()
-        self._stopped = False
-        self._seen: dict[str, str] = {}
-        self._paths: dict[str, Path] = {}
+        self._study, self._request, self._methods = study, request, request.methods
+        self._on_progress = on_progress or (lambda _: None)
+        self._should_stop = should_stop or (lambda: False)
+        self._tally, self._published = Tally(files), 0.0
+        self._unread, self._jobs = deque(files), deque[Callable[[], Job]]()
+        self._files: dict[str, Path] = {}
+        """The files so far, by the SHA-256 of their bytes."""
 
-    def summary(self) -> BatchSummary:
-        named = (row for row in read_rows(self._journal.folder) if row["make"])
-        unknown = {row["name"] for row in named if not is_known(row["name"])}
-        return self._tally.summary(self._stopped, tuple(sorted(unknown)))
-
-    # Planning
-
-    def tasks(self) -> Iterator[BatchTask]:
-        """What is left to do, file by file; files are read when their turn comes."""
-        for file in self._files:
-            found = list(self._tasks_of(file))
-            self._tally.plan_file([task.key for task in found])
-            yield from found
-
-    def _tasks_of(self, file: Path) -> Iterator[BatchTask]:
-        place = f"file:{file}"
-        try:
-            raw = file.read_bytes()
-        except OSError as fault:
-            self._refuse(place, file.name, f"it cannot be opened ({fault.strerror})")
-            return
-        content = hashlib.sha256(raw).hexdigest()
-        if content in self._seen:
-            self._refuse(place, file.name, f"its contents are those of {self._seen[content]}")
-            return
-        self._seen[content] = file.name
-        names: list[str] = []
-        refused = self._tally.refused
-        try:
-            used = mapping_of(raw, file.name, self._mapping)
-            mapping = hashlib.sha256(write_mapping(used)).hexdigest() if used else ""
-            known = self._known.recordings.get(content, {})
-            if known.get("mapping") not in (None, mapping):
-                self._refuse(place, file.name, OTHER_MAPPING)
-                return
-            if not self._skip(known, file):
-                for found in read_all(file, mapping=self._mapping):
-                    if isinstance(found, Recording):
-                        names.append(found.sha256)
-                        self._paths[found.sha256] = file
-                        yield from self._tasks_in(found, file.name)
-                    else:
-                        self._refuse(f"{place}:{found}", file.name, str(found))
-                about = {"recordings": names, "refused": self._tally.refused - refused}
-                self._journal.add("recording", content, file=file.name, mapping=mapping, **about)
-        except AccpinnError as fault:
-            self._refuse(place, file.name, str(fault))
-            return
-        except Exception as fault:  # whatever a file holds, the others go on
-            self._refuse(place, file.name, f"{type(fault).__name__}: {fault}")
-            return
-        if place in self._known.failures:  # the file was replaced since
-            self._journal.add("recovered", place)
-
-    def _skip(self, known: dict[str, Any], file: Path) -> bool:
-        """Whether all of a file is known; its numbers are then counted without reading it."""
-        plans = self._known.plans
-        names = known.get("recordings", ())
-        if not known or any(name not in plans for name in names):
-            return False
-        self._paths |= dict.fromkeys(names, file)
-        places = [
-            Place(name, tuple(w["vehicles"]), w["start"], w["duration"])
-            for name in names
-            for w in plans[name]
-        ]
-        if any(map(self._missing, places)):
-            return False
-        self._tally.recordings += len(names)
-        self._tally.refused += known["refused"]
-        for place in places:
-            self._count(place)
-        return True
-
-    def _tasks_in(self, recording: Recording, file: str) -> Iterator[BatchTask]:
-        self._tally.recordings += 1
-        planned = plan(recording, self._window)
-        own = {"file": file, "trajectory": recording.trajectory, "sha256": recording.sha256}
-        about = {**facts_of(recording), **own}
-        name = recording.sha256
-        windows = [
-            {"vehicles": list(p.vehicles), "start": p.window.start, "duration": p.window.duration}
-            for p in planned
-        ]
-        if self._known.plans.get(name) != windows:
-            self._journal.add("plan", name, windows=windows)
-        if not planned:
-            self._fail(name, Failure(file, None, None, NOTHING), final=True)
-        for one in planned:
-            place = Place(name, one.vehicles, one.window.start, one.window.duration)
-            self._count(place)
-            missing = self._missing(place)
-            if missing:
-                segment = self._segment(recording, place)
-                if segment:
-                    key = self._key(place, ",".join(missing))
-                    yield BatchTask(key, place, segment, about, one.modes, self._case, missing)
-
-    def pool_tasks(self) -> Iterator[PoolTask]:
-        """The vehicles whose pooled parameters are not known; files are read again for each."""
-        if not self._tally.pools_vehicles or self._stopped:
-            return
-        known, at_hand = self._known.pooled | self._known.final, self._paths.keys()
-        left = [
-            pool
-            for pool in pools(read_rows(self._journal.folder))
-            if pool.key not in known and {one.sha256 for one in pool.windows} <= at_hand
-        ]
-        self._tally.plan_pooling(len(left))
-        for pool in left:
-            try:
-                yield PoolTask(pool.key, pool, self._pool_segments(pool))
-            except (AccpinnError, OSError) as fault:
-                self._tally.pooled += 1
-                self._fail_pool(pool, str(fault), final=False)
-
-    def _pool_segments(self, pool: Pool) -> tuple[Segment, ...]:
-        wanted: dict[Path, dict[str, list[PoolWindow]]] = {}
-        for one in pool.windows:
-            by_name = wanted.setdefault(self._paths[one.sha256], {})
-            by_name.setdefault(one.sha256, []).append(one)
-        segments = []
-        for path, by_name in wanted.items():
-            for recording in read_all(path, mapping=self._mapping):
-                if isinstance(recording, Recording):
-                    for one in by_name.get(recording.sha256, ()):
-                        pair = (one.vehicle - 1, one.vehicle)
-                        segments.append(cut(recording, one.start, one.duration, pair))
-        return tuple(segments)
-
-    def _fail_pool(self, pool: Pool, reason: str, final: bool) -> None:
-        said = f"{pool.shared['name']}, all windows together: {reason}"
-        self._fail(pool.key, Failure("", None, None, said), final)
-
-    def _segment(self, recording: Recording, place: Place) -> Segment | None:
-        try:
-            return cut(recording, place.start, place.duration, place.vehicles)
-        except AccpinnError as fault:
-            failure = Failure(recording.source, place.start, None, str(fault))
-            self._fail(self._key(place, ""), failure, final=True)
-            return None
-
-    def _key(self, place: Place, method: str) -> str:
-        """The address of a result: a digest of all that determines it."""
-        content = [FORMAT, *place, self._case, method]
-        return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
-
-    def _missing(self, place: Place) -> tuple[str, ...]:
-        keys = {method: self._key(place, method) for method in self._methods}
-        known = self._known
-        return tuple(m for m, k in keys.items() if k not in known.results and k not in known.final)
-
-    def _count(self, place: Place) -> None:
-        """A window, and what is known of it."""
-        tally = self._tally
-        tally.windows += 1
-        tally.followers += len(place.vehicles) - 1
-        for method in self._methods:
-            key = self._key(place, method)
-            tally.reused += self._known.results.get(key, 0)
-            tally.rows += self._known.results.get(key, 0)
-            tally.failed += key in self._known.final
-
-    def _refuse(self, key: str, file: str, reason: str) -> None:
-        self._tally.refused += 1
-        self._fail(key, Failure(file, None, None, reason), final=False)
-
-    def _fail(self, key: str, failure: Failure, final: bool) -> None:
-        if self._known.failures.get(key) != failure:
-            self._journal.add("failure", key, **vars(failure), final=final)
-
-    # Working
-
-    def work(self, workers: int | None, scheduler: str | None) -> None:
-        """Run all tasks; workers are started for the first one that is left to do."""
+    def work(self) -> BatchSummary:
+        """Run all jobs; workers are started for the first one that is left to do."""
+        request, study = self._request, self._study
         self._tell(0)
-        client: Client | None = None
-        phases: tuple[tuple[Iterator[Any], Callable[[Any], Any], Callable[..., None]], ...] = (
-            (self.tasks(), run_task, self._finish),
-            (self.pool_tasks(), run_pool, self._finish_pool),
+        is_ended, first = True, self._next_job()
+        if first:
+            with connected(request.workers, request.scheduler) as client:
+                waiting = [first]
+                is_ended = run_all(
+                    client,
+                    lambda: waiting.pop() if waiting else self._next_job(),
+                    is_local=not request.scheduler,
+                    on_progress=self._tell,
+                    should_stop=self._should_stop,
+                )
+        study.note(replace(request, is_finished=is_ended))
+        self._on_progress(self._tally.progress(0, is_done=is_ended))
+        named = {row["name"] for row in read_rows(study.folder) if row["make"]}
+        counts = self._tally.counts
+        names = ("recordings", "refused", "windows", "followers", "rows", "failed", "reused")
+        return BatchSummary(
+            **{name: counts[name] for name in names},
+            seconds=self._tally.seconds,
+            stopped=not is_ended,
+            unknown_names=tuple(sorted(name for name in named if not is_known(name))),
         )
-        with ExitStack() as opened:
-            for tasks, run, finish in phases:
-                first = next(tasks, None)
-                if first is not None:
-                    client = client or opened.enter_context(connected(workers, scheduler))
-                    self._tell(threads_of(client))
-                    self._stopped = not run_all(
-                        client,
-                        chain([first], tasks),
-                        run,
-                        finish,
-                        is_local=scheduler is None,
-                        on_progress=self._tell,
-                        should_stop=self._should_stop,
-                    )
-        self._tally.is_done = not self._stopped
-        self._tell(0)
 
     def _tell(self, workers: int) -> None:
         self._on_progress(self._tally.progress(workers))
-        if time.monotonic() - self._published > PUBLISHED_EVERY:
-            self._journal.publish()
-            self._published = time.monotonic()
+        if self._tally.seconds - self._published > PUBLISHED_EVERY:
+            self._study.publish()
+            self._published = self._tally.seconds
 
-    def _finish(self, future: "Future[Any]", task: BatchTask) -> None:
-        """Write what became of a task."""
-        self._tally.finish(task.key)
-        reason = fault_of(future)
-        if reason:
-            found = [MethodRows(m, [], reason, final=False) for m in task.methods]
-        else:
-            found = future.result()
-        vehicles = task.place.vehicles
-        for one in found:
-            key = self._key(task.place, one.method)
-            if one.rows:
-                self._journal.add("result", key, rows=one.rows)
-                self._tally.rows += len(one.rows)
-                continue
-            self._tally.failed += 1
-            alone = vehicles[1] if len(vehicles) == 2 else None
-            reason = f"{one.method}: {one.reason}"
-            self._fail(
-                key, Failure(task.recording["file"], task.place.start, alone, reason), one.final
-            )
+    def _next_job(self) -> Job | None:
+        """The next window that is left to do, else the next file that is not known."""
+        while not self._jobs and self._unread:
+            self._look_at(self._unread.popleft())
+        return self._jobs.popleft()() if self._jobs else None
 
-    def _finish_pool(self, future: "Future[Any]", task: PoolTask) -> None:
-        """Write what became of a vehicle."""
-        self._tally.pooled += 1
-        reason = fault_of(future)
-        found = MethodRows(KEY, [], reason, final=False) if reason else future.result()
-        if found.rows:
-            self._journal.add("pooled", task.key, row=found.rows[0])
+    def _look_at(self, file: Path) -> None:
+        """Have a file read, unless all of it is known."""
+        try:
+            raw = file.read_bytes()
+            used = mapping_of(raw, file.name, self._request.mapping)
+        except OSError as fault:
+            self._refuse(file, f"it cannot be opened ({reason_of(fault)})")
+            return
+        except Exception as fault:  # whatever a file holds, the others go on
+            self._refuse(file, sentence_of(fault))
+            return
+        digest = sha256(raw).hexdigest()
+        mapping = sha256(write_mapping(used)).hexdigest() if used else ""
+        earlier = self._files.setdefault(digest, file)
+        known = self._study.known_file(digest)
+        if earlier != file:
+            self._refuse(file, f"its contents are those of {earlier.name}")
+        elif known and known.mapping != mapping:
+            self._refuse(file, OTHER_MAPPING)
+        elif known and not any(map(_missing, rows := self._rows(known))):
+            self._count(known, rows)
+            self._tally.skip(file)
         else:
-            self._fail_pool(task.pool, found.reason, found.final)
+            longest = self._request.window or math.inf
+            arguments = (file.absolute(), self._request.mapping, longest, self._request.case)
+            finish = partial(self._plan, file, digest, mapping)
+            if not self._request.scheduler:
+                self._jobs.append(lambda: Job(read_file, arguments, finish))
+                return
+            try:
+                contents = read_file(*arguments)
+            except Exception as fault:  # whatever a file holds, the others go on
+                finish(None, sentence_of(fault))
+            else:
+                finish(contents, "")
+
+    def _plan(
+        self, file: Path, digest: str, mapping: str, contents: FileContents | None, fault: str
+    ) -> None:
+        """Keep what was read of a file, and have its windows estimated."""
+        if contents is None:
+            self._refuse(file, fault)
+            return
+        windows = contents.windows
+        analyses = tuple(window.analysis for window in windows)
+        known = KnownFile(mapping, contents.recordings, contents.refused, analyses)
+        self._study.refuse(file, contents.reasons)
+        self._study.add_file(digest, known)
+        rows = self._rows(known)
+        self._count(known, rows)
+        left = [(window, asked) for window, asked in zip(windows, map(_missing, rows), strict=True)
+                if asked]  # fmt: skip
+        if not left:
+            self._tally.skip(file)
+        sizes = [size_of(window.analysis.window.duration, len(window.modes)) for window, _ in left]
+        for (window, asked), size in zip(left, sizes, strict=True):
+            self._jobs.append(partial(self._job, file, size / sum(sizes), window, asked))
+
+    def _job(
+        self, file: Path, fraction: float, window: WindowData, asked: tuple[Analysis, ...]
+    ) -> Job:
+        began = self._tally.begin()
+
+        def finish(answers: list[Answer] | None, fault: str) -> None:
+            self._tally.finish(file, fraction, began)
+            for answer in answers or [Answer(a, [], fault, is_final=False) for a in asked]:
+                self._keep(answer, file.name)
+
+        return Job(answer_all, (window, asked), finish)
+
+    def _keep(self, answer: Answer, file: str) -> None:
+        """Write what came of an analysis."""
+        analysis = answer.analysis
+        if answer.rows:
+            self._study.add_rows(analysis, file, answer.rows)
+            self._tally.counts["rows"] += len(answer.rows)
+            return
+        self._tally.counts["failed"] += 1
+        alone = analysis.vehicles[1] if len(analysis.vehicles) == 2 else None
+        reason = f"{analysis.method}: {answer.reason}"
+        failure = Failure(file, analysis.window.start, alone, reason)
+        self._study.add_failure(analysis, failure, answer.is_final)
+
+    def _rows(self, known: KnownFile) -> list[list[Known]]:
+        """What is known of each window by each method."""
+        every = ([w.with_method(method) for method in self._methods] for w in known.windows)
+        return [[(asked, self._study.rows_of(asked)) for asked in window] for window in every]
+
+    def _count(self, known: KnownFile, rows: list[list[Known]]) -> None:
+        """Count a file's recordings and windows, and what is known of them."""
+        counts = self._tally.counts
+        counts["recordings"] += known.recordings
+        counts["refused"] += known.refused
+        counts["windows"] += len(known.windows)
+        counts["followers"] += sum(len(window.vehicles) - 1 for window in known.windows)
+        numbers = [number for window in rows for _, number in window if number is not None]
+        counts["reused"] += sum(numbers)
+        counts["rows"] += sum(numbers)
+        counts["failed"] += numbers.count(0)
+
+    def _refuse(self, file: Path, reason: str) -> None:
+        """Nothing of a file can be used."""
+        self._tally.counts["refused"] += 1
+        self._tally.skip(file)
+        self._study.refuse(file, [reason])

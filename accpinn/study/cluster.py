@@ -1,120 +1,126 @@
-"""The workers of a batch, by dask.distributed: those on this machine, or of a scheduler elsewhere.
+"""The workers of a batch, by dask.distributed: on this machine, or of a scheduler elsewhere.
 
-On this machine they are processes of one thread each.
+Scheduler and workers on this machine live below a process of their own (`python -m
+accpinn.study.cluster`), which says its address and ends with its standard input. So they do not
+import the caller's main module again, as multiprocessing would, which in the app is a page; and
+they end with the caller, however that ends.
 """
 
 import os
 import queue
+import signal
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from accpinn import __version__
-from accpinn.errors import RecordingError
+from accpinn.errors import AccpinnError, RecordingError
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+MODULE = "accpinn.study.cluster"
+"""This module's name, also where it is run by itself."""
 AHEAD = 2
-"""Tasks that each worker has: one at work, and the next, so that none waits."""
+"""Jobs that a worker elsewhere has at a time, so that it need not wait for the next. A worker here
+has one, so that no other job is to blame when it dies."""
 POLL: Seconds = 0.2
 DEATHS = 1
-"""Of workers, after which a task is put off: it may have been another that they died at."""
+"""A job is tried again after this many workers died at it."""
 CONNECT: Seconds = 20.0
-"""How long a scheduler may take to answer, and to have a worker."""
+"""Longest wait for a scheduler to answer, and to have a worker."""
 WORKERLESS: Seconds = 180.0
-"""Without a worker on this machine for so long, a batch ends: they cannot be started."""
+"""Longest time without a worker on this machine; a busy machine may take long to start one."""
 
 
-class Keyed(Protocol):
-    """A task that has a name of its own."""
+class Job(NamedTuple):
+    """A call for a worker."""
 
-    @property
-    def key(self) -> str:
-        """The name."""
-
-
-T = TypeVar("T", bound=Keyed)
+    run: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    finish: Callable[[Any, str], None]
+    """Takes its answer, and why there is none or an empty text; called in the caller's thread."""
 
 
 @contextmanager
-def connected(
-    workers: int | None, scheduler: str | None, processes: bool = True
-) -> "Iterator[Client]":
+def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
     """A client of a scheduler with workers: the one at an address, or one on this machine.
 
     Args:
         workers: how many on this machine; by default one for each processor.
         scheduler: the address.
-        processes: whether workers on this machine are processes of their own.
 
     Raises:
         RecordingError: when it cannot be reached, has no workers, or these lack the package.
     """
-    import dask
-    from distributed import Client, LocalCluster
-
-    settings = {
-        "distributed.admin.large-graph-warning-threshold": "1GB",
-        "distributed.scheduler.allowed-failures": DEATHS,
-    }
-    if scheduler is None:  # a worker of a busy machine may take long to be heard of
-        settings["distributed.comm.timeouts.connect"] = f"{WORKERLESS:g}s"
-    with ExitStack() as opened:
-        opened.enter_context(dask.config.set(settings))
-        if scheduler is None:
-            space = opened.enter_context(tempfile.TemporaryDirectory(prefix="accpinn-"))
-            count = workers or os.cpu_count() or 1
-            try:
-                address: Any = opened.enter_context(
-                    LocalCluster(
-                        n_workers=count,
-                        threads_per_worker=1,
-                        processes=processes,
-                        protocol="tcp://",
-                        dashboard_address="127.0.0.1:0",
-                        local_directory=space,
-                        memory_limit=0,
-                        silence_logs=50,
-                    )
-                )
-            except (OSError, RuntimeError, TimeoutError) as fault:
-                raise _no_workers(fault) from None
-        else:
-            address = scheduler
-        patience = WORKERLESS if scheduler is None else CONNECT
-        try:
-            client = opened.enter_context(Client(address, timeout=patience, set_as_default=False))
-        except (OSError, ValueError, TimeoutError) as fault:
-            if scheduler is None:
-                raise _no_workers(fault) from None
-            reason = str(fault).split("\n")[0][:120]
-            raise RecordingError(
-                f"{scheduler}: no scheduler answers there ({reason}); check the address."
-            ) from None
-        try:
-            client.wait_for_workers(1, timeout=patience)
-        except TimeoutError as fault:
-            if scheduler is None:
-                raise _no_workers(fault) from None
-            raise RecordingError(
-                f"{scheduler}: the scheduler has no workers; start some, as with dask worker"
-                f" {scheduler}."
-            ) from None
-        if scheduler is not None:
+    if scheduler:
+        with _client(scheduler, CONNECT) as client:
             _require_package(client, scheduler)
-        yield client
+            yield client
+        return
+    count = str(workers or os.cpu_count() or 1)
+    places = (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))
+    path = os.pathsep.join(place for place in places if place)
+    with (
+        tempfile.TemporaryDirectory(prefix="accpinn-") as space,
+        subprocess.Popen(
+            [sys.executable, "-P", "-m", MODULE, count, space],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": path},
+        ) as process,
+    ):
+        assert process.stdin
+        assert process.stdout
+        import distributed  # noqa: F401 - while the other process does so, too
+
+        address = process.stdout.readline().strip()
+        try:
+            if not address.startswith("tcp://"):
+                raise RecordingError(
+                    "The workers on this machine cannot be started"
+                    f" ({address or 'their process died'}); ask for fewer, or try again when it is"
+                    " less busy."
+                )
+            with _client(address, WORKERLESS) as client:
+                yield client
+        finally:
+            process.stdin.close()
 
 
-def _no_workers(fault: Exception) -> RecordingError:
-    reason = str(fault).split("\n")[0][:120] or type(fault).__name__
-    return RecordingError(
-        f"The workers on this machine cannot be started ({reason}); ask for fewer, or try again"
-        " when it is less busy."
-    )
+@contextmanager
+def _client(address: str, patience: Seconds) -> "Iterator[Client]":
+    import dask
+    from distributed import Client
+
+    quiet = {"distributed.admin.large-graph-warning-threshold": "1GB"}
+    with dask.config.set(quiet):
+        try:
+            client = Client(address, timeout=patience, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as fault:
+            raise RecordingError(
+                f"{address}: no scheduler answers there ({_first_line(fault)}); check the address."
+            ) from None
+        with client:
+            try:
+                client.wait_for_workers(1, timeout=patience)
+            except TimeoutError:
+                raise RecordingError(
+                    f"{address}: the scheduler has no workers; start some, as with dask worker"
+                    f" {address}."
+                ) from None
+            yield client
+
+
+def _first_line(fault: BaseException) -> str:
+    return str(fault).split("\n")[0][:120] or type(fault).__name__
 
 
 def _version() -> str:
@@ -122,7 +128,7 @@ def _version() -> str:
 
 
 def _require_package(client: "Client", scheduler: str) -> None:
-    """Refuse workers elsewhere that cannot run tasks, before every task fails there."""
+    """Refuse workers elsewhere that cannot run jobs, before every job fails there."""
     try:
         versions = set(client.run(_version).values())
     except Exception as fault:
@@ -138,35 +144,14 @@ def _require_package(client: "Client", scheduler: str) -> None:
         )
 
 
-def is_killed(future: "Future[Any]") -> bool:
-    """Whether a task has no result because workers died."""
-    return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
-
-
 def threads_of(client: "Client") -> int:
-    """Of all workers; they may come and go."""
-    if client.status not in ("running", "connecting"):
-        raise _lost()
+    """How many jobs the workers run at a time; workers may come and go."""
     try:
-        return sum(client.nthreads().values())
-    except Exception:  # the connection broke while it was asked
-        raise _lost() from None
-
-
-def fault_of(future: "Future[Any]") -> str:
-    """Why a task has no answer; empty where it has one.
-
-    Raises:
-        RecordingError: when the scheduler is away.
-    """
-    if future.status == "finished":
-        return ""
-    if future.status != "error":
-        raise _lost()
-    if is_killed(future):
-        return "every worker died at it"
-    fault = future.exception()
-    return f"{type(fault).__name__}: {fault}"
+        if client.status in ("running", "connecting"):
+            return sum(client.nthreads().values())
+    except Exception as fault:  # the connection broke while it was asked
+        raise _lost() from fault
+    raise _lost()
 
 
 def _lost() -> RecordingError:
@@ -176,78 +161,118 @@ def _lost() -> RecordingError:
     )
 
 
+def sentence_of(fault: BaseException) -> str:
+    """Why something failed, in words for the list of failures."""
+    if type(fault).__name__ == "KilledWorker":
+        return "every worker died at it"
+    return str(fault) if isinstance(fault, AccpinnError) else f"{type(fault).__name__}: {fault}"
+
+
 def run_all(
     client: "Client",
-    tasks: Iterator[T],
-    run: Callable[[T], Any],
-    finish: "Callable[[Future[Any], T], None]",
+    next_job: Callable[[], Job | None],
     *,
     is_local: bool,
     on_progress: Callable[[int], None],
     should_stop: Callable[[], bool],
 ) -> bool:
-    """Keep workers at tasks until all have ended, or the caller says stop.
-
-    A task at which workers died is put off, and tried alone at the end, so that nothing else is to
-    blame when one dies again.
+    """Keep workers busy until all jobs have ended, or the caller says stop.
 
     Args:
         client: of their scheduler.
-        tasks: taken as workers ask for more.
-        run: what a worker does with a task.
-        finish: what becomes of the answer; called here, in the order in which tasks end.
+        next_job: gives the next job, or None; asked again once a job has ended.
         is_local: whether the workers are those of this machine.
-        on_progress: called after every task with the number of workers.
+        on_progress: called after every job with the number of workers.
         should_stop: asked several times a second.
 
     Returns:
-        Whether all tasks were taken and have ended.
+        Whether all jobs have ended.
 
     Raises:
         RecordingError: when the scheduler is away, or the workers of this machine have died and no
             others start.
     """
     ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-    running: dict[str, tuple[Future[Any], T]] = {}
-    put_off: list[T] = []
-    waiting = next(tasks, None)
-    alive = time.monotonic()
-    slots, looked, alone = 0, -1.0, False
+    running: dict[Any, tuple[Future[Any], Job]] = {}
+    slots, looked, alive = 0, -1.0, time.monotonic()
     try:
-        while waiting or running or put_off:
-            if should_stop():
-                return False
-            if time.monotonic() - looked > 1.0:
-                slots, looked = threads_of(client), time.monotonic()
-                alive = looked if slots or not is_local else alive
-            if time.monotonic() - alive > WORKERLESS:
+        while not should_stop():
+            now = time.monotonic()
+            if now - looked > 1.0:
+                slots, looked = threads_of(client), now
+                alive = now if slots or not is_local else alive
+            if now - alive > WORKERLESS:
                 raise RecordingError(
                     "The workers have died and no others start; what was finished is kept, and"
                     " the same call goes on from there."
                 )
-            if not waiting and not running:
-                alone, waiting = True, put_off.pop(0)
-            room = 1 if alone else AHEAD * max(1, slots)
+            room = max(1, slots) * (1 if is_local else AHEAD)
             # What has ended is written before another file is read.
-            while waiting and len(running) < room and ended.empty():
-                key = f"{waiting.key}{'-alone' * alone}"
-                future = client.submit(run, waiting, key=key, pure=False)
-                running[key] = (future, waiting)
+            while len(running) < room and ended.empty() and (job := next_job()):
+                future = client.submit(job.run, *job.arguments, pure=False)
+                running[future.key] = (future, job)
                 future.add_done_callback(ended.put)
-                waiting = None if alone else next(tasks, None)
+            if not running:
+                return True
             try:
-                future = ended.get(timeout=POLL)
+                key = ended.get(timeout=POLL).key
             except queue.Empty:
                 continue
-            if future.key in running:
-                future, task = running.pop(future.key)
-                if not alone and is_killed(future):
-                    put_off.append(task)
-                    continue
-                finish(future, task)
-                future.release()
+            if key in running:
+                future, job = running.pop(key)
+                _finish(future, job)
                 on_progress(slots)
-        return True
+        return False
     finally:
         for future, _ in running.values():
             future.cancel()
+
+
+def _finish(future: "Future[Any]", job: Job) -> None:
+    if future.status == "finished":
+        job.finish(future.result(), "")
+    elif future.status == "error":
+        job.finish(None, sentence_of(future.exception()))
+    else:
+        raise _lost()
+    future.release()
+
+
+def serve(workers: int, space: str) -> None:
+    """Be the process of scheduler and workers, until standard input ends.
+
+    Args:
+        workers: how many.
+        space: folder of what they have to put on disk.
+    """
+    import dask
+    from distributed import LocalCluster
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl+C is for the caller, who ends this
+    answer = os.dup(1)
+    os.dup2(2, 1)  # what workers print is no answer
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.comm.timeouts.connect": f"{WORKERLESS:g}s",
+    }
+    try:
+        with (
+            dask.config.set(settings),
+            LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                protocol="tcp://",
+                dashboard_address="127.0.0.1:0",
+                local_directory=space,
+                memory_limit=0,
+                silence_logs=50,
+            ) as cluster,
+        ):
+            os.write(answer, f"{cluster.scheduler_address}\n".encode())
+            sys.stdin.read()
+    except (OSError, RuntimeError, TimeoutError) as fault:
+        os.write(answer, f"{_first_line(fault)}\n".encode())
+
+
+if __name__ == "__main__":
+    serve(int(sys.argv[1]), sys.argv[2])

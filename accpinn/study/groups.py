@@ -28,12 +28,12 @@ from scipy.optimize import brentq
 from scipy.special import betainc, stdtrit
 
 from accpinn.channels import PARAMETER_KEYS
-from accpinn.errors import ConfigError, RecordingError
+from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
-from accpinn.study.journal import JOURNAL, read_rows
 from accpinn.study.rows import COLUMNS
+from accpinn.study.studies import read_rows
 from accpinn.study.windows import RandomEffects, random_effects
 from accpinn.units import FloatArray
 
@@ -55,7 +55,7 @@ class Typical:
     median: float
     """Over windows; nan where no window determines it."""
     low: float
-    """Of its interval."""
+    """Lower end of its interval."""
     high: float
     between: RandomEffects
     """How far windows differ."""
@@ -75,7 +75,7 @@ class Group:
     """What the windows of a group say."""
 
     values: tuple[str, ...]
-    """Of the columns that it is grouped by; empty where a header does not tell."""
+    """Values of the columns that it is grouped by; empty where a header does not tell."""
     windows: int
     """Followers of windows: K."""
     vehicles: int
@@ -102,7 +102,7 @@ class Groups:
     method: str | None
     """None where rows are grouped by method."""
     level: float
-    """Of all intervals but the quartiles."""
+    """Level of all intervals but the quartiles."""
     groups: tuple[Group, ...]
 
 
@@ -112,12 +112,9 @@ def read_study(study: str | Path) -> pd.DataFrame:
     What is no number, or no probability where one should be, is nan.
 
     Raises:
-        RecordingError: where there is no batch.
+        RecordingError: where there is no batch, or its file is damaged.
     """
-    folder = Path(study)
-    if not (folder / JOURNAL).is_file():
-        raise RecordingError(f"{folder}: no batch is there; name the folder that batch wrote to.")
-    frame = pd.DataFrame(read_rows(folder), columns=[column.name for column in COLUMNS])
+    frame = pd.DataFrame(read_rows(Path(study)), columns=[column.name for column in COLUMNS])
     for column in COLUMNS:
         if column.kind == "double":
             frame[column.name] = pd.to_numeric(frame[column.name], errors="coerce")
@@ -153,19 +150,19 @@ def group(
     labels = part[list(by)].fillna("").astype(str) if by else part[[]]
     keys = list(labels.itertuples(index=False, name=None))
     order = sorted(range(len(part)), key=lambda k: keys[k])
-    found = [
+    groups = [
         _group(key, part.iloc[list(members)], level)
         for key, members in groupby(order, key=lambda k: keys[k])
     ]
-    return Groups(tuple(by), chosen, level, tuple(found))
+    return Groups(tuple(by), chosen, level, tuple(groups))
 
 
 def _method(rows: pd.DataFrame, method: str | None) -> str | None:
-    there = list(dict.fromkeys(rows["method"]))
+    known = list(dict.fromkeys(rows["method"]))
     if method is None:
-        return next((one for one in (KEY, *METHODS, *there) if one in there), KEY)
-    if there and method not in there:
-        raise ConfigError(f"method: {method[:40]} has no rows; choose {', '.join(there)}.")
+        return next((key for key in (KEY, *METHODS, *known) if key in known), KEY)
+    if known and method not in known:
+        raise ConfigError(f"method: {method[:40]} has no rows; choose {', '.join(known)}.")
     return method
 
 
@@ -191,18 +188,18 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, level: float) -> Group:
 def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
     values, errors = (rows[column].to_numpy(float) for column in (name, f"{name}_error"))
     logs = np.log(np.where(values > 0, values, np.nan))
-    found = random_effects(logs, errors, level)
-    if found.windows < 2:
+    effects = random_effects(logs, errors, level)
+    if effects.windows < 2:
         counts = np.isfinite(values) & np.isfinite(errors)
-        known = rows[counts & (values > 0)] if found.windows else rows[counts]
+        known = rows[counts & (values > 0)] if effects.windows else rows[counts]
         if len(known) != 1:
-            return Typical(np.nan, np.nan, np.nan, found)
+            return Typical(np.nan, np.nan, np.nan, effects)
         value, low, high = known[[name, f"{name}_low", f"{name}_high"]].to_numpy(float)[0].tolist()
-        return Typical(value, low, high, found)
-    reach = float(stdtrit(found.windows - 1, (1 + level) / 2)) * found.error
+        return Typical(value, low, high, effects)
+    reach = float(stdtrit(effects.windows - 1, (1 + level) / 2)) * effects.error
     with np.errstate(over="ignore"):  # two windows that differ widely set no upper limit
-        ends = np.exp(found.mean + np.array([-reach, reach]))
-    return Typical(found.typical, float(ends[0]), float(ends[1]), found)
+        ends = np.exp(effects.mean + np.array([-reach, reach]))
+    return Typical(effects.typical, float(ends[0]), float(ends[1]), effects)
 
 
 def share(probabilities: FloatArray, level: float = LEVEL) -> Share:

@@ -1,4 +1,4 @@
-"""The windows of a recording that a batch takes: complete stretches in car-following under ACC.
+"""What a batch takes: files, and in each recording complete stretches in ACC car-following.
 
 A follower qualifies at an instant where
 
@@ -13,25 +13,32 @@ beyond them it has alone, behind the vehicle ahead. Stretches are cut into windo
 length from their start on; the rest of a stretch is a window where it lasts for a minute.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
+from accpinn.errors import RecordingError
 from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, SLACK, chains, complete_windows
 from accpinn.segment.quality import CAR_FOLLOWING
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 LONGER = 1.3
-"""Times its median, a time gap still counts as car-following."""
+"""Largest time gap that counts as car-following, as a multiple of the follower's median."""
 LONGEST_GAP: Seconds = 3.5
-"""A longer one never does: the settings of cruise controls end near 3 s."""
+"""Largest time gap that ever counts: the settings of cruise controls end near 3 s."""
 DEPARTURE: Seconds = 10.0
+"""Longest departure from car-following that does not interrupt a stretch."""
 LEAST: Seconds = 60.0
 """Shorter stretches say little about three parameters."""
 ACC_FLAG = 1
+ENDINGS = (".csv", ".txt")
+Sources = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+"""Files and folders of recordings."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +59,20 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
         recording: what to cut.
         longest: of a window, in s; infinite for whole stretches.
     """
-    found: list[PlannedWindow] = []
+    planned: list[PlannedWindow] = []
     for chain in _short_chains(recording):
         allowed = np.column_stack([qualifies(recording, number) for number in chain[1:]])
         together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
-        found += [_planned(recording, chain, window) for window in together]
+        planned += [_planned(recording, chain, window) for window in together]
+        if len(chain) == 2:
+            continue
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
-            if len(chain) == 2:
-                continue
-            rest = column.copy()
+            alone = column.copy()
             for window in together:
-                rest &= ~_inside(recording.time, window)
-            found += [_planned(recording, pair, one) for one in _windows(recording, rest, longest)]
-    return tuple(found)
+                alone &= ~_inside(recording.time, window)
+            windows = _windows(recording, alone, longest)
+            planned += [_planned(recording, pair, window) for window in windows]
+    return tuple(planned)
 
 
 def _short_chains(recording: Recording) -> Iterator[tuple[int, ...]]:
@@ -135,3 +143,36 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
         flagged = "ACC by flag" if recording.acc_flag == ACC_FLAG else "unknown"
         modes.append("ACC" if known else flagged)
     return PlannedWindow(tuple(vehicles), window, tuple(modes))
+
+
+def files_of(sources: Sources, study: Path | None = None) -> list[Path]:
+    """The files of a batch: each once, those of a folder in the order of their names.
+
+    Args:
+        sources: as `batch` takes them.
+        study: the folder of the results, which may lie among them.
+
+    Raises:
+        RecordingError: when a source does not exist, or holds no CSV file.
+    """
+    listed = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    results = study.resolve() if study else None
+    files: dict[Path, None] = {}
+    for source in listed:
+        path = Path(source)
+        if path.is_dir():
+            inside = (p for p in path.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file())
+            runs = (p for p in inside if not _is_note(p) and results not in p.resolve().parents)
+            files |= dict.fromkeys(sorted(runs))
+        elif path.exists():
+            files[path] = None
+        else:
+            raise RecordingError(f"{path}: there is no such file or folder; check its name.")
+    if not files:
+        raise RecordingError(f"{listed[0] if listed else 'No source'}: no CSV file is there.")
+    return list(files)
+
+
+def _is_note(path: Path) -> bool:
+    """Whether a text accompanies the runs and is none."""
+    return path.suffix.lower() == ".txt" and not path.stem.lower().startswith("step")

@@ -1,7 +1,7 @@
 """One row a (recording, window, follower, method): its columns, and how a fit becomes rows."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,14 +17,11 @@ from accpinn.evaluation.closed_loop import (
     collision_times,
     surrogate_errors,
 )
-from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
 from accpinn.recordings.recording import unnamed
-from accpinn.segment.quality import assess_quality
-from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import MARGINAL, checked, exact_margin, l2_margin, step_metrics
+from accpinn.study.result import Result
 from accpinn.units import known_mean
 
 VERDICTS = ("l2_stable", "linf_stable", "linf_gain")
@@ -42,25 +39,7 @@ class RowColumn:
     meaning: str
 
 
-def parameter_columns(source: str) -> tuple[RowColumn, ...]:
-    """Those of α, β and τ, and of the ends of their intervals.
-
-    Args:
-        source: where the estimates come from, in a few words.
-    """
-    values = [
-        RowColumn(one.key, "double", one.unit, f"{one.name.lower()}, {source}")
-        for one in PARAMETERS
-    ]
-    ends = [
-        RowColumn(f"{one.key}_{end}", "double", one.unit, f"{word} end of the interval")
-        for one in PARAMETERS
-        for end, word in (("low", "lower"), ("high", "upper"))
-    ]
-    return (*values, *ends)
-
-
-COLUMNS = (
+COLUMNS: tuple[RowColumn, ...] = (
     RowColumn("campaign", "string", "", "campaign or data set"),
     RowColumn("file", "string", "", "file name of the recording"),
     RowColumn("trajectory", "string", "", "of a table with several: which one"),
@@ -78,7 +57,11 @@ COLUMNS = (
     RowColumn("mode_source", "string", "", "what the mode rests on: driver, flag or nothing"),
     RowColumn("method", "string", "", "key of the estimation method"),
     RowColumn("case", "string", "", "I: one parameter set for all followers; II: one for each"),
-    *parameter_columns("the method's estimate"),
+    *(RowColumn(quantity.key, "double", quantity.unit,
+                f"{quantity.name.lower()}, the method's estimate")
+      for quantity in PARAMETERS),
+    *(RowColumn(f"{quantity.key}_{end}", "double", quantity.unit, f"{word} end of the interval")
+      for quantity in PARAMETERS for end, word in (("low", "lower"), ("high", "upper"))),
     *(RowColumn(f"{key}_error", "double", "",
               f"standard error of ln {key}: deviation of its posterior")
       for key in PARAMETER_KEYS),
@@ -100,22 +83,17 @@ COLUMNS = (
 
 
 def rows_of(
-    segment: Segment,
-    recording: Mapping[str, Any],
-    modes: Sequence[str],
-    fit: Fit,
-    uncertainty: Uncertainty,
+    result: Result, recording: Mapping[str, Any], modes: tuple[str, ...]
 ) -> list[dict[str, Any]]:
     """One row a follower, with the keys of `COLUMNS`; None where a value is unknown.
 
     Args:
-        segment: the window, with M followers.
-        recording: what is known of it: its facts, file, trajectory and SHA-256.
+        result: of one window, with its data.
+        recording: what is known of the recording: its facts, file, trajectory and SHA-256.
         modes: (M,) as `plan` gives them.
-        fit: of one method.
-        uncertainty: of the window.
     """
-    own = assess_quality(segment)
+    fit, uncertainty = result.fit, result.uncertainty
+    (segment,) = result.segments
     surrogate, simulated = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
     findings = closed_loop_findings(segment, closed_loop(segment, fit))
     collisions = collision_times(findings, segment.vehicles)
@@ -137,51 +115,39 @@ def rows_of(
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
         make, model = ("", "") if name == unnamed(number) else make_and_model(name)
         mode, _, by_flag = modes[k].partition(" by ")
-        source = "" if mode == "unknown" else by_flag or "driver"
         row = shared | {
             "vehicle": number,
             "name": name,
             "make": make,
             "model": model,
             "mode": mode,
-            "mode_source": source,
+            "mode_source": "" if mode == "unknown" else by_flag or "driver",
             "p_l2_stable": uncertainty.probability_l2[k],
             "p_linf_stable": uncertainty.probability_linf[k],
-            "mean_time_gap": own.mean_time_gap[k],
+            "mean_time_gap": result.quality.mean_time_gap[k],
             "mean_speed": mean_speeds[k],
             "speed_deviation": float(np.nanstd(speeds[:, k])),
             "surrogate_mae": _gap_error(surrogate, k),
             "closed_loop_mae": _gap_error(simulated, k),
             "collision_time": collisions[k],
-            **verdicts(fit.parameters[k]),
+            **_verdicts(fit.parameters[k]),
         }
-        row |= estimate_cells(fit.parameters[k], uncertainty, k)
-        row |= {f"{key}_error": error for key, error in by_key(errors[k]).items()}
-        rows.append({column.name: plain(row[column.name]) for column in COLUMNS})
+        for ending, values in (
+            ("", fit.parameters[k].values),
+            ("_low", uncertainty.lower[k].values),
+            ("_high", uncertainty.upper[k].values),
+            ("_error", errors[k]),
+        ):
+            row |= {f"{key}{ending}": value for key, value in by_key(values).items()}
+        rows.append({column.name: _plain(row[column.name]) for column in COLUMNS})
     return rows
-
-
-def estimate_cells(
-    parameters: Parameters, uncertainty: Uncertainty, follower: int
-) -> dict[str, float]:
-    """The cells of `parameter_columns` for one follower, 0 for the first."""
-    every = {
-        "": parameters,
-        "_low": uncertainty.lower[follower],
-        "_high": uncertainty.upper[follower],
-    }
-    return {
-        f"{key}{end}": value
-        for end, of in every.items()
-        for key, value in by_key(of.values.tolist()).items()
-    }
 
 
 def _gap_error(errors: TrackingErrors | None, follower: int) -> float | None:
     return None if errors is None else float(errors.gap_mae[follower])
 
 
-def verdicts(parameters: Parameters) -> dict[str, Any]:
+def _verdicts(parameters: Parameters) -> dict[str, Any]:
     """Verdicts as the command `stability` gives them; None where the parameters allow none."""
     try:
         clean = checked(parameters)
@@ -194,7 +160,7 @@ def verdicts(parameters: Parameters) -> dict[str, Any]:
     }
 
 
-def plain(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """As JSON has it; what is not finite is unknown."""
     if isinstance(value, np.generic):
         value = value.item()

@@ -1,51 +1,56 @@
 """Batches and downloads as tasks: each tells its progress in its own terms."""
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Iterator
 from pathlib import Path
 
 from accpinn.errors import RecordingError
 from accpinn.methods.method import TaskContext
 from accpinn.recordings.catalogue import Run
 from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, Transfer, download
-from accpinn.study.batch_progress import BatchProgress, BatchSummary
-from accpinn.study.folders import Request, keep_request
-from accpinn.study.process import BatchSettings, run_batch
+from accpinn.study.batch import batch
+from accpinn.study.progress import BatchProgress, BatchSummary
+from accpinn.study.studies import Request
 from accpinn.tasks.task import Task
 from accpinn.units import Seconds
 
-RunBatch = Callable[
-    [BatchSettings, Callable[[BatchProgress], None], Callable[[], bool]], BatchSummary
-]
-
 
 class StudyTask(Task[BatchSummary]):
-    """A batch of estimations, in a process of its own."""
+    """A batch of estimations; its workers are processes of their own."""
 
-    def __init__(self, owner: str, settings: BatchSettings, run: RunBatch = run_batch) -> None:
+    def __init__(self, owner: str, study: Path, request: Request) -> None:
         """Queued.
 
         Args:
             owner: whose batch it is.
-            settings: what it is to do.
-            run: does it, and returns at its end.
+            study: the folder of its results.
+            request: what it is to do.
         """
         super().__init__(owner, "batch", self._work)
-        self.settings, self._run = settings, run
+        self._study, self._request = study, request
         self.latest: BatchProgress | None = None
         self.summary: BatchSummary | None = None
         """Also of a batch that was stopped; None before its end."""
 
     def _work(self, context: TaskContext) -> Iterator[BatchSummary]:
         def note(now: BatchProgress) -> None:
-            if self.latest is None:  # nothing of it was refused
-                keep_request(Request(self.settings, finished=False))
             self.latest = now
 
-        found = self._run(self.settings, note, context.should_stop or (lambda: False))
-        self.summary = found
-        keep_request(Request(self.settings, finished=not found.stopped))
-        if not found.stopped:
-            yield found
+        asked = self._request
+        self.summary = batch(
+            asked.sources,
+            self._study,
+            window=asked.window or math.inf,
+            methods=asked.methods,
+            case=asked.case,
+            workers=asked.workers,
+            scheduler=asked.scheduler,
+            mapping=asked.mapping,
+            on_progress=note,
+            should_stop=context.should_stop,
+        )
+        if not self.summary.stopped:
+            yield self.summary
 
     @property
     def share(self) -> float:

@@ -339,8 +339,7 @@ def database(camera: Camera) -> None:
         idle(page)
         camera.shoot(page, "database_fold", whole=False)
         for title, key in (("Groups", ""), ("Spread", ""), ("α–β plane", "plane"),
-                           ("Time gap", "gaps"), ("All rows", ""), ("Pooled vehicles", ""),
-                           ("Failures", "")):  # fmt: skip
+                           ("Time gap", "gaps"), ("All rows", ""), ("Failures", "")):  # fmt: skip
             open_tab(page, title)
             if key:
                 chart(page, f"database_{key}")

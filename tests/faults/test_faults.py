@@ -26,17 +26,17 @@ from accpinn.errors import AccpinnError
 from accpinn.methods import least_squares
 from accpinn.recordings import download as downloads
 from accpinn.recordings.catalogue import Run
-from accpinn.study.journal import JOURNAL, Journal, read_rows
+from accpinn.study.studies import Study, read_rows
 from tests.support.driving import driven
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
 from tests.support.snapshots import small, small_bytes
+from tests.support.studies import REQUEST, analysis, row
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no children")
 
 LIMIT = 1000
 """Bytes after which a child's disk is full; less than any file here has."""
-SETTINGS = {"window": 300.0, "case": "II"}
 RUN = Run("Casale", "part2.csv", None)
 
 
@@ -128,19 +128,19 @@ class TestKill:
         known = store.load_fit("kept", driven(), pytest.fail)
         assert known.parameters == fit.parameters
 
-    def test_in_mid_line_costs_the_journal_that_line(self, tmp_path: Path) -> None:
+    def test_in_mid_batch_costs_what_was_not_kept_yet(self, tmp_path: Path) -> None:
         def half() -> None:
-            with Journal(tmp_path, SETTINGS) as journal:
-                journal.add("result", "one", rows=[{"alpha": 1.0}])
-                journal._file.write('{"kind": "result", "key": "two", "rows": [{"al')
-                journal._file.flush()
+            with Study(tmp_path, REQUEST) as study:
+                study.add_rows(analysis(), "a.csv", [row("A")])
+                study._database.execute("begin")
+                study._database.execute("delete from results")
                 die()
 
         assert child(half)[0] == -signal.SIGKILL
-        with Journal(tmp_path, SETTINGS) as journal:
-            assert set(journal.known.results) == {"one"}
-            journal.add("result", "two", rows=[{"alpha": 2.0}])
-        assert [row["alpha"] for row in read_rows(tmp_path)] == [1.0, 2.0]
+        with Study(tmp_path, REQUEST) as study:
+            assert study.rows_of(analysis()) == 1
+            study.add_rows(analysis(60.0), "a.csv", [row("B")])
+        assert [cells["make"] for cells in read_rows(tmp_path)] == ["A", "B"]
 
     def test_in_mid_download_leaves_no_file_and_the_next_call_fetches_it(
         self, tmp_path: Path
@@ -183,23 +183,20 @@ class TestFullDisk:
         assert not [*tmp_path.rglob("*.part")]
 
     def test_a_batch_keeps_what_it_had_and_goes_on(self, tmp_path: Path) -> None:
-        row = {"alpha": 1.0, "name": "x" * 200}
-
         def work() -> None:
-            with Journal(tmp_path, SETTINGS) as journal:
+            with Study(tmp_path, REQUEST) as study:
                 for k in range(100):
-                    journal.add("result", f"{k}", rows=[row])
+                    study.add_rows(analysis(60.0 * k), "a.csv", [row("x" * 200)])
 
-        status, said = child(work, disk=LIMIT)
+        status, said = child(work, disk=50_000)
         assert status == 1
         assert is_sentence(said)
         assert "the same call again" in said
-        assert (tmp_path / JOURNAL).stat().st_size == LIMIT
-        whole = (tmp_path / JOURNAL).read_bytes().count(b"\n")
-        assert whole > 2
-        with Journal(tmp_path, SETTINGS) as journal:
-            assert len(journal.known.results) == whole
-        assert len(list(read_rows(tmp_path))) == whole
+        kept = len(list(read_rows(tmp_path)))
+        assert kept > 2
+        with Study(tmp_path, REQUEST) as study:
+            known = [study.rows_of(analysis(60.0 * k)) for k in range(100)]
+        assert known == [1] * kept + [None] * (100 - kept)
 
     def test_a_download_says_so_and_leaves_no_part(self, tmp_path: Path) -> None:
         content = csv(platoon(2, 1500))

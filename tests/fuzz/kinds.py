@@ -7,12 +7,14 @@ it ends in one of two ways: it is refused in the project's own error, or it is u
 import io
 import json
 import os
+import sqlite3
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import closing, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
@@ -36,24 +38,23 @@ from accpinn.results.export import parameter_card, snapshot_types
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.report import render_report, tables_of
-from accpinn.results.tables.groups import group_table, pooled_table
+from accpinn.results.tables.groups import failure_table, group_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
 from accpinn.serial import read_json, write_json
 from accpinn.study.comparison import MethodResult
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
-from accpinn.study.journal import JOURNAL, RESULTS, SETTINGS, Journal, read_failures, read_pooled
-from accpinn.study.pooling import POOLED_COLUMNS
 from accpinn.study.rows import COLUMNS
+from accpinn.study.studies import FILE, KnownFile, Study, read_failures, read_request
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
 from tests.support.snapshots import delayed, entries, small, small_bytes
+from tests.support.studies import REQUEST, analysis
 
 UPLOAD = 50_000_000
 """Bytes of the largest file that the app takes."""
-STUDY = {"window": 300.0, "case": "II"}
 
 
 @dataclass(frozen=True)
@@ -286,58 +287,58 @@ def show(snapshot: Snapshot) -> None:
 
 
 @cache
-def journal_lines() -> tuple[Any, ...]:
-    """What a batch of three windows leaves."""
-
-    def row(k: int) -> dict[str, Any]:
-        sample = {"string": "a", "bool": True, "int64": 2, "double": 0.2}
-        row = {column.name: sample[column.kind] for column in COLUMNS}
-        return row | {"method": "maximum-likelihood", "start": 300.0 * k, "p_l2_stable": 0.3}
-
-    pooled = {column.name: {"string": "a", "bool": True, "int64": 2, "double": 0.5}[column.kind]
-              for column in POOLED_COLUMNS}  # fmt: skip
-    window = {"vehicles": [1, 2], "start": 0.0, "duration": 300.0}
-    failure = {"file": "b.csv", "start": None, "vehicle": None, "reason": "no reason"}
-    return (
-        {"kind": "recording", "key": "r", "file": "a.csv", "recordings": ["p"], "refused": 0},
-        {"kind": "plan", "key": "p", "windows": [window]},
-        *({"kind": "result", "key": f"k{k}", "rows": [row(k)]} for k in range(3)),
-        {"kind": "failure", "key": "f", "final": True} | failure,
-        {"kind": "pooled", "key": "v", "row": pooled},
-        {"kind": "recovered", "key": "f"},
-    )
+def study_file() -> bytes:
+    """The SQLite file that a batch of three windows leaves."""
+    sample = {"string": "a", "bool": True, "int64": 2, "double": 0.2}
+    cells = {column.name: sample[column.kind] for column in COLUMNS}
+    cells |= {"method": "maximum-likelihood", "p_l2_stable": 0.3}
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        with Study(folder, REQUEST) as study:
+            for k in range(3):
+                study.add_rows(analysis(300.0 * k), "a.csv", [cells | {"start": 300.0 * k}])
+            study.add_file("r", KnownFile("", 1, 0, (analysis(),)))
+            study.refuse(Path("b.csv"), ["no reason"])
+        return (folder / FILE).read_bytes()
 
 
 def draw_study(draw: Random) -> bytes:
-    """The files of a batch's folder as a JSON object of texts, one of them spoilt."""
-    lines = [*journal_lines()]
-    if draw.random() < 0.7:
-        at = draw.randrange(len(lines))
-        lines[at] = spoil_tree(lines[at], draw)
-    journal = b"".join(json.dumps(line, ensure_ascii=False).encode() + b"\n" for line in lines)
-    settings = json.dumps(STUDY | {"format": 1}).encode()
-    if draw.random() < 0.3:
-        journal = spoil_bytes(journal, draw)
-    if draw.random() < 0.1:
-        settings = json.dumps(spoil_tree(json.loads(settings), draw)).encode()
-    files = {JOURNAL: journal, SETTINGS: settings, RESULTS: spoil_bytes(b"PAR1" * 20, draw)}
+    """The SQLite file of a study with a cell forged, or with bytes spoilt."""
+    data = study_file()
+    if draw.random() < 0.6:
+        with closing(sqlite3.connect(":memory:")) as database:
+            database.deserialize(data)
+            table, column = draw.choice(
+                (("results", "rows"), ("request", "document"), ("files", "document"),
+                 ("results", "file"), ("failures", "reason"), ("failures", "start"))
+            )  # fmt: skip
+            (cell,) = database.execute(f"select {column} from {table}").fetchone()
+            forged: Any = draw.choice((None, 1, -1e300, b"\xff\0", draw.choice(TOKENS)))
+            if column in ("rows", "document") and draw.random() < 0.8:
+                forged = json.dumps(spoil_tree(json.loads(cell), draw), ensure_ascii=False)
+            forged = forged.encode("utf-8", "replace") if isinstance(forged, str) else forged
+            database.execute(
+                f"update {table} set {column} = cast(? as text) where rowid = 1", (forged,)
+            )
+            database.commit()
+            data = database.serialize()
+    if draw.random() < 0.4:
+        data = spoil_bytes(data, draw)
     by = [draw.choice((*GROUPABLE, *TOKENS[:20])) for _ in range(draw.randrange(3))]
-    texts = {name: content.decode("latin-1") for name, content in files.items()}
-    return json.dumps(texts | {"by": by or list(BY)}).encode()
+    return json.dumps({"by": by or list(BY), "file": data.decode("latin-1")}).encode()
 
 
 def use_study(data: bytes, folder: Path) -> bool:
     """Group its rows, print all tables, and go on with it."""
-    files = json.loads(data)
-    by = tuple(files.pop("by"))
-    for name, content in files.items():
-        (folder / name).write_bytes(content.encode("latin-1"))
+    given = json.loads(data)
+    (folder / FILE).write_bytes(given["file"].encode("latin-1"))
     rows = read_study(folder)
-    table = group_table(group(rows, by))
+    table = group_table(group(rows, given["by"]))
     table.to_text(), table.to_csv(), table.to_latex()
-    pooled_table(list(read_pooled(folder)), 0.9).to_text()
-    read_failures(folder)
-    with Journal(folder, STUDY):
+    failure_table(read_failures(folder)).to_text()
+    read_request(folder)
+    with Study(folder, REQUEST) as study:
+        study.known_file("r"), study.rows_of(analysis())
         return True
 
 

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +15,18 @@ from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Mode, Window
-from accpinn.study.batch_progress import BatchProgress, BatchSummary
-from accpinn.study.folders import Request, keep_request
 from accpinn.study.groups import group, read_study
-from accpinn.study.journal import Failure, Journal
-from accpinn.study.process import BatchSettings
+from accpinn.study.progress import BatchProgress, BatchSummary
+from accpinn.study.studies import FILE, Failure, Request, Study
+from accpinn.tasks import batches
 from accpinn.tasks.task import Status
 from pages.ui.data.mapping import ASK
-from pages.ui.database import running, views
+from pages.ui.database import views
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import DATA, HOME, WAIT, Page, numbers, open_page
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.publisher import publisher
-from tests.support.studies import row, write_study
+from tests.support.studies import REQUEST, analysis, row, write_study
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -116,17 +116,16 @@ def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
 
 
 def test_every_tab_and_the_failures(study: Path) -> None:
-    with Journal(study, {"window": 300.0, "case": "II"}) as journal:
-        for k, start in enumerate((None, 5.0)):
-            failure = Failure(f"bad{k}.csv", start, None, "it <b>cannot</b> be read")
-            journal.add("failure", f"f{k}", **vars(failure), final=False)
+    with Study(study, REQUEST) as written:
+        said = "it <b>cannot</b> be read"
+        written.refuse(Path("bad0.csv"), [said])
+        written.add_failure(analysis(), Failure("bad1.csv", 5.0, None, said), True)
     page = opened()
     assert "1 file without a window and 1 estimate failed" in page.plain()
     page.open_tab("database_tabs", "Failures")
     assert "bad1.csv" in page.texts()
     assert "it &lt;b&gt;cannot" in page.texts()
-    for title, said in (("Spread", "Spread of"), ("Pooled vehicles", "No vehicle has several")):
-        assert said in page.open_tab("database_tabs", title).plain()
+    assert "Spread of" in page.open_tab("database_tabs", "Spread").plain()
     page.open_tab("database_tabs", "α–β plane")
     assert len(page.figures()) == 2
     page.choose("database_units", True)
@@ -164,6 +163,15 @@ def test_a_row_that_the_browser_still_reports_is_not_chosen_among_others(
     assert page.workspace().database_choice.row is None
 
 
+def test_a_study_that_is_damaged_says_so(study: Path) -> None:
+    write_study(study.parent / "other", made())
+    (study / FILE).write_bytes(b"SQLite format 3\0 no more")
+    page = open_page(DATABASE, study="mine")
+    assert "is damaged" in page.boxes("error")[0]
+    page.choose("database_study", "other")
+    assert "1 follower window" in page.plain()
+
+
 def until(holds: Callable[[], bool]) -> None:
     end = time.monotonic() + WAIT
     while not holds():
@@ -174,26 +182,30 @@ def until(holds: Callable[[], bool]) -> None:
 def test_a_batch_is_started_stopped_and_continued(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[BatchSettings] = []
+    asked: list[dict[str, Any]] = []
 
-    def run(settings: BatchSettings, note: Any, should_stop: Callable[[], bool]) -> BatchSummary:
-        asked.append(settings)
-        folder = write_study(Path(settings.study), made("x.csv"))
-        note(BatchProgress(4, 1.0, 1, 1, 0, 1, 1.0, 30.0, share=0.25))
-        if len(asked) == 1:
-            until(should_stop)
-        count = len(list(folder.iterdir()))
-        return BatchSummary(1, 0, 1, 1, 1, 0, 0, 1.0, stopped=len(asked) == 1 and count > 0)
+    def run(sources: tuple[str, ...], folder: Path, **options: Any) -> BatchSummary:
+        note, should_stop = options.pop("on_progress"), options.pop("should_stop")
+        asked.append({"sources": sources, "folder": folder, **options})
+        request = Request(sources, options["methods"], options["window"], options["case"])
+        is_first = len(asked) == 1
+        with Study(folder, request) as written:
+            written.add_rows(analysis(), "x.csv", [made("x.csv")])
+            note(BatchProgress(4, 1.0, 1, 1, 0, 1, 1.0, 30.0, share=0.25))
+            if is_first:
+                until(should_stop)
+            written.note(replace(request, is_finished=not is_first))
+        return BatchSummary(1, 0, 1, 1, 1, 0, 0, 1.0, stopped=is_first)
 
-    monkeypatch.setattr(running, "run_batch", run)
+    monkeypatch.setattr(batches, "batch", run)
     page = opened()
     page.choose("database_name", "first")
     page.choose("database_window", 60.0)
     page.press("database_start")
     task = batch_queue().of("first", "batch")
     until(lambda: task.latest is not None)
-    assert (asked[0].window, asked[0].sources) == (60.0, (str(recording.parents[1]),))
-    assert asked[0].study == os.environ["ACCPINN_STUDIES"] + "/first"
+    assert (asked[0]["window"], asked[0]["sources"]) == (60.0, (str(recording.parents[1]),))
+    assert asked[0]["folder"] == Path(os.environ["ACCPINN_STUDIES"]) / "first"
     # Another browser finds it at work, too.
     other = opened(study="first")
     (bar,) = other.get("progress")
@@ -212,7 +224,7 @@ def test_a_batch_is_started_stopped_and_continued(
     again = batch_queue().of("first", "batch")
     assert again.wait(WAIT)
     assert again.status is Status.DONE
-    assert asked[1] == asked[0]
+    assert asked[1] == asked[0] | {"workers": None}
     page.run()
     assert "database_continue" not in [button.key for button in page.button]
 
@@ -220,18 +232,18 @@ def test_a_batch_is_started_stopped_and_continued(
 def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continued(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*_: object) -> BatchSummary:
+    def refuse(*_: object, **__: object) -> BatchSummary:
         raise RecordingError("it cannot be written")
 
-    monkeypatch.setattr(running, "run_batch", refuse)
+    monkeypatch.setattr(batches, "batch", refuse)
     page = opened().choose("database_name", "other").press("database_start")
     assert batch_queue().of("other", "batch").wait(WAIT)
     page.run()
     assert page.boxes("error") == ["it cannot be written"]
     study = write_study(Path(os.environ["ACCPINN_STUDIES"]) / "mine", made())
     for source, offered in ((recording.parent, True), (study, False), (Path("/etc"), False)):
-        settings = BatchSettings((str(source),), str(study), 300.0, ("splines",))
-        keep_request(Request(settings, finished=False))
+        with Study(study, replace(REQUEST, sources=(str(source),))):
+            pass
         keys = [button.key for button in opened(study="mine").button]
         assert ("database_continue" in keys) is offered
 

@@ -3,12 +3,12 @@
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,43 +23,24 @@ from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.methods.fit import Fit
-from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
-from accpinn.results.tables.groups import pooled_table
-from accpinn.results.tables.table import Estimate
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
-from accpinn.study import batch_tasks
 from accpinn.study import cluster as clusters
-from accpinn.study.batch import batch
-from accpinn.study.batch_progress import BatchProgress
-from accpinn.study.batch_tasks import BatchTask, MethodRows
-from accpinn.study.journal import (
-    FAILURES,
-    JOURNAL,
-    POOLED,
-    RESULTS,
-    Failure,
-    Journal,
-    read_failures,
-    read_pooled,
-    read_rows,
-)
-from accpinn.study.pooling import pools
-from accpinn.study.process import BatchSettings, run_batch
+from accpinn.study import result as results
+from accpinn.study.analysis import Analysis
+from accpinn.study.batch import Answer, WindowData, batch
 from accpinn.study.rows import COLUMNS
-from accpinn.study.windows import fit_windows
+from accpinn.study.studies import FILE, read_failures
 from tests.support.command import ROOT, Capture, strict
-from tests.support.command import STUDY as STUDY_FILE
 from tests.support.openacc_files import csv, metadata, platoon
-from tests.support.studies import row
 
 
-def quick_intervals(_: Segment, fit: Fit) -> Uncertainty:
+def quick_intervals(_: Sequence[Segment], fit: Fit) -> Uncertainty:
     """Draws about the estimate: those of the likelihood take a second."""
     normal = np.random.default_rng(0).normal(size=(50, 1, 1))
     draws = np.maximum(fit.parameters.values, 1e-6) * np.exp(0.1 * normal)
@@ -68,7 +49,7 @@ def quick_intervals(_: Segment, fit: Fit) -> Uncertainty:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch_tasks, "intervals", quick_intervals)
+    monkeypatch.setattr(results, "intervals", quick_intervals)
 
 
 METHODS_USED = ("least-squares", "savitzky-golay")
@@ -78,8 +59,9 @@ NAMES = ("Audi(A8)", "Nobody", "Tesla(Model3)")
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
     """The address of a scheduler with two workers; they are threads, which start at once."""
-    with batches.connected(2, None, processes=False) as client:
-        yield client.scheduler.address
+    options = {"protocol": "tcp://", "dashboard_address": "127.0.0.1:0"}
+    with LocalCluster(2, 1, processes=False, **options) as local:
+        yield local.scheduler_address
 
 
 def frame(seed: int, samples: int = 1400) -> pd.DataFrame:
@@ -140,7 +122,7 @@ def test_every_window_is_a_row_and_the_rest_a_failure(
     fit = METHODS[row.method].fit(segment)
     np.testing.assert_allclose(row[["alpha", "beta", "tau"]].astype(float),
                                fit.parameters.values[1], rtol=1e-12)  # fmt: skip
-    known = quick_intervals(segment, fit)
+    known = quick_intervals([segment], fit)
     assert (row.tau_low, row.tau_high) == (known.lower.tau[1], known.upper.tau[1])
     assert (row.make, row.model, row.distance_setting) == ("Tesla", "Model 3", "max")
     assert (row["mode"], row.mode_source, row.date) == ("ACC", "flag", "2019-02-26")
@@ -193,21 +175,6 @@ def test_results_by_another_mapping_are_not_taken(
     assert set(table(tmp_path / "study")["make"]) == {""}
 
 
-def test_only_windows_of_one_vehicle_are_pooled() -> None:
-    def places(*given: tuple[str, str, int]) -> list[list[tuple[str, int]]]:
-        rows = [
-            row("Any", sha256=sha256, name=name, vehicle=vehicle, start=0.0, duration=60.0)
-            for name, sha256, vehicle in given
-        ]
-        return [[(one.sha256, one.vehicle) for one in pool.windows] for pool in pools(rows)]
-
-    named = [("Audi", "a", 2), ("Audi", "b", 3)]
-    assert places(*named) == [[("a", 2), ("b", 3)]]
-    by_number = [("Vehicle 2", "a", 2), ("Vehicle 2", "b", 2), ("Vehicle 2", "b", 2)]
-    assert places(*by_number) == [[("b", 2), ("b", 2)]]
-    assert places(*named, ("Audi", "b", 4), ("Audi", "b", 3)) == [[("b", 3), ("b", 3)]]
-
-
 def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> None:
     seen: list[int] = []
     stopped = batch(
@@ -222,20 +189,20 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> Non
     assert unique(table(study))
 
 
-def killed(task: BatchTask) -> list[MethodRows]:
-    """A task as the scheduler reports it after its workers have died."""
-    if task.recording["file"] == "run2.csv":
-        raise KilledWorker(task.key, SimpleNamespace(address="tcp://away"), 1)
+def killed(window: WindowData, _: Sequence[Analysis]) -> list[Answer]:
+    """A job as the scheduler reports it after its workers have died."""
+    if window.recording["file"] == "run2.csv":
+        raise KilledWorker("run2", SimpleNamespace(address="tcp://away"), 1)
     return []
 
 
-def test_a_task_at_which_workers_die_is_tried_alone_and_told(
+def test_a_window_at_which_workers_die_is_told_and_tried_again(
     cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200, "scheduler": cluster}
-    real = batches.run_task
+    real = batches.answer_all
     with monkeypatch.context() as patched:
-        patched.setattr(batches, "run_task", lambda task: killed(task) or real(task))
+        patched.setattr(batches, "answer_all", lambda *job: killed(*job) or real(*job))
         found = batch(folder, study, **options)
     assert (found.rows, found.failed) == (2, 1)
     [failure] = [one for one in read_failures(study) if one.start == 0]
@@ -247,12 +214,12 @@ def test_a_task_at_which_workers_die_is_tried_alone_and_told(
     assert not [one for one in read_failures(study) if one.start == 0]
 
 
-def dying(task: BatchTask) -> list[MethodRows]:
-    """The first task ends its worker, once."""
+def dying(_: WindowData, analyses: Sequence[Analysis]) -> list[Answer]:
+    """The first job ends its worker, once."""
     with suppress(FileExistsError):
         Path(os.environ["ACCPINN_TEST_DEATH"]).touch(exist_ok=False)
         os._exit(1)
-    return [MethodRows("least-squares", [dict.fromkeys(column.name for column in COLUMNS)])]
+    return [Answer(analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
 
 
 def test_a_worker_that_dies_is_replaced(
@@ -260,7 +227,7 @@ def test_a_worker_that_dies_is_replaced(
 ) -> None:
     death = tmp_path / "death"
     monkeypatch.setenv("ACCPINN_TEST_DEATH", str(death))
-    monkeypatch.setattr(batches, "run_task", dying)
+    monkeypatch.setattr(batches, "answer_all", dying)
     found = batch(folder, study, methods=METHODS_USED[:1], window=70, workers=1)
     assert death.exists()
     assert (found.rows, found.failed) == (4, 0)
@@ -271,12 +238,9 @@ def test_without_workers_it_ends_with_a_word(
 ) -> None:
     @contextmanager
     def workerless(*_: object) -> Iterator[Client]:
-        with LocalCluster(n_workers=0, processes=False, dashboard_address=None) as empty:
+        with LocalCluster(n_workers=0, processes=False, dashboard_address="127.0.0.1:0") as empty:
             with Client(empty, set_as_default=False) as client:
                 yield client
-
-    def refusing(**_: object) -> None:
-        raise RuntimeError("Nanny failed to start.")
 
     options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 70, "workers": 1}
     with monkeypatch.context() as patched:
@@ -284,7 +248,7 @@ def test_without_workers_it_ends_with_a_word(
         patched.setattr(clusters, "WORKERLESS", 0.1)
         with pytest.raises(RecordingError, match="no others start"):
             batch(folder, study, **options)
-    monkeypatch.setattr("distributed.LocalCluster", refusing)
+    monkeypatch.setattr(clusters, "MODULE", "accpinn.no_such_module")
     with pytest.raises(RecordingError, match="cannot be started"):
         batch(folder, study, **options)
 
@@ -315,20 +279,19 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
     folder.mkdir()
     for k in range(8):
         (folder / f"run{k}.csv").write_bytes(csv(frame(k), metadata(NAMES)))
-    journal = study / JOURNAL
 
     def results() -> int:
-        text = journal.read_text(encoding="utf-8") if journal.exists() else ""
-        return text.count('"kind": "result"')
+        if not (study / FILE).exists():
+            return 0
+        with closing(sqlite3.connect(study / FILE)) as database:
+            return int(database.execute("select count(*) from results").fetchone()[0])
 
     with running(*command(folder, study, cluster)) as process:
         while results() < 3 and process.poll() is None:
             time.sleep(0.005)
         process.send_signal(signal.SIGKILL)
         process.wait()
-    with journal.open("a") as file:
-        file.write('{"kind": "result", "key": "half')
-    before = results() - 1
+    before = results()
     assert before < 16
     with running(*command(folder, study, cluster)) as process:
         out, err = process.communicate()
@@ -339,22 +302,6 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
     assert unique(table(study))
     assert " left" in err
     assert "error" not in err
-
-
-def test_in_a_process_of_its_own_it_is_the_same(
-    cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    here = batch(folder / "run1.csv", study, methods=METHODS_USED[:1], scheduler=cluster)
-    settings = BatchSettings((str(folder / "run1.csv"),), str(study), 300.0, METHODS_USED[:1])
-    told: list[BatchProgress] = []
-    found = run_batch(settings, told.append)
-    assert (found.rows, found.reused, found.stopped) == (here.rows, here.rows, False)
-    assert told[-1].share == 1
-    with pytest.raises(ConfigError, match="holds a batch with window 300"):
-        run_batch(replace(settings, window=None))
-    monkeypatch.setattr(sys, "executable", "true")
-    with pytest.raises(RecordingError, match="has died"):
-        run_batch(settings)
 
 
 def test_settings_and_sources_that_cannot_be(
@@ -397,79 +344,3 @@ def test_command_prints_the_contract_and_what_was_refused(
     shown = capsys.readouterr().out
     assert f"{found['rows']} of them known before" in shown
     assert "2 files could not be read" in shown
-
-
-def test_rows_and_failures_can_be_read_while_a_batch_runs(tmp_path: Path) -> None:
-    (tmp_path / JOURNAL).write_text(
-        '{"kind": "failure", "key": "a", "file": "x.csv", "start": null, "vehicle": null,'
-        ' "reason": "broken", "final": false}\n'
-        '{"kind": "result", "key": "b", "rows": [{"alpha": 1}]}\n'
-        '{"kind": "result", "key": "b", "rows": [{"alpha": 2}]}\n'
-        '{"kind": "result", "key": "c", "rows": [{'
-    )
-    assert [(one["alpha"], one["beta"]) for one in read_rows(tmp_path)] == [(1.0, None)]
-    assert read_failures(tmp_path) == (Failure("x.csv", None, None, "broken"),)
-
-
-def test_rows_have_one_order_whatever_ended_first(tmp_path: Path) -> None:
-    places = [
-        {"file": file, "start": start, "vehicle": vehicle, "method": method}
-        for file in ("a", "b") for start in (0, 50, 300) for vehicle in (2, None)
-        for method in ("least-squares", "splines")
-    ]  # fmt: skip
-    orders: tuple[list[Any], list[Any]] = ([], [])
-    for seed, order in enumerate(orders):
-        folder = tmp_path / str(seed)
-        with Journal(folder, {}) as journal:
-            for k in np.random.default_rng(seed).permutation(len(places)).tolist():
-                journal.add("result", str(k), rows=[places[k]])
-                where = {name: places[k][name] for name in ("file", "start", "vehicle")}
-                journal.add("failure", f"f{k}", **where, reason=str(k), final=True)
-                pooled = {"name": str(k), "windows": 1, "duration": 60.0}
-                journal.add("pooled", str(k), row=pooled)
-        order += [list(read_rows(folder)), list(read_pooled(folder))]
-        order += [(folder / name).read_bytes() for name in (FAILURES, RESULTS, POOLED)]
-    assert orders[0] == orders[1]
-    assert [one["start"] for one in orders[0][0]] == 2 * ([0] * 4 + [50] * 4 + [300] * 4)
-    assert orders[0][0][0]["vehicle"] is None
-
-
-def test_a_line_damaged_in_the_middle_costs_no_other(capsys: Capture, tmp_path: Path) -> None:
-    good = '{"kind": "result", "key": "%d", "rows": [{"alpha": 1, "method": "splines"}]}\n'
-    others = (good.replace('"alpha": 1', f'"alpha": {value}') % 2 for value in ('"x"', "1e300"))
-    damaged = ("\0" * 20 + "\n", "[]\n", *others)
-    text = good % 1 + "".join(damaged) + good % 3
-    (tmp_path / JOURNAL).write_text(text + '{"kind": "resu')
-    with Journal(tmp_path, {}) as journal:
-        assert set(journal.known.results) == {"1", "3"}
-    assert (tmp_path / JOURNAL).read_text() == text, "only what was never whole is cut off"
-    assert main(["table", str(tmp_path), "--by", "make"]) == 0
-    assert "4 lines of journal.jsonl are damaged" in capsys.readouterr().err
-
-
-def test_windows_of_a_vehicle_with_one_setting_are_pooled(
-    cluster: str, study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.undo()  # the intervals of the likelihood, from few draws
-    options = {"methods": (KEY,), "scheduler": cluster, "window": 150}
-    told: list[BatchProgress] = []
-    batch(STUDY_FILE, study, **options, on_progress=told.append)
-    shares = [now.share for now in told]
-    assert shares == sorted(shares)
-    assert shares[-3] < 1 == shares[-1]
-    assert [(now.done, now.pooled, now.vehicles) for now in told][-3:-1] == [(1, 0, 1), (1, 1, 1)]
-    assert told[-3].seconds_left > told[-1].seconds_left == 0
-    [pooled] = list(read_pooled(study))
-    assert (pooled["windows"], pooled["recordings"], pooled["duration"]) == (2, 1, 300.0)
-    joint = fit_windows([cut(read(STUDY_FILE), *place) for place in ((0, 150), (150, 150))])
-    for k, key in enumerate(("alpha", "beta", "tau")):
-        assert pooled[key] == pytest.approx(joint.parameters.values[0, k], rel=1e-6)
-        assert pooled[f"{key}_low"] < pooled[key] < pooled[f"{key}_high"]
-    rows = len((study / JOURNAL).read_text().splitlines())
-    monkeypatch.setattr(batches, "connected", None)
-    batch(STUDY_FILE, study, **options)
-    assert len((study / JOURNAL).read_text().splitlines()) == rows
-    assert len(pd.read_parquet(study / "pooled.parquet")) == 1
-    shown = pooled_table([pooled], pooled["level"])
-    assert 2.0 in shown.rows[0]
-    assert Estimate(*(pooled[f"tau{end}"] for end in ("", "_low", "_high"))) in shown.rows[0]

@@ -105,7 +105,6 @@ def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) ->
         capsys, 2, "table", study, "--method", "pinn"
     )
     assert "level" in refused(capsys, 2, "table", study, "--level", 1)
-    assert "leave --level out" in refused(capsys, 2, "table", study, "--pooled", "--level", 0.5)
     assert "no batch is there" in refused(capsys, 1, "table", tmp_path / "none")
     with pytest.raises(RecordingError):
         read_study(tmp_path / "none")

@@ -1,10 +1,16 @@
-"""Downloads as tasks: how far they are, and that one that was stopped can be started again."""
+"""Batches and downloads as tasks: how far they are, and that one that was stopped goes on."""
 
+import sys
 import time
 from pathlib import Path
+from types import ModuleType
+
+import pytest
 
 from accpinn.recordings.catalogue import Run
-from accpinn.tasks.batches import DownloadTask
+from accpinn.study.groups import read_study
+from accpinn.study.studies import Request, read_request
+from accpinn.tasks.batches import DownloadTask, StudyTask
 from accpinn.tasks.queue import TaskQueue
 from accpinn.tasks.task import Status
 from tests.support.openacc_files import csv, platoon
@@ -29,4 +35,27 @@ def test_a_download_that_was_stopped_can_be_started_again(tmp_path: Path) -> Non
         assert second.wait(30)
     assert (second.status, second.share) == (Status.DONE, 1.0)
     assert RUN.path(tmp_path).read_bytes() == CONTENT
+    queue.close()
+
+
+def test_workers_of_a_batch_do_not_run_the_page_that_the_server_calls_its_main_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, ran = tmp_path / "page.py", tmp_path / "ran"
+    page.write_text(f"open({str(ran)!r}, 'w').close()")
+    main = ModuleType("__main__")
+    main.__file__ = str(page)
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    (tmp_path / "run.csv").write_bytes(csv(platoon(2, 700)))
+    sources = (str(tmp_path / "run.csv"),)
+    queue = TaskQueue(prepare=lambda: None)
+    study = tmp_path / "study"
+    task = StudyTask("me", study, Request(sources, ("least-squares",), 60.0, workers=1))
+    queue.submit(task)
+    assert task.wait(120)
+    assert (task.status, task.share, task.error) == (Status.DONE, 1.0, "")
+    assert not ran.exists()
+    assert len(read_study(study)) == task.summary.rows == 1
+    request = read_request(study)
+    assert (request.is_finished, request.sources) == (True, sources)
     queue.close()

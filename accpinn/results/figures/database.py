@@ -48,7 +48,7 @@ INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
 HOVERED = 3000
-"""Largest number of points that tell their windows when hovered over."""
+"""Largest number of points whose labels name vehicle, file and window."""
 UNITS_OF_TAU = {
     "alpha": Quantity("Gain on spacing in units of τ", "ατ²", "", 3, 0.0, 10.0),
     "beta": Quantity("Gain on relative speed in units of τ", "βτ", "", 3, 0.0, 10.0),

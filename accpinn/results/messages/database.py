@@ -1,14 +1,13 @@
 """A batch of estimations in sentences: its results, its progress and its failures."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from accpinn.findings import percent
 from accpinn.results.tables.table import between
-from accpinn.study.batch_progress import BatchProgress, BatchSummary
-from accpinn.study.estimate import BatchEstimate
 from accpinn.study.groups import Group
-from accpinn.study.journal import Failure
+from accpinn.study.progress import BatchEstimate, BatchProgress, BatchSummary
+from accpinn.study.studies import Failure, Request
 
 DEPENDENT = "Windows of one recording are not independent, so intervals may be too narrow."
 """The caution beside the intervals of groups."""
@@ -56,19 +55,18 @@ def typical_line(whole: Group) -> str:
     )
 
 
-def batch_line(settings: Mapping[str, object]) -> str:
+def batch_line(request: Request | None) -> str:
     """The settings that all rows of a batch share; empty where they are not known."""
-    window, case = settings.get("window"), settings.get("case")
-    if window is None or case is None:
+    if request is None:
         return ""
-    length = f"of up to {window:g} s" if isinstance(window, float | int) else "of any length"
-    return f"Windows {length}, Case {case}."
+    length = f"of up to {request.window:g} s" if request.window else "of any length"
+    return f"Windows {length}, Case {request.case}."
 
 
 def failures_line(failures: Sequence[Failure]) -> str:
     """The number of files and estimates without a result; empty if there are none."""
-    files = len({failure.file for failure in failures if failure.start is None and failure.file})
-    estimates = sum(failure.start is not None or not failure.file for failure in failures)
+    files = len({failure.file for failure in failures if failure.start is None})
+    estimates = sum(failure.start is not None for failure in failures)
     parts = [f"{_counted(files, 'file')} without a window"] if files else []
     parts += [f"{_counted(estimates, 'estimate')} failed"] if estimates else []
     return f"{' and '.join(parts)}; the tab Failures says why." if parts else ""
@@ -78,11 +76,6 @@ def progress_line(now: BatchProgress) -> str:
     """The progress of a batch."""
     files = f"{now.done:.0f} of {_counted(now.files, 'file')}"
     rows = f"{_counted(now.windows, 'window')} and {_counted(now.rows, 'row')} so far"
-    if now.vehicles:
-        return (
-            f"{files} · {rows} · windows of one vehicle taken together: {now.pooled} of"
-            f" {now.vehicles}"
-        )
     return f"{files} · {rows}" + (f" · {now.failed} failed" if now.failed else "")
 
 

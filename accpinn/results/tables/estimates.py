@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
-from math import nan
 from typing import Any
 
 import numpy as np
@@ -222,11 +221,6 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
             *((column, [*cells][: len(numbers)]) for column, cells in filled),
         ],
     )
-
-
-def number(value: float | None, otherwise: float = nan) -> float:
-    """A value, or ``otherwise`` for None."""
-    return otherwise if value is None else value
 
 
 def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -> Table:

@@ -2,10 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from accpinn.channels import PARAMETERS
-from accpinn.results.tables.estimates import TITLES, number
+from accpinn.results.tables.estimates import TITLES
 from accpinn.results.tables.table import (
     ABSENT,
     Cell,
@@ -13,12 +12,10 @@ from accpinn.results.tables.table import (
     Estimate,
     Filled,
     Table,
-    estimate_cells,
     percent_cells,
 )
 from accpinn.study.groups import Groups, Share
-from accpinn.study.journal import Failure
-from accpinn.study.pooling import SHARED
+from accpinn.study.studies import Failure
 
 HEADINGS = {
     "make": "Make",
@@ -100,30 +97,6 @@ def _percent(value: float, low: float, high: float) -> Cell:
 
 def _share(share: Share) -> Cell:
     return _percent(share.value, share.low, share.high)
-
-
-def pooled_table(rows: Sequence[dict[str, Any]], level: float) -> Table:
-    """One row a vehicle and setting: the parameters that its windows share, with intervals.
-
-    Args:
-        rows: as `read_pooled` gives them.
-        level: of their intervals, for the caption.
-    """
-    ordered = sorted(rows, key=lambda row: [str(row[name] or "") for name in SHARED])
-    columns: list[Filled] = [(Column(HEADINGS["make"]), [r["make"] or r["name"] for r in ordered])]
-    for name in ("model", "campaign", "distance_setting"):
-        columns.append((Column(HEADINGS[name]), [row[name] or ABSENT for row in ordered]))
-    columns.append((Column("Windows", digits=0), [float(row["windows"]) for row in ordered]))
-    columns.append((Column("Duration", "s", 0), [row["duration"] for row in ordered]))
-    for quantity in PARAMETERS:
-        keys = (f"{quantity.key}{end}" for end in ("", "_low", "_high"))
-        ends = ([number(row[key]) for row in ordered] for key in keys)
-        columns.append((Column.of(quantity), estimate_cells(*ends)))
-    for name, title in (("p_l2_stable", "P(L₂)"), ("p_linf_stable", "P(L∞)")):
-        shares = percent_cells([number(row[name]) for row in ordered])
-        columns.append((Column(title, "%", 0), shares))
-    caption = f"All windows of a vehicle together, {100 * level:g} % intervals"
-    return Table.of(caption, columns)
 
 
 def failure_table(failures: Sequence[Failure]) -> Table:

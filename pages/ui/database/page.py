@@ -32,7 +32,7 @@ from pages.ui.database.selection import (
     follow_link,
     known_studies,
     query,
-    settings_of,
+    request_of,
     shown,
     study_rows,
     write_link,
@@ -65,15 +65,20 @@ def show_page() -> None:
     folder = folder_of(choice.study)
     stamp = Stamp.of(folder)
     _show_head(workspace, choice, names)
-    running.show_batch(choice.study)
-    rows = study_rows(stamp) if stamp.size else pd.DataFrame()
+    show.attempt(lambda: _show_body(workspace, choice, stamp))
+    write_link(choice)
+
+
+def _show_body(workspace: Workspace, choice: DatabaseChoice, stamp: Stamp) -> None:
+    """The batch, and what it has found so far."""
+    running.show_batch(choice.study, request_of(stamp))
+    rows = study_rows(stamp) if stamp.state else pd.DataFrame()
     if len(rows):
         _show_study(workspace, choice, stamp, rows)
-    else:
-        show.messages("The study has no rows yet.")
-        if stamp.size:
-            views.show_failures(failures_of(stamp), choice.study)
-    write_link(choice)
+        return
+    show.messages("The study has no rows yet.")
+    if stamp.state:
+        views.show_failures(failures_of(stamp), choice.study)
 
 
 def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
@@ -118,29 +123,28 @@ def _show_study(
     with st.container(key="later_1_database_filters"):
         _show_filters(choice, rows, methods)
     filters = tuple(sorted((name, values) for name, values in choice.filters.items() if values))
-    found = shown(stamp, filters, choice.method, choice.by)
+    selected = shown(stamp, filters, choice.method, choice.by)
     failures = failures_of(stamp)
-    if found.whole is None:
+    if selected.whole is None:
         show.messages("No row has these properties; take a filter back.")
         return
     answer, chart = st.columns((1, 2.1), gap="medium")
     with answer, st.container(border=True):
-        level = found.groups.level
-        st.markdown(f"#### {escape_markdown(headline(found.whole, level))}")
-        said = extent(found.whole, found.makes, found.recordings)
-        st.markdown(escape_markdown(f"{said} {typical_line(found.whole)}"))
+        level = selected.groups.level
+        st.markdown(f"#### {escape_markdown(headline(selected.whole, level))}")
+        said = extent(selected.whole, selected.makes, selected.recordings)
+        st.markdown(escape_markdown(f"{said} {typical_line(selected.whole)}"))
         st.caption(DEPENDENT)
         if line := failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
-        _show_forest(found, batch_line(settings_of(stamp)))
+        _show_forest(selected, batch_line(request_of(stamp)))
     drawn = {
-        "Groups": lambda: views.show_groups(found, choice),
-        "Spread": lambda: views.show_spread(found, choice),
-        "α–β plane": lambda: views.show_plane(workspace, choice, found),
-        "Time gap": lambda: views.show_gaps(workspace, choice, found),
-        "All rows": lambda: views.show_rows(workspace, choice, found),
-        "Pooled vehicles": lambda: views.show_pooled(stamp, choice),
+        "Groups": lambda: views.show_groups(selected, choice),
+        "Spread": lambda: views.show_spread(selected, choice),
+        "α–β plane": lambda: views.show_plane(workspace, choice, selected),
+        "Time gap": lambda: views.show_gaps(workspace, choice, selected),
+        "All rows": lambda: views.show_rows(workspace, choice, selected),
         "Failures": lambda: views.show_failures(failures, choice.study),
     }
     tabs(workspace, "database_tabs", drawn)
@@ -177,11 +181,11 @@ def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]
     )  # fmt: skip
 
 
-def _show_forest(found: ShownRows, about: str) -> None:
-    show.chart(found.forest, "database_forest")
-    hidden = len(found.groups.groups) - MOST_GROUPS
+def _show_forest(selected: ShownRows, about: str) -> None:
+    show.chart(selected.forest, "database_forest")
+    hidden, level = len(selected.groups.groups) - MOST_GROUPS, 100 * selected.groups.level
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
-        f"Median over the windows of each group with its {100 * found.groups.level:.0f} % interval;"
-        f" a larger dot stands for more windows.{more} {about}"
+        f"Median over the windows of each group with its {level:.0f} % interval; a larger dot"
+        f" stands for more windows.{more} {about}"
     )

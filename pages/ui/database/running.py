@@ -3,21 +3,18 @@
 import math
 import os
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import streamlit as st
 
-from accpinn.errors import AccpinnError
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
-from accpinn.study.batch import files_of
-from accpinn.study.estimate import BatchEstimate, estimate_batch
-from accpinn.study.folders import Request, recall_request
-from accpinn.study.process import BatchSettings, run_batch
+from accpinn.study.plan import files_of
+from accpinn.study.progress import BatchEstimate, estimate_batch
+from accpinn.study.studies import Request
 from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
@@ -44,50 +41,51 @@ def _task(study: str) -> StudyTask | None:
     return task if isinstance(task, StudyTask) else None
 
 
-def _start(settings: BatchSettings, study: str) -> None:
+def _start(study: str, request: Request) -> None:
     task = _task(study)
     if task is None or not task.is_active:
-        batch_queue().submit(StudyTask(study, settings, run_batch))
+        batch_queue().submit(StudyTask(study, folder_of(study), request))
 
 
 # Watching
 
 
-def show_batch(study: str) -> None:
-    """The study's batch: how far it is, or how it ended, and what can be done about it."""
+def show_batch(study: str, request: Request | None) -> None:
+    """The study's batch: how far it is, or how it ended, and what can be done about it.
+
+    Args:
+        study: its name.
+        request: what it was last asked to do.
+    """
     task = _task(study)
     if task is not None and task.is_active:
         bar, button = st.columns((5, 1), vertical_alignment="center")
         with bar:
             _watch(task)
         with button:
-            stop_button(task, "Stop", "database_stop", batch_queue())
+            stop_button(task, "Stop", "database_stop")
         return
-    request = recall_request(folder_of(study))
-    if task is not None and task.status is Status.FAILED:
-        show.messages(task.error, "error")
-    finished = request is not None and request.finished
+    show_refusal(study)
     if task is not None and task.summary is not None:
         said = summary_line(task.summary)
-    elif request is not None and not finished:
+    elif request is not None and not request.is_finished:
         said = "The batch of this study did not come to its end; what it found is kept."
     else:
         return
+    finished = request is not None and request.is_finished
     line, button = st.columns((5, 1), vertical_alignment="center")
     icon = "check_circle" if finished else "stop_circle"
     line.markdown(f":material/{icon}: {escape_markdown(said)}")
-    settings = _continuable(request, study) if request is not None and not finished else None
-    if settings is not None:
-        with button:
-            st.button(
-                "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
-                key="database_continue", on_click=_start, args=(settings, study),
-                help="Goes on where it was: what is known is not computed again.",
-            )  # fmt: skip
+    if request is not None and not finished and _is_at_hand(request):
+        button.button(
+            "Continue", icon=":material/play_arrow:", type="primary", width="stretch",
+            key="database_continue", on_click=_start, args=(study, request),
+            help="Goes on where it was: what is known is not computed again.",
+        )  # fmt: skip
 
 
 def show_refusal(study: str) -> bool:
-    """Why the batch of a study that is not there failed, and whether it did."""
+    """Why the last batch of a study failed, and whether it did."""
     task = _task(study)
     if task is None or task.status is not Status.FAILED:
         return False
@@ -95,12 +93,10 @@ def show_refusal(study: str) -> bool:
     return True
 
 
-def _continuable(request: Request, study: str) -> BatchSettings | None:
-    """What goes on; None where the recordings lie outside the server's folder."""
-    root, settings = recordings_folder(), request.settings
-    if all(Path(source).resolve().is_relative_to(root) for source in settings.sources):
-        return replace(settings, study=str(folder_of(study)))
-    return None
+def _is_at_hand(request: Request) -> bool:
+    """Whether all recordings lie in the server's folder."""
+    root = recordings_folder()
+    return all(Path(source).resolve().is_relative_to(root) for source in request.sources)
 
 
 def _watch(task: StudyTask) -> None:
@@ -108,9 +104,8 @@ def _watch(task: StudyTask) -> None:
     drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
     def look() -> None:
-        now = task.latest
-        found = now.rows if now else 0
-        if not task.is_active or (found > rows and time.monotonic() - drawn > REDRAWN):
+        known = task.latest.rows if task.latest else 0
+        if not task.is_active or (known > rows and time.monotonic() - drawn > REDRAWN):
             st.rerun()
         st.progress(task.share, _line_of(task))
 
@@ -138,6 +133,12 @@ def _estimate(source: str, window: float, _files: int, changed: int) -> BatchEst
     return estimate_batch(Path(source), window)
 
 
+def _estimated(path: Path, window: float) -> BatchEstimate:
+    stats = [file.stat() for file in files_of(path)]
+    changed = sum(status.st_mtime_ns for status in stats)
+    return _estimate(str(path), window, len(stats), changed)
+
+
 def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
     """What a new batch is to do, how long that takes, and the button that starts it."""
     root = recordings_folder()
@@ -149,70 +150,63 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
         )
         frame.link(frame.DATA, "Go to Data", workspace)
         return
-    form = _Form(choice)
-    sources = {one: ALL if one == "." else one for one in below}
+    most = os.cpu_count() or 1
+    sources = {folder: ALL if folder == "." else folder for folder in below}
+    defaults = {"source": below[0], "name": _free_name(), "methods": DEFAULT_METHODS,
+                "window": DURATION, "case": "II", "workers": most}  # fmt: skip
+    asked: dict[str, Any] = defaults | choice.form
+    if asked["source"] not in sources:  # removed meanwhile
+        asked["source"] = below[0]
+
+    def keep(name: str) -> Any:
+        return lambda value: choice.form.update({name: value})
+
     source_column, name_column = st.columns((1.4, 1), vertical_alignment="bottom")
-    source = form.get("source", below[0], sources)
     select(
-        "Recordings", sources, source, "database_source", form.setter("source"),
+        "Recordings", sources, asked["source"], "database_source", keep("source"),
         place=source_column, help="A folder on the server; all CSV files in it and below.",
     )  # fmt: skip
     name = name_column.text_input(
-        "Name of the study", max_chars=60,
-        **bound("database_name", form.get("name", _free_name()), form.setter("name")),
+        "Name of the study", max_chars=60, **bound("database_name", asked["name"], keep("name")),
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
-    methods = [key for key in form.get("methods", DEFAULT_METHODS) if key in METHODS]
     st.multiselect(
         "Methods", list(METHODS), format_func=lambda key: METHODS[key].title,
-        **bound("database_methods", methods, form.setter("methods"), default=""),
-        help="Maximum likelihood takes part in the table of pooled vehicles.",
+        **bound("database_methods", list(asked["methods"]), keep("methods"), default=""),
     )  # fmt: skip
     columns = st.columns((1.2, 1, 1), vertical_alignment="bottom")
-    window = form.get("window", DURATION, WINDOWS)
     select(
-        "Windows", WINDOWS, window, "database_window", form.setter("window"), place=columns[0],
+        "Windows", WINDOWS, asked["window"], "database_window", keep("window"), place=columns[0],
         help="Longest window; complete stretches in car-following under ACC are cut into these.",
     )  # fmt: skip
-    case = form.get("case", "II", ("I", "II"))
     select(
-        "Case", {"II": "Case II", "I": "Case I"}, case, "database_case", form.setter("case"),
+        "Case", {"II": "Case II", "I": "Case I"}, asked["case"], "database_case", keep("case"),
         place=columns[1],
         help="I: one parameter set for all followers of a window; II: one for each.",
     )  # fmt: skip
-    most = os.cpu_count() or 1
-    workers = columns[2].number_input(
+    columns[2].number_input(
         "Workers", min_value=1, max_value=most, step=1,
-        **bound("database_workers", min(form.get("workers", most), most), form.setter("workers")),
+        **bound("database_workers", asked["workers"], keep("workers")),
         help=f"Processes at a time; this server has {most} processors.",
     )  # fmt: skip
-    path = root if source == "." else root / source
-    found = show.attempt(lambda: _estimated(path, window))
-    if found and methods:
-        duration = format_duration(found.seconds(methods, int(workers)))
-        st.caption(f"{estimate_line(found)}; about {duration} in all.")
-    ready = bool(found and methods and name and _is_allowed(name))
+    path = root if asked["source"] == "." else root / asked["source"]
+    estimate = show.attempt(lambda: _estimated(path, asked["window"]))
+    if estimate and asked["methods"]:
+        duration = format_duration(estimate.seconds(asked["methods"], int(asked["workers"])))
+        st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
+    is_allowed = bool(name) and show.attempt(lambda: folder_of(name)) is not None
+    request = Request(
+        sources=(str(path),),
+        methods=tuple(asked["methods"]),
+        window=None if math.isinf(asked["window"]) else asked["window"],
+        case=asked["case"],
+        workers=int(asked["workers"]),
+    )
     st.button(
         "Start the batch", type="primary", icon=":material/play_arrow:", key="database_start",
-        disabled=not ready, on_click=_start_from,
-        args=(choice, str(path), name, tuple(methods), window, case, int(workers)),
+        disabled=not (estimate and asked["methods"] and is_allowed),
+        on_click=_start_from, args=(choice, name, request),
     )  # fmt: skip
-
-
-class _Form:
-    """The choices in the form, as far as they differ from the defaults."""
-
-    def __init__(self, choice: DatabaseChoice) -> None:
-        self._kept = choice.form
-
-    def get(self, name: str, default: Any, allowed: Any = None) -> Any:
-        """The present choice; the default where it is none of those allowed."""
-        value = self._kept.get(name, default)
-        return value if allowed is None or value in allowed else default
-
-    def setter(self, name: str) -> Any:
-        """What keeps a choice of that name."""
-        return lambda value: self._kept.update({name: value})
 
 
 def _free_name() -> str:
@@ -221,33 +215,7 @@ def _free_name() -> str:
     return next(name for name in names if name not in known)
 
 
-def _is_allowed(name: str) -> bool:
-    """Whether a study may have that name; if not, why."""
-    try:
-        folder_of(name)
-    except AccpinnError as fault:
-        show.messages(str(fault), "error")
-        return False
-    return True
-
-
-def _estimated(path: Path, window: float) -> BatchEstimate:
-    stats = [one.stat() for one in files_of(path)]
-    return _estimate(str(path), window, len(stats), sum(one.st_mtime_ns for one in stats))
-
-
-def _start_from(
-    choice: DatabaseChoice, source: str, name: str, methods: tuple[str, ...], window: float,
-    case: Any, workers: int,
-) -> None:  # fmt: skip
-    settings = BatchSettings(
-        sources=(source,),
-        study=str(folder_of(name)),
-        window=None if math.isinf(window) else window,
-        methods=methods,
-        case=case,
-        workers=workers,
-    )
-    _start(settings, name)
+def _start_from(choice: DatabaseChoice, name: str, request: Request) -> None:
+    _start(name, request)
     choice.set(study=name, filters={}, method="", row=None, form={})
     st.session_state["database_new"] = False

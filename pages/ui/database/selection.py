@@ -1,6 +1,6 @@
 """Which study, rows and groups page Database shows, and the address that says so.
 
-What is read and grouped is kept as long as the study's journal does not change.
+What is read and grouped is kept as long as the study does not change.
 """
 
 from collections.abc import Mapping
@@ -14,9 +14,17 @@ import streamlit as st
 
 from accpinn.results.figures import database as figures
 from accpinn.results.tables.groups import HEADINGS
-from accpinn.study.folders import default_folder, studies, study_path
+from accpinn.storage import folder
 from accpinn.study.groups import Group, Groups, group, read_study
-from accpinn.study.journal import JOURNAL, Failure, read_failures, read_pooled, read_settings
+from accpinn.study.studies import (
+    Failure,
+    Request,
+    read_failures,
+    read_request,
+    state_of,
+    studies,
+    study_path,
+)
 from pages.ui.session.choices import DatabaseChoice
 
 FILTERS: Mapping[str, str] = {
@@ -44,17 +52,13 @@ class Stamp:
     """A study in one state."""
 
     folder: str
-    size: int
-    changed: int
+    state: tuple[int, ...]
+    """As `state_of` gives it; empty where the batch has not begun to write."""
 
     @classmethod
     def of(cls, folder: Path) -> "Stamp":
         """Its present state."""
-        try:
-            status = (folder / JOURNAL).stat()
-        except OSError:  # a batch that has not begun to write
-            return cls(str(folder), 0, 0)
-        return cls(str(folder), status.st_size, status.st_mtime_ns)
+        return cls(str(folder), state_of(folder))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +68,7 @@ class ShownRows:
     stamp: Stamp
     """The study."""
     rows: pd.DataFrame
-    """Of one method; the index is the place among all rows of the study."""
+    """Rows of one method; the index is the place among all rows of the study."""
     groups: Groups
     whole: Group | None
     """All rows as one group; None where there is no row."""
@@ -95,10 +99,10 @@ def shown(
     rows = rows[rows["method"] == method]
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
-    found = group(rows, GROUPINGS[by][1], method)
+    groups = group(rows, GROUPINGS[by][1], method)
     whole = next(iter(group(rows, (), method).groups), None)
     makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
-    return ShownRows(stamp, rows, found, whole, makes, recordings, figures.forest(found))
+    return ShownRows(stamp, rows, groups, whole, makes, recordings, figures.forest(groups))
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)
@@ -108,15 +112,9 @@ def failures_of(stamp: Stamp) -> tuple[Failure, ...]:
 
 
 @st.cache_resource(max_entries=8, show_spinner=False)
-def pooled_of(stamp: Stamp) -> tuple[dict[str, object], ...]:
-    """The parameters of each vehicle's windows taken together."""
-    return tuple(read_pooled(Path(stamp.folder)))
-
-
-@st.cache_resource(max_entries=8, show_spinner=False)
-def settings_of(stamp: Stamp) -> dict[str, object]:
-    """What all rows share: longest window and Case."""
-    return read_settings(Path(stamp.folder))
+def request_of(stamp: Stamp) -> Request | None:
+    """What the study was last asked to do; all its rows share longest window and Case."""
+    return read_request(Path(stamp.folder)) if stamp.state else None
 
 
 # The address
@@ -150,9 +148,9 @@ def write_link(choice: DatabaseChoice) -> None:
 
 def parameters_of(choice: DatabaseChoice) -> dict[str, tuple[str, ...]]:
     """The query parameters of what is shown, with all values of each."""
-    one = {STUDY: choice.study, METHOD: choice.method, BY: choice.by}
-    found = {name: (value,) for name, value in one.items() if value}
-    return found | {name: values for name, values in choice.filters.items() if values}
+    chosen = {STUDY: choice.study, METHOD: choice.method, BY: choice.by}
+    parameters = {name: (value,) for name, value in chosen.items() if value}
+    return parameters | {name: values for name, values in choice.filters.items() if values}
 
 
 def query(choice: DatabaseChoice) -> str:
@@ -171,9 +169,9 @@ def folder_of(name: str) -> Path:
     Raises:
         ConfigError: for what is no name.
     """
-    return study_path(name, default_folder())
+    return study_path(name, folder("studies"))
 
 
 def known_studies() -> tuple[str, ...]:
     """The names of the server's studies, the one that was written to last first."""
-    return studies(default_folder())
+    return studies(folder("studies"))

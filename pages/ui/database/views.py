@@ -1,4 +1,4 @@
-"""The tabs of page Database: groups, planes, rows, vehicles, and what has no result."""
+"""The tabs of page Database: groups, planes, rows, and what has no result."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -8,16 +8,15 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.inference.intervals import LEVEL
 from accpinn.recordings.recording import Window
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.tables.groups import failure_table, group_table, pooled_table, spread_table
-from accpinn.study.journal import Failure
+from accpinn.results.tables.groups import failure_table, group_table, spread_table
+from accpinn.study.studies import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
-from pages.ui.database.selection import FILTERS, NOT_TOLD, ShownRows, Stamp, pooled_of, study_rows
+from pages.ui.database.selection import NOT_TOLD, ShownRows, study_rows
 from pages.ui.session.choices import DatabaseChoice
 from pages.ui.session.recordings import find_recording
 from pages.ui.session.workspace import Workspace
@@ -41,22 +40,25 @@ COLUMNS = {
     "mean_speed": ("Speed [m/s]", "%.1f"),
     "p_l2_stable": ("P(L₂)", "%.2f"),
 }
-"""Of the list of rows: heading and format, by name in the results."""
+"""Heading and format of each column in the list of rows, by its name in the results."""
 
 
-def show_groups(found: ShownRows, choice: DatabaseChoice) -> None:
+def show_groups(selected: ShownRows, choice: DatabaseChoice) -> None:
     """One row a group."""
-    show.table(group_table(found.groups, with_spread=False))
+    groups = selected.groups
+    show.table(group_table(groups, with_spread=False))
     st.caption(
         "In brackets: intervals, of the shares that are string stable, too. The files have the"
         " spread between windows as well."
     )
-    show.downloads(group_table(found.groups), f"{choice.study}_by_{choice.by}", "database_groups")
+    show.downloads(
+        group_table(selected.groups), f"{choice.study}_by_{choice.by}", "database_groups"
+    )
 
 
-def show_spread(found: ShownRows, choice: DatabaseChoice) -> None:
+def show_spread(selected: ShownRows, choice: DatabaseChoice) -> None:
     """How far the windows of each group differ."""
-    table = spread_table(found.groups)
+    table = spread_table(selected.groups)
     show.table(table)
     st.caption(
         "Spread: how far windows differ beyond their own standard errors, as a share of the"
@@ -65,7 +67,7 @@ def show_spread(found: ShownRows, choice: DatabaseChoice) -> None:
     show.downloads(table, f"{choice.study}_spread_by_{choice.by}", "database_spread")
 
 
-def show_plane(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
+def show_plane(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
     """α and β of each row, and where string stability begins."""
     with st.container(horizontal=True, vertical_alignment="center"):
         show.key(
@@ -78,44 +80,45 @@ def show_plane(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -
                     lambda on: choice.set(in_units_of_tau=on)),
             help="Draws ατ² and βτ: the boundaries are then the same for every vehicle.",
         )  # fmt: skip
-    figure = _plane(found, choice.in_units_of_tau)
+    figure = _plane(selected, choice.in_units_of_tau)
     _chart(figure, "database_plane", choice)
+    tau = selected.rows["tau"].median()
     where = "" if choice.in_units_of_tau else (
-        f" The boundaries are those of the median τ, {found.rows['tau'].median():.2f} s; a vehicle"
-        " with another τ has others."
+        f" The boundaries are those of the median τ, {tau:.2f} s; a vehicle with another τ has"
+        " others."
     )  # fmt: skip
     away = figures.beyond(figure)
-    out = f" {away:,} of {len(found.rows):,} rows lie beyond the axes." if away else ""
+    out = f" {away:,} of {len(selected.rows):,} rows lie beyond the axes." if away else ""
     st.caption(f"String stable above the lines.{where}{out} Click on a point to open its window.")
-    show_chosen(workspace, choice, found)
+    show_chosen(workspace, choice, selected)
 
 
 @lru_cache(maxsize=16)
-def _plane(found: ShownRows, in_units_of_tau: bool) -> go.Figure:
-    return figures.plane(found.rows, in_units_of_tau)
+def _plane(selected: ShownRows, in_units_of_tau: bool) -> go.Figure:
+    return figures.plane(selected.rows, in_units_of_tau)
 
 
-def show_gaps(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
+def show_gaps(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
     """Time gap over speed, by groups."""
-    labels = _labels(found)
+    labels = _labels(selected)
     show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
-    _chart(_gaps(found), "database_gaps", choice)
+    _chart(_gaps(selected), "database_gaps", choice)
     st.caption(
         "Each point is a follower of one window. A constant time headway is a horizontal row of"
         " points. Click on a point to open its window."
     )
-    show_chosen(workspace, choice, found)
+    show_chosen(workspace, choice, selected)
 
 
 @lru_cache(maxsize=16)
-def _labels(found: ShownRows) -> tuple[str, ...]:
-    parts = found.rows[list(found.groups.by)].itertuples(index=False, name=None)
+def _labels(selected: ShownRows) -> tuple[str, ...]:
+    parts = selected.rows[list(selected.groups.by)].itertuples(index=False, name=None)
     return tuple(map(figures.label_of, parts))
 
 
 @lru_cache(maxsize=16)
-def _gaps(found: ShownRows) -> go.Figure:
-    return figures.gap_against_speed(found.rows, _labels(found))
+def _gaps(selected: ShownRows) -> go.Figure:
+    return figures.gap_against_speed(selected.rows, _labels(selected))
 
 
 def _chart(figure: go.Figure, key: str, choice: DatabaseChoice) -> None:
@@ -127,9 +130,9 @@ def _chart(figure: go.Figure, key: str, choice: DatabaseChoice) -> None:
     show.chart(figure, key, TOOLS, on_select=clicked, selection_mode="points")
 
 
-def show_rows(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
+def show_rows(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
     """All rows that the filters leave; one of them can be chosen."""
-    rows = _listed(found)
+    rows = _listed(selected)
 
     def picked() -> None:
         if chosen := st.session_state["database_rows"]["selection"]["rows"]:
@@ -144,9 +147,9 @@ def show_rows(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) ->
         f"{len(rows):,} rows; P(L₂): probability of L₂ string stability. Click on a heading to"
         " sort, on the magnifier to search, on the left edge of a row to choose it."
     )
-    show_chosen(workspace, choice, found)
+    show_chosen(workspace, choice, selected)
     st.download_button(
-        "CSV, all columns", lambda: found.rows.to_csv(index=False), f"{choice.study}_rows.csv",
+        "CSV, all columns", lambda: selected.rows.to_csv(index=False), f"{choice.study}_rows.csv",
         "text/csv", on_click="ignore", icon=":material/download:", key="database_rows_csv",
         help="The rows shown, with intervals, stability and errors; results.parquet in the study's"
         " folder has all of them.",
@@ -154,8 +157,8 @@ def show_rows(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) ->
 
 
 @lru_cache(maxsize=8)
-def _listed(found: ShownRows) -> pd.DataFrame:
-    return found.rows[list(COLUMNS)]
+def _listed(selected: ShownRows) -> pd.DataFrame:
+    return selected.rows[list(COLUMNS)]
 
 
 def _config() -> dict[str, Any]:
@@ -170,11 +173,11 @@ def _config() -> dict[str, Any]:
 # One row
 
 
-def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) -> None:
+def show_chosen(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
     """The row that is chosen, and the way to its window."""
-    if choice.row is None or choice.row >= len(found.rows):
+    if choice.row is None or choice.row >= len(selected.rows):
         return
-    row = found.rows.iloc[choice.row]
+    row = selected.rows.iloc[choice.row]
     with st.container(border=True, horizontal=True, vertical_alignment="center"):
         end = row["start"] + row["duration"]
         who = " ".join(part for part in (row["make"], row["model"]) if part != NOT_TOLD)
@@ -188,7 +191,7 @@ def show_chosen(workspace: Workspace, choice: DatabaseChoice, found: ShownRows) 
             "Open this window", icon=":material/timeline:", type="primary", key="database_open",
             help="Page Data, with this recording, window and vehicles, ready to train.",
         ):  # fmt: skip
-            _open(workspace, study_rows(found.stamp), row)
+            _open(workspace, study_rows(selected.stamp), row)
 
 
 def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
@@ -211,29 +214,7 @@ def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> No
     frame.go(frame.DATA, workspace)
 
 
-# Vehicles and failures
-
-
-def show_pooled(stamp: Stamp, choice: DatabaseChoice) -> None:
-    """Each vehicle's windows with one setting under one likelihood."""
-    kept = []
-    for row in pooled_of(stamp):
-        cells = {name: str(row[name] or NOT_TOLD) for name in FILTERS}
-        if all(not values or cells[name] in values for name, values in choice.filters.items()):
-            kept.append(row)
-    if not kept:
-        st.caption(
-            "No vehicle has several windows by maximum likelihood that were taken together; a batch"
-            " does that at its end."
-        )
-        return
-    table = pooled_table(kept, LEVEL)
-    show.table(table)
-    st.caption(
-        "All windows of a vehicle with one setting share one parameter set here. The intervals"
-        " assume that they do: compare the tab Spread. P: probability of string stability."
-    )
-    show.downloads(table, f"{choice.study}_vehicles", "database_pooled")
+# Failures
 
 
 def show_failures(failures: Sequence[Failure], study: str) -> None:

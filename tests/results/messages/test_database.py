@@ -9,10 +9,10 @@ from accpinn.results.messages.database import (
     progress_line,
     typical_line,
 )
-from accpinn.study.batch_progress import BatchProgress
 from accpinn.study.groups import group
-from accpinn.study.journal import Failure
-from tests.support.studies import row, rows
+from accpinn.study.progress import BatchProgress
+from accpinn.study.studies import Failure, Request
+from tests.support.studies import REQUEST, row, rows
 
 
 def test_the_answer_names_share_interval_and_headway() -> None:
@@ -29,16 +29,16 @@ def test_failures_and_settings_are_counted_and_named() -> None:
     none = Failure("a.csv", None, None, "broken")
     assert failures_line(()) == ""
     assert failures_line((none, none)).startswith("1 file without a window;")
-    window, vehicle = Failure("a.csv", 3.0, 2, "x"), Failure("", None, None, "A, together: x")
-    assert failures_line((none, window, vehicle)).startswith(
+    windows = (Failure("a.csv", 3.0, 2, "x"), Failure("a.csv", 9.0, None, "x"))
+    assert failures_line((none, *windows)).startswith(
         "1 file without a window and 2 estimates failed"
     )
-    assert batch_line({"window": 300.0, "case": "II"}) == "Windows of up to 300 s, Case II."
-    assert "any length" in batch_line({"window": "all", "case": "I"})
-    assert batch_line({}) == ""
+    assert batch_line(REQUEST) == "Windows of up to 300 s, Case II."
+    assert "any length" in batch_line(Request((), (), None, "I"))
+    assert batch_line(None) == ""
 
 
 def test_progress_tells_what_is_done() -> None:
-    said = progress_line(BatchProgress(7, 7.0, 20, 1076, 0, 2, 60.0, 9.0, vehicles=6, pooled=2))
-    assert all(part in said for part in ("7 of 7 files", "20 windows", "1,076 rows", "2 of 6"))
+    said = progress_line(BatchProgress(7, 7.0, 20, 1076, 0, 2, 60.0, 9.0))
+    assert all(part in said for part in ("7 of 7 files", "20 windows", "1,076 rows"))
     assert "3 failed" in progress_line(BatchProgress(7, 1.0, 1, 1, 3, 2, 6.0, None))

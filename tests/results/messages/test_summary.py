@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from accpinn.results.snapshot import Snapshot, stability
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
@@ -19,8 +20,7 @@ from accpinn.results.messages.summary import (
     summary,
     title,
 )
-from accpinn.results.tables.estimates import name_of
-from tests.support.snapshots import delayed, small, whole
+from tests.support.snapshots import small, whole
 
 
 def said(snapshot: Snapshot) -> str:
