@@ -219,7 +219,7 @@ def write_file(content: bytes, target: Path, kind: str) -> Path:
     """
     try:
         write_whole(target, content)
-    except OSError as fault:
+    except (OSError, ValueError) as fault:  # the latter for a name with a zero character
         raise _unwritten(target, kind, reason_of(fault)) from None
     return target
 

@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
+from accpinn.study.worker import Answer, Job
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, SegmentError
@@ -29,7 +30,6 @@ from accpinn.study.comparison import (
     result_of,
     results_among,
 )
-from accpinn.study.worker import Answer, Job
 from tests.support.command import THREE, document
 from tests.support.samples import PLATOON, sample
 
