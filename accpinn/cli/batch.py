@@ -13,7 +13,7 @@ from tqdm import tqdm
 from accpinn.channels import by_key
 from accpinn.cli.estimation import add_method_help, interruptible
 from accpinn.cli.options import fields
-from accpinn.cli.output import print_json, progress, show, show_result
+from accpinn.cli.output import note, print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
@@ -163,7 +163,7 @@ def run_table(options: argparse.Namespace) -> int:
             show(FORMATS[options.format](pooled_table(rows, LEVEL)).rstrip("\n"))
         return 0
     if damaged := damaged_lines(Path(options.study)):
-        progress(f"Note: {_damage(damaged)}; batch computes again what was there.")
+        note(f"Note: {_damage(damaged)}; batch computes again what was there.")
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     found = group(read_study(options.study), by, options.method, options.level)
     if options.json:
