@@ -12,9 +12,8 @@ def test_all_runs_can_be_searched(capsys: Capture) -> None:
     document(capsys, "fit", PLATOON, *SHORT, "--method", "splines", "--no-cache")
     runs = document(capsys, "runs")["runs"]
     assert len(runs) == 3
-    assert [run["created"] for run in runs] == sorted(
-        (run["created"] for run in runs), reverse=True
-    )
+    times = [run["created"] for run in runs]
+    assert times == sorted(times, reverse=True)
     (run,) = document(capsys, "runs", "splines", "paper_STUDY")["runs"]
     assert (run["method"], run["window"]) == ("splines", "0–30 s")
     own = fitted["parameters"][0]

@@ -109,7 +109,7 @@ class TestRoundTrip:
         after = load(data)
         assert (make().id, len(after.id)) == ("", 16)
         assert bits(replace(after, digest="")) == bits(make())
-        assert load(to_bytes(after)).digest == after.digest, "equal contents, equal digests"
+        assert to_bytes(after) == data
         assert load(to_bytes(replace(after, note="another"))).digest != after.digest
 
     @pytest.mark.parametrize(

@@ -25,16 +25,17 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX
 from accpinn.study.store import INDEX, SESSION_KEPT, Library, Store
 from tests.support.driving import driven
-from tests.support.snapshots import asked_of, bits, small, small_bytes, two_windows, whole
+from tests.support.snapshots import (
+    asked_of,
+    bits,
+    numbered,
+    small,
+    small_bytes,
+    two_windows,
+    whole,
+)
 
 TRAINING = asked_of(driven(), "pinn", preset("paper", iterations=10))
-
-
-def numbered(number: int, result: Result | None = None) -> Result:
-    """The small result, as the answer to another question."""
-    result = result or small()
-    asked = replace(result.analysis, source=replace(result.analysis.source, data=f"{number}"))
-    return replace(result, analysis=asked, created=f"2026-01-01T00:00:{number:02}Z")
 
 
 def failing(fault: BaseException) -> Callable[..., Any]:

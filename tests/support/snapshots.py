@@ -80,6 +80,13 @@ def small_bytes() -> bytes:
     return to_bytes(small())
 
 
+def numbered(number: int, result: Result | None = None) -> Result:
+    """The small result, or another, as the answer to another question."""
+    result = result or small()
+    asked = replace(result.analysis, source=replace(result.analysis.source, data=f"{number}"))
+    return replace(result, analysis=asked, created=f"2026-01-01T00:00:{number:02}Z")
+
+
 @cache
 def platoon() -> Recording:
     """The synthetic platoon's."""
