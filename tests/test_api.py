@@ -104,15 +104,6 @@ def test_a_name_that_is_no_text_is_refused_before_anything_is_written(
     assert accpinn.verify(path, FOLDER / f"{NOISY}.csv").ok
 
 
-def test_the_report_is_one_page_and_replaces_nothing_else(tmp_path: Path) -> None:
-    result = accpinn.fit(FOLDER / f"{NOISY}.csv", 0, 60, method="least-squares")
-    place = accpinn.report(result, tmp_path / "a.html")
-    assert place.stat().st_size > 1e6
-    (tmp_path / "other.html").write_text("mine")
-    with pytest.raises(SnapshotError, match="not overwritten"):
-        accpinn.report(result, tmp_path / "other.html")
-
-
 def test_a_recording_with_missing_samples_is_fitted_whole() -> None:
     frame = platoon(vehicles=2)
     frame.loc[100:149, ["Speed2", "IVS1"]] = np.nan

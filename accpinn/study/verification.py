@@ -318,11 +318,13 @@ def _refit(subject: Result, name: str) -> list[Check]:
     found = _compare("fit", before, after, name, state="reproduced", relative=SOLVED)
     is_exact = found.ok
     if not is_exact and method.tolerance > SOLVED:
-        before, after = (
+        stored, computed = (
             [{part: getattr(fit, part) for part in EVERYWHERE} for fit in fits]
             for fits in (subject.fits, new)
         )
-        found = _compare("fit", before, after, name, state="reproduced", relative=method.tolerance)
+        found = _compare(
+            "fit", stored, computed, name, state="reproduced", relative=method.tolerance
+        )
     checks = [found]
     evaluation = subject.parts.evaluation
     if evaluation and evaluation.blocks:
@@ -353,8 +355,7 @@ def _part(fresh: Result, part: str, stored: Any, name: str) -> list[Check]:
             check = _compare(part, stored, found, name, relative=SOLVED)
         return [check]
     if part == "adequacy":
-        found = fresh.adequacy
-        return [_compare(part, stored, found, name, relative=SLACK, absolute=DRAWN)]
+        return [_compare(part, stored, fresh.adequacy, name, relative=SLACK, absolute=DRAWN)]
     if part == "evaluation":
         return [_compare(part, *_comparable(stored, fresh), name)]
     return [_compare(part, stored, getattr(fresh, part), name)]

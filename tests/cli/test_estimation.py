@@ -44,12 +44,6 @@ def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     assert found["cached"] is False
 
 
-def test_learns_the_truth_of_a_sample(capsys: Capture) -> None:
-    (found,) = document(capsys, "fit", STUDY)["parameters"]
-    values = (found["alpha"], found["beta"], found["tau"])
-    assert values == pytest.approx((0.08, 0.12, 1.5), rel=0.03)
-
-
 def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, cache: Path) -> None:
     assert not document(capsys, "fit", STUDY, *SHORT, "--no-cache")["cached"]
     assert not cache.exists()
@@ -165,12 +159,6 @@ def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
     assert not describe_fit(result_for(segment), False)["incidents"]
 
 
-def test_a_cache_that_cannot_be_used_is_noted_once(capsys: Capture, cache: Path) -> None:
-    cache.write_text("a file, no folder")
-    notes = document(capsys, "fit", STUDY, *SHORT)["notes"]
-    assert ["no folder" in note for note in notes if "cache" in note] == [True]
-
-
 def test_options_without_effect_are_named(capsys: Capture) -> None:
     options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
     assert main(["fit", str(STUDY), *options]) == 0
@@ -218,14 +206,6 @@ class TestMissingSamples:
         window = ("--methods", "maximum-likelihood", "--duration", 120)
         (row,) = document(capsys, "compare", holes, *window)["rows"]
         assert len(row["blocks_mae"]) == 3
-
-    def test_a_snapshot_is_verified_against_its_recording(
-        self, capsys: Capture, holes: Path, tmp_path: Path
-    ) -> None:
-        kept = tmp_path / "holes.accpinn.zip"
-        window = ("--method", "maximum-likelihood", "--duration", "60")
-        assert main(["fit", str(holes), *window, "--out", str(kept), "--with-data"]) == 0
-        assert main(["verify", str(kept), "--recording", str(holes)]) == 0
 
     @pytest.mark.parametrize(
         ("file", "followers"),

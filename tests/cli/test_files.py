@@ -67,13 +67,6 @@ def test_a_snapshot_with_data_has_the_measured_gain(tmp_path: Path, capsys: Capt
         assert len(vehicle["measured"]["coherent"]) == len(vehicle["measured"]["omega"])
 
 
-def test_faults_of_files_are_sentences(file: Path, tmp_path: Path, capsys: Capture) -> None:
-    (tmp_path / "x.accpinn.zip").write_bytes(b"no zip")
-    assert "x.accpinn.zip" in refused(capsys, 1, "report", tmp_path / "x.accpinn.zip")
-    assert not (tmp_path / "x.html").exists()
-    assert "r.html" in refused(capsys, 1, "report", file, "-o", tmp_path / "no" / "r.html")
-
-
 def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     printed = document(capsys, "verify", file)
     assert printed["ok"] is True

@@ -17,7 +17,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.serial import dump, flatten, restore
-from accpinn.study.analysis import Analysis, differences, single_window
+from accpinn.study.analysis import Analysis, differences
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import platoon, put
 
@@ -122,7 +122,3 @@ def test_an_argument_out_of_range_is_named(asked: dict[str, Any], words: str) ->
         accpinn.fit(**{"recording": FOLDER / f"{NOISY}.csv", "method": "splines"} | asked)
     assert str(fault.value).endswith(".")
     assert "\n" not in str(fault.value)
-
-
-def test_a_window_by_start_and_length() -> None:
-    assert single_window(10, 60) == (Window(10, 70),)

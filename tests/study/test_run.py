@@ -18,10 +18,10 @@ from accpinn.study import result as module
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import TRACK_INSTANTS, Result
 from accpinn.study.run import run
-from accpinn.study.snapshot import DOCUMENT, SCHEMA
+from accpinn.study.snapshot import SCHEMA
 from accpinn.study.store import Store
 from tests.support.samples import FOLDER, NOISY
-from tests.support.snapshots import bits, members, resealed, result_for, small, whole
+from tests.support.snapshots import bits, resealed, result_for, small, whole
 
 ONE_THREAD = TaskContext(threads=1)
 
@@ -198,8 +198,3 @@ class TestResult:
         assert abs(transfer(1j * vehicle.peak.omega)) == pytest.approx(vehicle.peak.gain)
         lost = replace(result.fit, parameters=Parameters([0.1], [0.1], [np.nan]))
         assert replace(result, fits=(lost,)).stability is None
-
-    def test_the_document_is_plain_json(self, store: Store) -> None:
-        store.keep(small())
-        (path,) = store.folder.glob("*.zip")
-        assert members(path.read_bytes())[DOCUMENT].startswith(b'{"analysis":')

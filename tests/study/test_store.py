@@ -22,7 +22,6 @@ from accpinn.methods.pinn.config import preset
 from accpinn.study import store as module
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
-from accpinn.study.snapshot import SUFFIX
 from accpinn.study.store import INDEX, SESSION_KEPT, Library, Store
 from tests.support.driving import driven
 from tests.support.snapshots import (
@@ -138,27 +137,6 @@ class TestStore:
         assert os.strerror(number) in said[0]
         assert store.find(small().analysis, pytest.fail) is not None
 
-    @pytest.mark.parametrize("moment", ["replace", "fsync"])
-    def test_a_full_disk_says_so_and_keeps_the_old_file(
-        self, store: Store, monkeypatch: pytest.MonkeyPatch, moment: str
-    ) -> None:
-        store.keep(small())
-        said: list[str] = []
-        with monkeypatch.context() as patch:
-            patch.setattr(os, moment, failing(OSError(errno.ENOSPC, "No space left")))
-            store.keep(replace(small(), note="another"), said.append)
-        assert "No space left" in said[0]
-        assert "ACCPINN_CACHE" in said[0]
-        assert store.find(small().analysis, pytest.fail).note == ""
-        assert names(store.folder) == {f"{small().analysis.key}{SUFFIX}"}
-
-    def test_files_that_may_be_read_but_not_touched_are_used(
-        self, store: Store, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        store.keep(small())
-        monkeypatch.setattr(os, "utime", failing(PermissionError(13, "Permission denied")))
-        assert store.find(small().analysis, pytest.fail) is not None
-
     def test_what_was_not_used_for_the_longest_time_makes_room(self, store: Store) -> None:
         for k in range(3):
             store.keep(numbered(k))
@@ -187,14 +165,6 @@ class TestStore:
             capped.keep(numbered(k))
         assert not capped.has(numbered(0).analysis.key)
         assert all(capped.has(numbered(k).analysis.key) for k in (1, 2))
-
-    def test_the_environment_names_the_folders(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        for name, kind in (("ACCPINN_CACHE", Store), ("ACCPINN_SNAPSHOTS", Library)):
-            monkeypatch.setenv(name, str(tmp_path / name))
-            assert kind().folder == tmp_path / name
-            assert not (tmp_path / name).exists()
 
 
 class Trap:
@@ -297,11 +267,6 @@ class TestLibrary:
         assert again.owner(name) == "ann"
         assert bits(replace(again.read(name), digest="")) == bits(small())
         assert again.readable("SMALL") == (entry,)
-
-    def test_the_newest_comes_first(self, library: Library) -> None:
-        for name, month in (("new", 2), ("old", 1)):
-            library.add(replace(called(name), created=f"2026-0{month}-01T00:00:00Z"))
-        assert [entry.name for entry in library.entries()] == ["new", "old"]
 
     @pytest.mark.parametrize(
         "name", ["", "../secret", "a/b", "ABCDEF0123456789", "0123456789abcdef\n", "0" * 15]

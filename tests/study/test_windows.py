@@ -8,13 +8,11 @@ import pytest
 from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters
-from accpinn.results.messages import messages
 from accpinn.results.tables.windows import between_table, joint_table, windows_table
 from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
 from accpinn.study.run import fit_windows
 from accpinn.study.windows import (
-    WindowsDiffer,
     between_windows,
     differing_windows,
     log_errors,
@@ -167,11 +165,6 @@ class TestJointFit:
         between = between_table(different, follower)
         assert [row[0] for row in between.rows] == ["α [1/s²]", "β [1/s]", "τ [s]"]
         assert between.rows[0][3] == pytest.approx(100 * follower.alpha.deviation)
-
-    def test_a_difference_has_a_sentence(self) -> None:
-        said = messages([WindowsDiffer(2, ("α", "τ"), 5), WindowsDiffer(0, ("β",), 3)], window(0))
-        assert said[0].startswith("2 Car 2: α and τ differ between the 5 windows")
-        assert said[1].startswith("All followers together: β differs between the 3 windows")
 
 
 def recorded(start: float, **changes: object) -> Segment:
