@@ -1,8 +1,8 @@
 """The command line: `python -m accpinn COMMAND`.
 
-`--json` prints one JSON document on standard output; progress goes to standard error. The exit
-status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one line `error: ...`),
-130 when interrupted.
+`--json` prints one JSON document on standard output; progress goes to standard error where that is
+a terminal. The exit status is 0, 2 for wrong usage, 1 for anything wrong with data or files (one
+line `error: ...`), 130 when interrupted.
 """
 
 import argparse
@@ -28,6 +28,7 @@ COMMANDS = {
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
+    "runs": ("runs", "results of earlier runs, searched by words"),
     "download": ("download", "runs of the OpenACC database from their publisher"),
     "export": ("files", "parameters of a snapshot for other programs"),
 }

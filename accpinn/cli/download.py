@@ -34,7 +34,7 @@ def run_download(options: argparse.Namespace) -> int:
         return _list(runs, folder, options.json)
     with (
         interruptible() as stopped,
-        tqdm(total=len(runs), unit="run", file=sys.stderr, disable=options.json) as bar,
+        tqdm(total=len(runs), unit="run", file=sys.stderr, disable=options.json or None) as bar,
     ):
         found = []
         for one in download(runs, folder, options.base, should_stop=stopped.is_set):

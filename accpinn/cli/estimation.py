@@ -27,7 +27,7 @@ from accpinn.cli.options import (
     fields,
     incidents,
 )
-from accpinn.cli.output import one_line, show_result
+from accpinn.cli.output import note, show_result
 from accpinn.cli.windows import run_windows
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
@@ -127,7 +127,7 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out is not None:
         about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
         saved = save(named(result, **about), options.out)
-        print(one_line(f"Saved as {saved}."), file=sys.stderr)
+        note(f"Saved as {saved}.")
     return 130 if result.fit.outcome is Outcome.STOPPED else 0
 
 
@@ -146,8 +146,7 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
         return settings
     idle = [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]
     if idle:
-        note = f"Note: {', '.join(idle)} has no effect: only the PiNN has such a setting."
-        print(note, file=sys.stderr)
+        note(f"Note: {', '.join(idle)} has no effect: only the PiNN has such a setting.")
     return None
 
 
@@ -184,7 +183,7 @@ def interruptible() -> Iterator[Event]:
 
 @contextmanager
 def _progress_bar() -> Iterator[OnProgress]:
-    """On standard error; shows iterations, time left, Ψ and the first follower's parameters."""
+    """A bar on standard error where that is a terminal: iterations, time left, Ψ, parameters."""
     with ExitStack() as opened:
         bar: tqdm[Any] | None = None
 
@@ -192,7 +191,7 @@ def _progress_bar() -> Iterator[OnProgress]:
             nonlocal bar
             bar = bar or opened.enter_context(
                 tqdm(total=now.iterations, initial=now.iteration, unit="it", file=sys.stderr,
-                     mininterval=0.2)
+                     mininterval=0.2, disable=None)
             )  # fmt: skip
             first = now.parameters[0]
             values = f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
@@ -269,7 +268,7 @@ def run_compare(options: argparse.Namespace) -> int:
     methods = parse_methods(options.methods)
     analysis, recording = chosen_analysis(options)
     found = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
-    outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr))
+    outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr, disable=None))
     results, refused = results_among(outcomes), refused_among(outcomes)
     if not results:
         raise refused[0].fault
@@ -412,7 +411,7 @@ def run_starts(options: argparse.Namespace) -> int:
     analysis, recording = chosen_analysis(options, "pinn", config)
     asked = list(starts(analysis, seeds=range(options.seeds)))
     context, store = TaskContext(threads=options.threads), chosen_store(options)
-    bar = tqdm(asked, unit="training", file=sys.stderr)
+    bar = tqdm(asked, unit="training", file=sys.stderr, disable=None)
     results = [run(start, recording, store=store, context=context) for start in bar]
     show_result(options, _describe_starts, _starts_text, results, spread_of(results))
     return 0

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.cli.options import add_refit_options, chosen_patience, fields
-from accpinn.cli.output import complain, print_json, progress, show, show_result
+from accpinn.cli.output import complain, note, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
@@ -117,7 +117,7 @@ def run_report(options: argparse.Namespace) -> int:
     write_file(page.encode(), real, "report")
     show(str(place))
     if checked.ok:
-        progress(checked.sentence)
+        note(checked.sentence)
         return 0
     complain(
         f"what the snapshot says does not follow from its contents. {checked.sentence} The report"

@@ -79,9 +79,15 @@ def complain(sentence: str) -> None:
         print(f"error: {one_line(sentence)}", file=sys.stderr)
 
 
-def progress(sentence: str) -> None:
-    """Print what happens, or what a result rests on, as one line on standard error."""
+def note(sentence: str) -> None:
+    """Print what a result rests on, or where it was saved, as one line on standard error."""
     print(one_line(sentence), file=sys.stderr, flush=True)
+
+
+def progress(sentence: str) -> None:
+    """Print what happens, as one line on standard error where that is a terminal."""
+    if sys.stderr.isatty():
+        note(sentence)
 
 
 def one_line(text: str) -> str:

@@ -141,17 +141,22 @@ def to_bytes(result: Result) -> bytes:
     np.savez(packed, allow_pickle=False, **arrays)
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr(MANIFEST, msgspec.json.encode(manifest))
-        archive.writestr(DOCUMENT, document, zipfile.ZIP_DEFLATED)
-        archive.writestr(ARRAYS, packed.getvalue())
-        archive.writestr(ATTRIBUTION, ATTRIBUTION_TEXT)
-    content = file.getvalue()
-    if len(content) > LARGEST or len(document) > LARGEST_DOCUMENT:
+        for name, content, method in (
+            (MANIFEST, msgspec.json.encode(manifest), zipfile.ZIP_STORED),
+            (DOCUMENT, document, zipfile.ZIP_DEFLATED),
+            (ARRAYS, packed.getvalue(), zipfile.ZIP_STORED),
+            (ATTRIBUTION, ATTRIBUTION_TEXT.encode(), zipfile.ZIP_STORED),
+        ):
+            entry = zipfile.ZipInfo(name)  # without the time, so that equal results are equal files
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, content, method)
+    data = file.getvalue()
+    if len(data) > LARGEST or len(document) > LARGEST_DOCUMENT:
         raise SnapshotError(
-            f"The snapshot would be too large ({len(content) / 1e6:.0f} MB of"
+            f"The snapshot would be too large ({len(data) / 1e6:.0f} MB of"
             f" {LARGEST / 1e6:.0f}); leave out the data, or take a shorter window."
         )
-    return content
+    return data
 
 
 def _digest(document: bytes, arrays: Arrays) -> str:
@@ -219,7 +224,7 @@ def write_file(content: bytes, target: Path, kind: str) -> Path:
     """
     try:
         write_whole(target, content)
-    except OSError as fault:
+    except (OSError, ValueError) as fault:  # the latter for a name with a zero character
         raise _unwritten(target, kind, reason_of(fault)) from None
     return target
 

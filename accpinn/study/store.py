@@ -49,13 +49,14 @@ PATIENCE: Seconds = 10.0
 SESSION_KEPT: Seconds = 30 * 24 * 3600.0
 """Sessions that nobody used for so long are forgotten."""
 
-TABLES = """
-create table if not exists entries
-    (name text primary key, state text, created text, words text, entry blob, owner text);
-create table if not exists sessions (name text primary key, used real, document blob);
-create table if not exists shown
-    (session text, name text, at real, primary key (session, name));
-"""
+LAYOUT = 1
+"""Raised with every change of the tables; an index of another layout is made again."""
+TABLES = {
+    "entries": "name text primary key, state text, created text, words text, entry blob,"
+    " owner text",
+    "sessions": "name text primary key, used real, document blob",
+    "shown": "session text, name text, at real, primary key (session, name)",
+}
 _ID = re.compile(r"[0-9a-f]{16}|[0-9a-f]{64}")
 
 Say = Callable[[str], object]
@@ -236,8 +237,7 @@ class Shelf:
             try:
                 connection = _opened(place)
             except sqlite3.DatabaseError:  # a folder that cannot be written to
-                connection = sqlite3.connect(":memory:")
-                connection.executescript(TABLES)
+                connection = _laid_out(sqlite3.connect(":memory:"))
         with closing(connection), suppress(sqlite3.OperationalError), connection:
             yield connection
 
@@ -247,10 +247,26 @@ def _opened(place: Path) -> sqlite3.Connection:
     try:
         connection.execute("pragma journal_mode = wal")
         connection.execute("pragma synchronous = normal")
-        connection.executescript(TABLES)
+        return _laid_out(connection)
     except sqlite3.DatabaseError:
         connection.close()
         raise
+
+
+def _laid_out(connection: sqlite3.Connection) -> sqlite3.Connection:
+    """The connection, its tables those of this layout."""
+
+    def is_current() -> bool:
+        return bool(connection.execute("pragma user_version").fetchone() == (LAYOUT,))
+
+    if not is_current():
+        with connection:
+            connection.execute("begin immediate")  # another process may be at it
+            if not is_current():
+                for name, columns in TABLES.items():
+                    connection.execute(f"drop table if exists {name}")
+                    connection.execute(f"create table {name} ({columns})")
+                connection.execute(f"pragma user_version = {LAYOUT}")
     return connection
 
 

@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
@@ -105,18 +106,21 @@ class TestAsAProcess:
         assert done.returncode == 0
         assert "α [1/s²]" in done.stdout.decode()
 
+    @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
     def test_an_interrupt_stops_keeps_a_checkpoint_and_says_so(self, cache: Path) -> None:
         long = ("fit", STUDY, *SHORT, "--preset", "paper", "--iterations", 1_000_000)
+        terminal, seen = os.openpty()
+        termios.tcsetwinsize(seen, (24, 100))
         running = subprocess.Popen(
-            command(*long, "--json"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            command(*long, "--json"), cwd=ROOT, stdout=subprocess.PIPE, stderr=seen
         )
+        os.close(seen)
         shown = b""
         while not re.search(rb" [1-9]\d*/1000000 ", shown):  # training is under way
-            piece = os.read(running.stderr.fileno(), 4096)
-            assert piece, "it ended before it was interrupted"
-            shown += piece
+            shown += os.read(terminal, 4096)
         running.send_signal(signal.SIGINT)
         out, _ = running.communicate(timeout=60)
+        os.close(terminal)
         assert running.returncode == 130
         document = strict(out.decode())
         assert document["outcome"] == "stopped"
@@ -139,16 +143,16 @@ KILLED = """
 import sys
 from accpinn.cli import (main)
 from accpinn.methods.pinn import (training)
-from accpinn.methods.store import (Store)
+from accpinn.study.store import (StoredCheckpoints)
 
-keep = Store.save_state
+keep = StoredCheckpoints.save
 
-def save_state(self, key, state, say=None):
-    keep(self, key, state, say)
+def save(self, state):
+    keep(self, state)
     print("kept", int(state["history.rows"][-1][0]), flush=True)
 
 training.CHECKPOINT_EVERY = 0.1
-Store.save_state = save_state
+StoredCheckpoints.save = save
 main(sys.argv[1:])
 """
 

@@ -16,21 +16,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from accpinn.methods.store import Store
-from accpinn.results.snapshot.archive import load
-from accpinn.results.snapshot.saved import Library, save
 
 from accpinn.errors import AccpinnError
-from accpinn.methods import least_squares
 from accpinn.recordings import download as downloads
 from accpinn.recordings.catalogue import Run
+from accpinn.study.result import Result
+from accpinn.study.snapshot import load, save
+from accpinn.study.store import Library, Store
 from accpinn.study.studies import Study, read_rows
-from tests.support.driving import driven
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
-from tests.support.snapshots import small, small_bytes
+from tests.support.snapshots import numbered, small, small_bytes
 from tests.support.studies import REQUEST, analysis, row
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there are no children")
@@ -100,6 +97,13 @@ def is_sentence(said: str) -> bool:
     return said.endswith(".") and "\n" not in said and len(said) < 500
 
 
+def known(store: Store) -> Result:
+    """The small result as the store has it."""
+    result = store.find(small().analysis, pytest.fail)
+    assert result is not None
+    return result
+
+
 def confirmed(library: Library) -> list[str]:
     assert not [entry.fault for entry in library.entries() if entry.fault]
     return sorted(entry.name for entry in library.entries())
@@ -121,12 +125,12 @@ class TestKill:
         assert confirmed(Library(folder)) == ["other", "small"]
 
     def test_in_mid_result_leaves_the_store_as_it_was(self, tmp_path: Path) -> None:
-        store, fit = Store(tmp_path), least_squares.fit(driven())
-        store.save_fit("kept", fit)
-        status, _ = child(dying_at(os, "replace", lambda: store.save_fit("kept", fit)))
+        store, other = Store(tmp_path), replace(small(), note="another")
+        store.keep(small())
+        status, _ = child(dying_at(os, "replace", lambda: store.keep(other)))
         assert status == -signal.SIGKILL
-        known = store.load_fit("kept", driven(), pytest.fail)
-        assert known.parameters == fit.parameters
+        assert known(store).note == ""
+        assert len(store.entries()) == 1
 
     def test_in_mid_batch_costs_what_was_not_kept_yet(self, tmp_path: Path) -> None:
         def half() -> None:
@@ -160,14 +164,14 @@ class TestKill:
 class TestFullDisk:
     def test_nothing_is_lost_and_one_sentence_says_so(self, tmp_path: Path) -> None:
         store, library = Store(tmp_path / "cache"), Library(tmp_path / "library")
-        file, fit = save(small(), tmp_path / "a.accpinn.zip"), least_squares.fit(driven())
+        file = save(small(), tmp_path / "a.accpinn.zip")
         library.add(small())
-        store.save_fit("kept", fit)
+        store.keep(small())
         other = replace(small(), name="other")
         heard: list[str] = []
 
         def told() -> str:
-            store.save_fit("kept", replace(fit, seconds=9.0), heard.append)
+            store.keep(other, heard.append)
             return heard[0]
 
         for action in (lambda: save(other, file), lambda: library.add(other), told):
@@ -178,8 +182,7 @@ class TestFullDisk:
             assert "free some space" in said
         assert load(file).name == "small"
         assert confirmed(Library(library.folder)) == ["small"]
-        known = store.load_fit("kept", driven(), pytest.fail)
-        assert known.seconds == fit.seconds
+        assert known(store).name == "small"
         assert not [*tmp_path.rglob("*.part")]
 
     def test_a_batch_keeps_what_it_had_and_goes_on(self, tmp_path: Path) -> None:
@@ -219,8 +222,9 @@ class TestFolders:
     def test_a_cache_that_cannot_be_written_to_costs_a_sentence(self) -> None:
         heard: list[str] = []
         store = Store(Path("/proc/accpinn"))
-        store.save_fit("a", least_squares.fit(driven()), heard.append)
-        assert store.load_fit("a", driven(), heard.append) is None
+        store.keep(small(), heard.append)
+        assert store.find(small().analysis, heard.append) is None
+        assert store.entries() == ()
         (said,) = heard
         assert is_sentence(said)
         assert "ACCPINN_CACHE" in said
@@ -229,30 +233,28 @@ class TestFolders:
 
     def test_folders_that_vanish_are_made_again(self, tmp_path: Path) -> None:
         store, library = Store(tmp_path / "cache"), Library(tmp_path / "library")
-        fit = least_squares.fit(driven())
         for _ in range(2):
-            store.save_fit("a", fit, pytest.fail)
+            store.keep(small(), pytest.fail)
             name = library.add(small())
-            assert store.load_fit("a", driven(), pytest.fail) is not None
+            assert known(store).name == "small"
             assert confirmed(library) == ["small"]
             shutil.rmtree(store.folder)
             shutil.rmtree(library.folder)
-            assert store.load_fit("a", driven(), pytest.fail) is None
+            assert store.find(small().analysis, pytest.fail) is None
             assert library.entries() == ()
             with pytest.raises(AccpinnError, match="may have been deleted"):
-                library.open(name)
+                library.read(name)
             library.delete(name)
 
 
 def test_two_servers_on_one_cache_read_whole_results_or_none(tmp_path: Path) -> None:
     """One writes and makes room without end while the other reads."""
-    fit = least_squares.fit(driven())
-    size = 3 * len(repr(fit)) + 20_000
+    size = 3 * len(small_bytes())
 
     def write() -> str:
         store, heard = Store(tmp_path, cap_bytes=size), list[str]()
         for k in range(60):
-            store.save_fit(f"{k % 5}", fit, heard.append)
+            store.keep(numbered(k % 5), heard.append)
         return " ".join(heard)
 
     def read() -> str:
@@ -260,10 +262,11 @@ def test_two_servers_on_one_cache_read_whole_results_or_none(tmp_path: Path) -> 
         end = time.monotonic() + 5.0
         while found < 40 and time.monotonic() < end:
             for k in range(5):
-                known = store.load_fit(f"{k}", driven(), heard.append)
-                if known is not None:
+                result = store.find(numbered(k).analysis, heard.append)
+                if result is not None:
                     found += 1
-                    assert np.array_equal(known.parameters.values, fit.parameters.values)
+                    assert result.parameters == small().parameters
+            assert len(store.entries()) <= 5
         return " ".join(heard) or f"{found >= 40}"
 
     write()
@@ -289,17 +292,3 @@ class TestClock:
         assert library.raw(name) == small_bytes()
         library.restore(gone)
         assert "deleted" in confirmed(library)
-
-    def test_put_back_the_cache_still_keeps_the_latest(self, tmp_path: Path) -> None:
-        fit = least_squares.fit(driven())
-        Store(tmp_path).save_fit("probe", fit)
-        (probe,) = tmp_path.iterdir()
-        store = Store(tmp_path, cap_bytes=3 * probe.stat().st_size + 100)
-        ahead = time.time() + 86400
-        for key in ("probe", "b"):
-            store.save_fit(key, fit)
-            os.utime(tmp_path / f"{key}.fit.npz", (ahead, ahead))
-        for key in ("c", "d", "e"):
-            store.save_fit(key, fit)
-        kept = {path.name.split(".")[0] for path in tmp_path.iterdir()}
-        assert kept == {"c", "d", "e"}

@@ -20,16 +20,9 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from accpinn.results.messages.snapshot import parameters_rest_on, verification_summary
-from accpinn.results.snapshot import Snapshot, create
-from accpinn.results.snapshot.archive import load, pack_arrays, seal, to_bytes, unpack_arrays
-from accpinn.results.snapshot.saved import Library
-from accpinn.results.snapshot.verification import QUICK, verify
 
 from accpinn import cli
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.inference.intervals import intervals
-from accpinn.methods import least_squares
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read, read_all
 from accpinn.recordings.mapping import load_mapping
@@ -39,18 +32,31 @@ from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.report import render_report, tables_of
 from accpinn.results.tables.groups import failure_table, group_table
+from accpinn.results.tables.verification import verification_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
-from accpinn.serial import read_json, write_json
-from accpinn.study.comparison import MethodResult
+from accpinn.serial import Arrays
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
+from accpinn.study.result import Result
 from accpinn.study.rows import COLUMNS
+from accpinn.study.snapshot import load, named, to_bytes
+from accpinn.study.store import Library
 from accpinn.study.studies import FILE, KnownFile, Study, read_failures, read_request
+from accpinn.study.verification import QUICK, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
-from tests.support.snapshots import delayed, entries, small, small_bytes
+from tests.support.snapshots import (
+    delayed,
+    members,
+    resealed,
+    result_for,
+    small,
+    small_bytes,
+    two_windows,
+    zipped,
+)
 from tests.support.studies import REQUEST, analysis
 
 UPLOAD = 50_000_000
@@ -205,74 +211,69 @@ def use_mapping(data: bytes, folder: Path) -> bool:
 
 @cache
 def snapshots() -> tuple[bytes, ...]:
-    """A small snapshot, and one with all that needs no training."""
-    segment = small().segment
-    fit = least_squares.fit(segment)
-    uncertainty = small().uncertainty or intervals(segment, fit, draws=10)
-    evaluation = small().evaluation
-    online = METHODS["recursive"].fit(segment)
-    rows = [MethodResult(replace(one, surrogate=None), uncertainty, evaluation)
-            for one in (fit, online)]  # fmt: skip
-    rich = create(
-        segment, fit, uncertainty=uncertainty, evaluation=evaluation, methods=rows,
-        adequacy=delayed(), facts={"campaign": "X", "date": "2024-01-01", "acc_flag": 1,
-        "distance_setting": "min", "samples": 41, "duration": 20.0, "sample_time": 0.5},
-    )  # fmt: skip
-    return small_bytes(), to_bytes(rich)
+    """A small snapshot, one with all that needs no training, and one of several windows."""
+    rows = tuple(result_for(small().segments[0], name) for name in ("least-squares", "recursive"))
+    facts = {"campaign": "X", "date": "2024-01-01", "acc_flag": 1, "distance_setting": "min",
+             "samples": 41, "duration": 20.0, "sample_time": 0.5}  # fmt: skip
+    rich = replace(result_for(small().segments[0], "splines"), compared=rows, facts=facts)
+    rich.parts.adequacy = delayed()
+    return small_bytes(), to_bytes(named(rich, with_data=True)), to_bytes(two_windows())
 
 
 def draw_snapshot(draw: Random) -> bytes:
-    """A snapshot with bytes changed, or with documents and arrays changed and sealed anew."""
+    """A snapshot with bytes changed, or with document and arrays changed and sealed anew."""
     data = draw.choice(snapshots())
     if draw.random() < 0.2:
         return spoil_bytes(data, draw)
-    parts = entries(data)
-    for _ in range(draw.choice((1, 1, 2))):
+    if draw.random() < 0.1:
+        parts = members(data)
         name = draw.choice(sorted(parts))
-        if name.endswith(".json"):
-            parts[name] = write_json(spoil_tree(read_json(parts[name]), draw))
-        elif name.endswith(".npz"):
-            parts[name] = spoil_arrays(parts[name], draw)
-        elif draw.random() < 0.5:
-            parts[name] = spoil_bytes(parts[name], draw)
-        else:
-            del parts[name]
-    return seal(parts)
+        return zipped(parts | {name: spoil_bytes(parts[name], draw)})
+
+    def spoil(tree: dict[str, Any], arrays: Arrays) -> None:
+        for _ in range(draw.choice((1, 1, 2))):
+            if draw.random() < 0.3:
+                spoil_arrays(arrays, draw)
+                continue
+            spoilt = spoil_tree(tree, draw)
+            if isinstance(spoilt, dict):
+                tree.clear()
+                tree.update(spoilt)
+
+    return resealed(spoil, data)
 
 
-def spoil_arrays(data: bytes, draw: Random) -> bytes:
-    """A part of arrays with numbers, or a shape, changed."""
-    arrays = {name: np.array(values) for name, values in unpack_arrays(data, "it").items()}
-    if not arrays:
-        return data
+def spoil_arrays(arrays: Arrays, draw: Random) -> None:
+    """Change numbers, or the shape, of one of the arrays."""
     name = draw.choice(sorted(arrays))
-    values, at = arrays[name], draw.randrange(max(1, arrays[name].size))
-    kind = draw.randrange(5)
+    values = np.array(arrays[name])
+    at, kind = draw.randrange(max(1, values.size)), draw.randrange(5)
     if kind == 0:
-        arrays[name] = values[:at]
+        values = values[:at]
     elif kind == 1:
-        arrays[name] = values * draw.choice((0, -1, 0.5, 1e6, 1e30))
+        values = values * draw.choice((0, -1, 0.5, 1e6, 1e30))
     elif kind == 2:
-        arrays[name] = values.T
+        values = values.T
     elif values.size and values.dtype.kind == "f":
         values.flat[at] = draw.choice((np.nan, np.inf, -np.inf, 0.0, -1.0, 1e30, 1e-300, 1e300))
     elif values.size:
         values.flat[at] = not values.flat[at]
-    return pack_arrays(arrays)
+    arrays[name] = values
 
 
 def use_snapshot(data: bytes, _: Path) -> bool:
     """Open it, check it, and make of it what the app and the command line make."""
     snapshot = load(data)
     checked = verify(snapshot, refit_within=QUICK)
-    verification_summary(checked, snapshot.info), parameters_rest_on(checked, snapshot.info)
+    assert checked.sentence
+    assert verification_table(checked).to_text()
     show(snapshot)
     if len(data) % 16 == 0:  # it takes most of a second
         render_report(snapshot, checked)
     return True
 
 
-def show(snapshot: Snapshot) -> None:
+def show(snapshot: Result) -> None:
     """Tables, sentences and files of a snapshot."""
     words.title(snapshot), words.summary(snapshot), words.about_data(snapshot)
     words.cautions(snapshot)

@@ -71,6 +71,8 @@ def spoil_table(table: bytes, draw: Random, header: int) -> bytes:
         header: the row with the names of the columns.
     """
     rows = [line.split(",") for line in table.decode().splitlines()]
+    if len(rows) < header + 2:  # some files are empty
+        return table
     body = range(header + 1, len(rows))
     for _ in range(draw.choice((1, 1, 2, 4))):
         column = draw.randrange(len(rows[header]))

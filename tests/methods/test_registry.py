@@ -13,12 +13,14 @@ from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.fit import BoundActive, Fit, Outcome
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
+from accpinn.recordings.openacc import read
 from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import compare, results_among
 from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
-from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
+from tests.support.samples import FOLDER, NOISE_FREE, NOISY, PLATOON, sample
 from tests.support.snapshots import bits
 
 Estimator = Callable[[Segment, Case], Fit]
@@ -130,7 +132,7 @@ def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.Monke
     exec(code, names)
     method = names["METHOD"]
     monkeypatch.setitem(METHODS, method.key, method)
-    study = sample(NOISE_FREE)
-    (found,) = results_among(compare(study.segment, "II", (method.key,)))
-    assert found.fit.method == method.key
-    np.testing.assert_allclose(found.fit.parameters.values, study.truth, rtol=0.1)
+    recording = read(FOLDER / f"{NOISE_FREE}.csv")
+    (row,) = results_among(compare(Analysis.of(recording), recording, (method.key,)))
+    assert row.analysis.method == method.key
+    np.testing.assert_allclose(row.parameters.values, sample(NOISE_FREE).truth, rtol=0.1)

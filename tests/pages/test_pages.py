@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.results.snapshot import create
 
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import CALIBRATED, preset
-from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window

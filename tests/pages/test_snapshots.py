@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from accpinn.methods.pinn.request import WarmStart
 from accpinn.results.messages.snapshot import counted
 from accpinn.results.snapshot import Snapshot
 from accpinn.results.snapshot.verification import QUICK, verify
 
 from accpinn.methods.fit import Outcome, StartedFrom
 from accpinn.methods.pinn.config import PAPER, preset
-from accpinn.methods.pinn.request import WarmStart
 from accpinn.model.cthp import Parameters
 from accpinn.tasks.task import Status
 from pages.ui.session import identity, owners, sessions

@@ -5,10 +5,10 @@ import zipfile
 
 import numpy as np
 import pandas as pd
-from accpinn.results.snapshot.archive import load
 
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.results.bundle import bundle
+from accpinn.study.snapshot import load
 from tests.support.snapshots import small, whole
 
 

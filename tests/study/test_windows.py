@@ -10,7 +10,14 @@ from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters
 from accpinn.results.tables.windows import between_table, joint_table, windows_table
 from accpinn.segment.segment import Segment
-from accpinn.study.windows import JointFit, fit_windows, random_effects
+from accpinn.study.result import Result
+from accpinn.study.run import fit_windows
+from accpinn.study.windows import (
+    between_windows,
+    differing_windows,
+    log_errors,
+    random_effects,
+)
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import MIXED, driven
 
@@ -26,12 +33,12 @@ def window(seed: int, parameters: Parameters = TRUTH) -> Segment:
 
 
 @pytest.fixture(scope="module")
-def same() -> JointFit:
+def same() -> Result:
     return fit_windows([window(seed) for seed in range(4)])
 
 
 @pytest.fixture(scope="module")
-def different() -> JointFit:
+def different() -> Result:
     return fit_windows([window(4), window(5, FAST), window(6), window(7, FAST)])
 
 
@@ -96,7 +103,7 @@ class TestRandomEffects:
 
 
 class TestJointFit:
-    def test_windows_together_say_more_than_one_alone(self, same: JointFit) -> None:
+    def test_windows_together_say_more_than_one_alone(self, same: Result) -> None:
         def off(parameters: Parameters) -> float:
             return float(np.abs(np.log(parameters[0].values / TRUTH[0].values)).mean())
 
@@ -107,24 +114,26 @@ class TestJointFit:
         assert same.uncertainty.inside.all()
         assert all(fit.parameters == same.parameters for fit in same.fits)
 
-    def test_equal_truths_do_not_differ(self, same: JointFit) -> None:
-        assert same.findings == ()
-        errors = np.median([one.errors[0] for one in same.windows], axis=0)
-        for effect, error in zip(same.between[0].effects, errors, strict=True):
+    def test_equal_truths_do_not_differ(self, same: Result) -> None:
+        between = between_windows(same)
+        assert differing_windows(between, "II") == ()
+        errors = np.median([log_errors(window)[0] for window in same.windows], axis=0)
+        for effect, error in zip(between[0].effects, errors, strict=True):
             assert (effect.windows, effect.lower) == (4, 0.0)
             assert effect.deviation < error
-        assert same.between[0].tau.typical == pytest.approx(1.3, rel=0.1)
+        assert between[0].tau.typical == pytest.approx(1.3, rel=0.1)
 
-    def test_truths_that_differ_are_recovered(self, different: JointFit) -> None:
+    def test_truths_that_differ_are_recovered(self, different: Result) -> None:
         """Two windows at 0.08 and two at 0.24 have a deviation of ln 3 / √3."""
-        alpha = different.between[0].alpha
+        between = between_windows(different)
+        alpha = between[0].alpha
         assert alpha.deviation == pytest.approx(np.log(3) / np.sqrt(3), rel=0.4)
         assert alpha.lower > 0
         low, high = alpha.further
         assert low < 0.08 < 0.24 < high
         assert alpha.typical == pytest.approx(np.sqrt(0.08 * 0.24), rel=0.35)
-        assert different.between[0].tau.deviation < 0.15
-        [finding] = different.findings
+        assert between[0].tau.deviation < 0.15
+        [finding] = differing_windows(between, "II")
         assert (finding.vehicle, finding.windows) == (2, 4)
         assert "α" in finding.symbols
 
@@ -133,10 +142,10 @@ class TestJointFit:
         parts[1] = replace(parts[1], start=60.0)
         joint = fit_windows(parts, "I")
         assert joint.parameters[0] == joint.parameters[1]
-        first, second = joint.between
+        first, second = between = between_windows(joint)
         assert (first.vehicle, second.vehicle) == (2, 3)
         assert first.effects == second.effects
-        assert {one.vehicle for one in joint.findings} <= {0}
+        assert {one.vehicle for one in differing_windows(between, "I")} <= {0}
 
     def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
         whole = driven(((0.10, -0.04, 1.8),), duration=160.0, noise=0.05)
@@ -147,14 +156,15 @@ class TestJointFit:
         np.testing.assert_array_equal(one, other)
         assert one[1] == pytest.approx(-0.04, abs=0.02)
 
-    def test_tables_have_each_window_and_each_parameter(self, different: JointFit) -> None:
+    def test_tables_have_each_window_and_each_parameter(self, different: Result) -> None:
         rows = windows_table(different, 0).rows
         assert [row[0] for row in rows] == ["0–150 s"] * 4 + ["all together"]
         assert rows[-1][1:4] == tuple(different.parameters.values[0])
         assert joint_table(different).rows[0][1:4] == rows[-1][1:4]
-        between = between_table(different, 0)
+        follower = between_windows(different)[0]
+        between = between_table(different, follower)
         assert [row[0] for row in between.rows] == ["α [1/s²]", "β [1/s]", "τ [s]"]
-        assert between.rows[0][3] == pytest.approx(100 * different.between[0].alpha.deviation)
+        assert between.rows[0][3] == pytest.approx(100 * follower.alpha.deviation)
 
 
 def recorded(start: float, **changes: object) -> Segment:

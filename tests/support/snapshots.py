@@ -1,37 +1,72 @@
-"""Snapshots for tests: a small one made fast, and one with all that a snapshot can hold."""
+"""Results for tests: a small one made fast, and one with all that a snapshot can hold."""
 
-from collections.abc import Callable, Sequence
+import io
+import json
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
-from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
-from accpinn.results.snapshot.archive import seal, to_bytes, unpack
 
-from accpinn.inference.intervals import intervals
+from accpinn.evaluation.evaluation import part
 from accpinn.inference.model_adequacy import Adequacy, BetterForm, ModelForm
 from accpinn.methods.fit import Fit
+from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.state_space import FORMS
-from accpinn.model.cthp import Parameters
-from accpinn.segment.segment import Segment
-from accpinn.serial import dump, read_json, write_json
+from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
+from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.serial import Arrays, dump
+from accpinn.study.analysis import Analysis, Source
 from accpinn.study.comparison import compare, results_among
+from accpinn.study.result import Result
+from accpinn.study.run import estimate, fit_windows, run
+from accpinn.study.snapshot import (
+    ARRAYS,
+    DOCUMENT,
+    FORMAT,
+    MANIFEST,
+    SCHEMA,
+    _digest,
+    named,
+    to_bytes,
+)
 from tests.support.driving import driven
-from tests.support.methods import RIVALS as ESTIMATORS
-from tests.support.methods import train
-from tests.support.samples import PLATOON, sample
+from tests.support.samples import FOLDER, PLATOON
 
 NOTE = "α β τ, “quotes”, <tags> and\nlines."
 
 
+def asked_of(
+    segment: Segment, method: str = "least-squares", settings: Any = None, case: Case = "II"
+) -> Analysis:
+    """The analysis of a segment that no recording stands behind."""
+    asked = Analysis(
+        Source(segment.source, segment.sha256, None, segment.info.digest),
+        segment.vehicles,
+        (segment.window,),
+        case,
+        segment.excluded_regimes,
+    )
+    return asked.with_method(method, settings)
+
+
+def result_for(
+    segment: Segment, method: str = "least-squares", settings: Any = None, case: Case = "II"
+) -> Result:
+    """A method's answer for such a segment."""
+    context = TaskContext(threads=1)
+    return estimate(asked_of(segment, method, settings, case), (segment,), context=context)
+
+
 @cache
-def small() -> Snapshot:
-    """A short window with its data, few draws, and least squares."""
-    segment = driven(duration=20.0, step=0.5)
-    fit = ESTIMATORS["least-squares"](segment, "II")
-    uncertainty = intervals(segment, fit, draws=10)
-    return create(segment, fit, uncertainty=uncertainty, name="small", with_data=True)
+def small() -> Result:
+    """A short window with its data, and least squares."""
+    return named(result_for(driven(duration=20.0, step=0.5)), "small", with_data=True)
 
 
 @cache
@@ -39,19 +74,52 @@ def small_bytes() -> bytes:
     return to_bytes(small())
 
 
+def altered(
+    result: Result, *, fit: Fit | None = None, info: SegmentInfo | None = None, **parts: Any
+) -> Result:
+    """A result with another fit, another description of its window, or other parts."""
+    return replace(
+        result,
+        fits=(fit or result.fit,),
+        infos=(info or result.info,),
+        parts=replace(result.parts, **parts),
+    )
+
+
+def numbered(number: int, result: Result | None = None) -> Result:
+    """The small result, or another, as the answer to another question."""
+    result = result or small()
+    asked = replace(result.analysis, source=replace(result.analysis.source, data=f"{number}"))
+    return replace(result, analysis=asked, created=f"2026-01-01T00:00:{number:02}Z")
+
+
 @cache
-def trained() -> tuple[Segment, Fit]:
+def platoon() -> Recording:
+    """The synthetic platoon's."""
+    return read(FOLDER / f"{PLATOON}.csv")
+
+
+@cache
+def trained() -> Result:
     """The PiNN's answer for the synthetic platoon."""
-    segment = sample(PLATOON).segment
-    return segment, train(segment, "II", preset("fast", iterations=20), threads=1)
+    asked = Analysis.of(platoon(), settings=preset("fast", iterations=20))
+    return run(asked, platoon(), context=TaskContext(threads=1))
 
 
 @cache
-def whole() -> Snapshot:
-    """Of the synthetic platoon: network, comparison and data."""
-    segment, fit = trained()
-    methods = results_among(compare(segment, "II", ("least-squares", "recursive")))
-    return create(segment, fit, methods=methods, name="whole", note=NOTE, with_data=True)
+def whole() -> Result:
+    """The same with the network, a comparison and the data, as a snapshot has it."""
+    result = trained()
+    compared = results_among(compare(result.analysis, platoon(), ("least-squares", "recursive")))
+    return named(replace(result, compared=compared), "whole", NOTE, with_data=True)
+
+
+@cache
+def two_windows() -> Result:
+    """One parameter set over two windows, with their data."""
+    segment = driven(duration=60.0, step=0.5, noise=0.05)
+    halves = part(segment, 0, 60), part(segment, 60, segment.samples)
+    return named(fit_windows(halves), "two", with_data=True)
 
 
 def delayed(vehicle: int = 2) -> Adequacy:
@@ -69,19 +137,48 @@ def delayed(vehicle: int = 2) -> Adequacy:
     return Adequacy(forms, None, (better,))
 
 
-def entries(data: bytes) -> dict[str, bytes]:
-    """What a snapshot's file holds beside its manifest."""
-    found = unpack(data, "It")
-    del found[MANIFEST]
-    return found
+def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
+    """A zip file."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", method) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
 
 
-def resealed(change: Callable[[dict[str, Any]], None], schema: int = SCHEMA) -> bytes:
-    """The small snapshot with its documents changed and everything sealed anew."""
-    parts = entries(small_bytes())
-    trees = {name: read_json(text) for name, text in parts.items() if name.endswith(".json")}
-    change(trees)
-    return seal(parts | {name: write_json(tree) for name, tree in trees.items()}, schema)
+def members(data: bytes) -> dict[str, bytes]:
+    """What a zip file holds."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def arrays_of(data: bytes) -> Arrays:
+    """The arrays of a snapshot's bytes."""
+    with np.load(io.BytesIO(members(data)[ARRAYS])) as arrays:
+        return dict(arrays)
+
+
+def sealed(document: bytes, arrays: Arrays, schema: int = SCHEMA) -> bytes:
+    """A snapshot of any contents, with the digest that they have."""
+    packed = io.BytesIO()
+    np.savez(packed, allow_pickle=False, **arrays)
+    manifest = {"format": FORMAT, "schema": schema, "sha256": _digest(document, arrays)}
+    return zipped(
+        {MANIFEST: json.dumps(manifest).encode(), DOCUMENT: document, ARRAYS: packed.getvalue()},
+        zipfile.ZIP_DEFLATED,
+    )
+
+
+def resealed(
+    change: Callable[[dict[str, Any], Arrays], object],
+    data: bytes | None = None,
+    schema: int = SCHEMA,
+) -> bytes:
+    """A snapshot, the small one by default, with its tree or arrays changed and sealed anew."""
+    data = data or small_bytes()
+    tree, arrays = json.loads(members(data)[DOCUMENT]), arrays_of(data)
+    change(tree, arrays)
+    return sealed(json.dumps(tree, ensure_ascii=False).encode("utf-8", "replace"), arrays, schema)
 
 
 def put(tree: Any, place: Sequence[str], leaf: Any) -> None:

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.methods.store import Store
 
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, History, Outcome, Progress
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.model.cthp import Parameters
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment

@@ -4,8 +4,6 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from accpinn.results.snapshot import Snapshot, stability
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
@@ -20,16 +18,18 @@ from accpinn.results.messages.summary import (
     summary,
     title,
 )
-from tests.support.snapshots import small, whole
+from accpinn.results.tables.estimates import name_of
+from accpinn.study.result import Result
+from tests.support.snapshots import altered, delayed, small, whole
 
 
-def said(snapshot: Snapshot) -> str:
+def said(snapshot: Result) -> str:
     return " ".join(summary(snapshot))
 
 
-def colliding(snapshot: Snapshot, vehicle: int, time: float) -> Snapshot:
+def colliding(snapshot: Result, vehicle: int, time: float) -> Result:
     findings = (SimulatedCollision(vehicle, time, -1.5),)
-    return replace(snapshot, evaluation=replace(snapshot.evaluation, findings=findings))
+    return altered(snapshot, evaluation=replace(snapshot.evaluation, findings=findings))
 
 
 def test_title_agrees_in_number() -> None:
@@ -47,14 +47,14 @@ def test_summary_gives_headways_with_their_interval_and_a_verdict() -> None:
     known = small().uncertainty
     low, high = known.lower.tau[0], known.upper.tau[0]
     assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in said(small())
-    shared = replace(whole(), fit=replace(whole().fit, case="I"))
+    shared = altered(whole(), fit=replace(whole().fit, case="I"))
     assert "4 vehicles as one set: time headway" in said(shared)
 
     def unknown(rows: list[int]) -> str:
         lost = values.copy()
         lost[rows, 2] = np.nan
         fit = replace(whole().fit, parameters=Parameters.of(lost))
-        return said(replace(whole(), fit=fit, stability=None))
+        return said(altered(whole(), fit=fit))
 
     assert "τ not determined" in unknown([0, 1, 2, 3])
     assert f"(not determined for {whole().info.labels[2]})" in unknown([1])
@@ -87,15 +87,15 @@ def test_what_estimates_assume_names_those_with_a_better_form() -> None:
 
 
 def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
-    first, second = whole().methods
+    first, second = whole().compared
 
     def judged(which: list[int], **changes: object) -> str:
         inside = np.ones_like(first.uncertainty.inside)
         inside[0, which] = False
-        row = replace(first, uncertainty=replace(first.uncertainty, inside=inside, **changes))
+        row = altered(first, uncertainty=replace(first.uncertainty, inside=inside, **changes))
         inside = np.ones_like(inside)
         return outside_intervals(
-            (row, replace(second, uncertainty=replace(row.uncertainty, inside=inside))), 0
+            (row, altered(second, uncertainty=replace(row.uncertainty, inside=inside))), 0
         )
 
     name = name_of(first.fit)
@@ -107,21 +107,21 @@ def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
 
 def test_a_stopped_training_is_called_so_first() -> None:
     fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=12)
-    first = summary(replace(whole(), fit=fit))[0]
+    first = summary(altered(whole(), fit=fit))[0]
     assert "stopped at 12 of 20 iterations" in first
-    assert "amplify" not in said(replace(whole(), fit=fit)), "no verdict"
+    assert "amplify" not in said(altered(whole(), fit=fit)), "no verdict"
 
 
 def test_stable_vehicles_are_called_so() -> None:
     fit = replace(small().fit, parameters=Parameters.of([[0.05, 0.6, 3.0]]))
-    found = replace(small(), fit=fit, stability=stability(fit), uncertainty=None)
+    found = altered(small(), fit=fit)
     assert "does not amplify" in said(found)
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:
     facts = {"acc_flag": 1, "campaign": "AstaZero", "distance_setting": None}
     info = replace(whole().info, excluded_regimes=("manual",), excluded_share=(0.25, 0, 0, 0))
-    rows = dict(about_data(replace(whole(), facts=facts, info=info)))
+    rows = dict(about_data(altered(replace(whole(), facts=facts), info=info)))
     assert rows["ACC flag of the file"].startswith("ACC, for the recording as a whole")
     assert rows["Campaign"] == "AstaZero"
     assert "Distance setting" not in rows

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from accpinn.results.messages.snapshot import check_rows
+
 from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
-from accpinn.results.snapshot.verification import QUICK, verify
 from accpinn.results.tables.estimates import name_of
-from tests.support.snapshots import small, whole
+from accpinn.study.verification import QUICK, Verification, verify
+from tests.support.snapshots import altered, delayed, small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
 ORDER = [
@@ -66,7 +66,9 @@ def page() -> str:
 def hostile_page() -> str:
     info = replace(whole().info, names=(HOSTILE,) * 5, source=HOSTILE)
     return render_report(
-        replace(whole(), name=HOSTILE, note=HOSTILE, info=info, facts={"campaign": HOSTILE})
+        altered(
+            replace(whole(), name=HOSTILE, note=HOSTILE, facts={"campaign": HOSTILE}), info=info
+        )
     )
 
 
@@ -80,7 +82,7 @@ class TestPage:
         assert [text.strip() for text in Reader(page()).within("h2")] == ORDER
 
     def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp(self) -> None:
-        changed = replace(small(), adequacy=delayed())
+        changed = altered(small(), adequacy=delayed())
         text = " ".join(text for _, text in Reader(render_report(changed, Verification(()))).texts)
         assert "(0.72–1.08)" in text, "of the delay"
         assert changed.adequacy.better[0].sentence(changed.info) in text
@@ -114,11 +116,9 @@ class TestPage:
                     assert all(v == float(f"{v:.5g}") for v in numbers)
 
     def test_a_bare_result_makes_a_page_too(self) -> None:
-        bare = replace(
-            small(), uncertainty=None, evaluation=None, stability=None, segment=None, methods=()
-        )
+        bare = replace(small(), segments=(), compared=())
         headings = [text.strip() for text in Reader(render_report(bare)).within("h2")]
-        assert headings == [*ORDER[:4], *ORDER[-2:]]
+        assert headings == [title for title in ORDER if title != "Methods compared"]
 
 
 class TestContents:
@@ -137,29 +137,26 @@ class TestContents:
         text = base64.b64decode(address.split("base64,")[1]).decode()
         assert str(whole().fit.parameters.alpha[0]) in text
 
-    def test_stored_stands_beside_recomputed(self) -> None:
-        reader, rows = Reader(page()), check_rows(verify(whole(), refit_within=QUICK), whole().info)
+    def test_what_was_checked_stands_beside_what_was_found(self) -> None:
+        reader, checks = Reader(page()), verify(whole(), refit_within=QUICK).checks
         cells = reader.within("td")
-        assert rows
-        for one in rows:
-            assert {one.stored, one.recomputed} <= set(cells)
+        assert checks
+        for check in checks:
+            assert {check.title, check.sentence} <= set(cells)
         assert not reader.warned
 
     def test_a_mismatch_is_shown(self) -> None:
-        stability = whole().stability
-        first = stability.vehicles[0]
-        first = replace(first, linf_exact=replace(first.linf_exact, value=9.0))
-        changed = replace(stability, vehicles=(first, *stability.vehicles[1:]))
-        reader = Reader(render_report(replace(whole(), stability=changed)))
-        assert any(cell.startswith("NO: ") for cell in reader.within("td"))
+        quality = whole().quality
+        forged = replace(quality, mean_time_gap=(9.0, *quality.mean_time_gap[1:]))
+        reader = Reader(render_report(altered(whole(), quality=forged)))
+        assert "NO" in reader.within("td")
         assert reader.warned
-        assert "9.000" not in reader.within("td"), "stability is shown as it was recomputed"
 
     def test_curves_are_the_data_where_they_are_known(self) -> None:
         made, segment = motion_picture(whole()), whole().segment
         speed = next(t for t in made.figure.data if t.yaxis == "y2")
         assert np.max(speed.y) == pytest.approx(segment.speeds[:, 0].max())
-        without = replace(whole(), segment=None)
+        without = replace(whole(), segments=())
         made = motion_picture(without)
         assert "not part of this report" in made.caption
         names = {trace.name for picture in fit_pictures(without) for trace in picture.figure.data}

@@ -1,0 +1,124 @@
+"""The question: equal ones have one key, and whatever determines the answer is part of it."""
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import accpinn
+from accpinn.errors import AccpinnError
+from accpinn.methods.pinn.config import PinnConfig, preset
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
+from accpinn.serial import dump, flatten, restore
+from accpinn.study.analysis import Analysis, differences
+from tests.support.samples import FOLDER, NOISY
+from tests.support.snapshots import platoon, put
+
+ASKED = Analysis.of(platoon(), [Window(0, 60)], "1-3", excluded=["catching up", "manual"])
+
+
+def test_equal_questions_have_equal_keys(tmp_path: Path) -> None:
+    renamed = tmp_path / "renamed.csv"
+    renamed.write_bytes((FOLDER / "synthetic_astazero_like.csv").read_bytes())
+    others = (
+        Analysis.of(read(renamed), [Window(0, 60)], "1-3", excluded=["catching up", "manual"]),
+        Analysis.of(platoon(), [Window(0.0, 60.0)], (1, 2, 3), excluded="manual,catching-up"),
+        Analysis.of(platoon(), [Window(0, 60)], np.arange(1, 4), excluded=["manual"] * 2
+                    + ["catching up"], settings=preset("fast")),
+        Analysis.of(platoon(), [Window(0, 60)], "1-3", excluded=["catching up", "manual"],
+                    settings=preset("fast").to_json()),
+        restore(Analysis, json.loads(json.dumps(dump(ASKED)[0])), {}),
+    )  # fmt: skip
+    assert {other.key for other in others} == {ASKED.key}
+    assert len(ASKED.key) == 64
+    assert others[-1] == ASKED
+
+
+OTHERS = {"case": "I", "method": "splines"}
+
+
+def changed(leaf: Any) -> Any:
+    if isinstance(leaf, bool):
+        return not leaf
+    return leaf + 1 if isinstance(leaf, int | float) else f"{leaf}x"
+
+
+@given(st.data())
+def test_whatever_determines_the_answer_changes_the_key(data: st.DataObject) -> None:
+    tree = dump(ASKED)[0]
+    told = {"source.name", "source.sha256", "source.trajectory"}
+    places = [(place, leaf) for place, leaf in flatten(tree) if place != "model"]  # only one yet
+    place, leaf = data.draw(st.sampled_from(places))
+    put(tree, place.split("."), OTHERS.get(place, changed(leaf)))
+    assert (restore(Analysis, tree, {}).key == ASKED.key) == (place in told)
+
+
+def test_a_methods_version_changes_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    method = replace(METHODS["pinn"], version=METHODS["pinn"].version + 1)
+    monkeypatch.setitem(METHODS, "pinn", method)
+    assert replace(ASKED).key != ASKED.key
+
+
+def test_every_setting_is_part_of_the_question() -> None:
+    assert {field.name for field in fields(PinnConfig)} <= ASKED.settings.keys()
+    assert ASKED.config == preset("fast")
+    assert ASKED.with_method("splines").settings == {}
+    assert ASKED.with_method("splines").config is None
+
+
+def test_a_longer_training_goes_on_from_a_shorter_ones_checkpoint() -> None:
+    short, long, seeded = (
+        ASKED.with_method("pinn", preset("paper", **changes))
+        for changes in ({"iterations": 10}, {"iterations": 20}, {"seed": 1})
+    )
+    assert short.checkpoint_keys[0] == long.checkpoint_keys[0] != seeded.checkpoint_keys[0]
+    assert short.checkpoint_keys[1] == short.key != long.key
+    assert ASKED.checkpoint_keys == ASKED.with_method("splines").checkpoint_keys == ()
+
+
+def test_differences_name_what_was_asked_otherwise() -> None:
+    assert differences(ASKED, ASKED) == ()
+    moved = replace(ASKED, windows=(Window(40.0, 340.0),), case="I", excluded=())
+    said = differences(ASKED, moved)
+    assert "case: II → I" in said
+    assert "window: 0–60 s → 40–340 s" in said
+    assert any(one.startswith("excluded") and one.endswith("nothing") for one in said)
+    assert differences(ASKED, ASKED.with_method("pinn", preset("fast", seed=3))) == ("seed: 0 → 3",)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"recording": None}, "recording"),
+        ({"recording": 5}, "recording"),
+        ({"method": "guess"}, "guess"),
+        ({"case": "III"}, "choose I or II"),
+        ({"start": "0"}, "start"),
+        ({"start": None}, "start"),
+        ({"duration": True}, "duration"),
+        ({"method": "pinn", "seed": "a"}, "seed"),
+        ({"seed": 1.5}, "seed"),
+        ({"method": "pinn", "preset": "slow"}, "slow"),
+        ({"vehicles": (1.0, 2.0)}, "vehicles"),
+        ({"vehicles": "all"}, "1-5"),
+        ({"exclude": "lunch"}, "catching-up"),
+        ({"exclude": ["lunch"]}, "catching-up"),
+        ({"windows": "noon"}, "0-300"),
+        ({"windows": "0-60,60-120"}, "choose that method"),
+        ({"method": "pinn", "threads": -1}, "threads"),
+        ({"method": "pinn", "threads": "2"}, "threads"),
+    ],
+    ids=str,
+)
+def test_an_argument_out_of_range_is_named(asked: dict[str, Any], words: str) -> None:
+    with pytest.raises(AccpinnError, match=words) as fault:
+        accpinn.fit(**{"recording": FOLDER / f"{NOISY}.csv", "method": "splines"} | asked)
+    assert str(fault.value).endswith(".")
+    assert "\n" not in str(fault.value)

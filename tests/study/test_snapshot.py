@@ -1,0 +1,421 @@
+"""The file of a snapshot: every bit kept, and nothing believed that a stranger wrote."""
+
+import io
+import json
+import os
+import platform as machine
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from accpinn.errors import SnapshotError
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import preset
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case
+from accpinn.recordings.recording import Recording
+from accpinn.segment.quality import exclude_regimes, label_regimes
+from accpinn.segment.segment import Segment
+from accpinn.serial import Arrays
+from accpinn.study.analysis import Analysis
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.snapshot import (
+    ARRAYS,
+    ATTRIBUTION,
+    DOCUMENT,
+    LARGEST,
+    MANIFEST,
+    MOST_COMPUTED,
+    SCHEMA,
+    load,
+    named,
+    save,
+    to_bytes,
+)
+from accpinn.study.verification import verify
+from accpinn.units import Stretch
+from tests.support.command import ROOT
+from tests.support.driving import MIXED, driven, standing_still
+from tests.support.holes import with_holes
+from tests.support.snapshots import (
+    arrays_of,
+    bits,
+    delayed,
+    members,
+    put,
+    resealed,
+    result_for,
+    sealed,
+    small,
+    small_bytes,
+    trained,
+    two_windows,
+    whole,
+    zipped,
+)
+
+SEALED = small_bytes()
+
+
+def refused(data: bytes) -> str:
+    """The one sentence with which bytes are refused."""
+    with pytest.raises(SnapshotError) as fault:
+        load(data)
+    sentence = str(fault.value)
+    assert sentence.endswith(".")
+    assert sentence.isprintable()
+    assert len(sentence) < 250
+    return sentence
+
+
+IN_A_FRESH_PROCESS = """
+import json, sys
+from accpinn.study.snapshot import load
+from accpinn.study.verification import QUICK, verify
+from tests.support import draws
+draws.take_few()  # as in this test's process
+snapshot = load(sys.argv[1])
+found = verify(snapshot, refit_within=QUICK)
+print(json.dumps([snapshot.parameters.values.tobytes().hex(), found.ok, "torch" in sys.modules]))
+"""
+
+
+def masked() -> Segment:
+    segment = driven(duration=60.0)
+    far = np.sin(segment.time / 8)[:, None] > 0
+    segment = replace(segment, gaps=np.where(far, 2.1, 1.5) * segment.speeds[:, 1:])
+    return exclude_regimes(segment, label_regimes(segment), ("catching up",))
+
+
+def holed() -> Segment:
+    return with_holes(driven(), {1: [Stretch(40, 80)], 2: [Stretch(20, 90)]})
+
+
+class TestRoundTrip:
+    @pytest.mark.parametrize("make", [small, whole, two_windows])
+    def test_every_bit_is_kept(self, make: Callable[[], Result]) -> None:
+        data = to_bytes(make())
+        after = load(data)
+        assert (make().id, len(after.id)) == ("", 16)
+        assert bits(replace(after, digest="")) == bits(make())
+        assert to_bytes(after) == data
+        assert load(to_bytes(replace(after, note="another"))).digest != after.digest
+
+    @pytest.mark.parametrize(
+        "result",
+        [
+            partial(result_for, masked()),
+            partial(result_for, holed(), "maximum-likelihood"),
+            partial(result_for, standing_still()),
+        ],
+        ids=["mask", "missing samples", "nothing determined"],
+    )
+    def test_odd_data_and_answers(self, result: Callable[[], Result]) -> None:
+        before = named(result(), with_data=True)
+        after = load(to_bytes(before))
+        assert bits(replace(after, digest="")) == bits(before)
+        for name in ("mask", "missing"):
+            kept, given = (getattr(one.segments[0], name) for one in (after, before))
+            np.testing.assert_array_equal(kept, given)
+
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_every_method_and_preset(self, case: Case) -> None:
+        asked = [(name, None) for name in METHODS if name != "pinn"]
+        asked += [("pinn", preset(name, iterations=3)) for name in ("fast", "calibrated", "paper")]
+        for method, settings in asked:
+            before = named(result_for(driven(MIXED[:2], 30.0), method, settings, case))
+            assert bits(replace(load(to_bytes(before)), digest="")) == bits(before), method
+
+    def test_forms_of_the_model_are_kept(self) -> None:
+        parts = replace(small().parts, adequacy=delayed())
+        assert bits(load(to_bytes(replace(small(), parts=parts))).adequacy) == bits(delayed())
+
+    def test_it_opens_in_a_fresh_process_without_torch(self, tmp_path: Path) -> None:
+        path = save(whole(), tmp_path / "whole.accpinn.zip")
+        done = subprocess.run(
+            [sys.executable, "-c", IN_A_FRESH_PROCESS, str(path)],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert json.loads(done.stdout) == [whole().parameters.values.tobytes().hex(), True, False]
+
+    def test_without_data_it_has_none_and_says_whose_they_are(self) -> None:
+        data = to_bytes(named(trained()))
+        assert load(data).segments == ()
+        assert not any("segments" in name for name in arrays_of(data))
+        assert b"CC BY 4.0" in members(data)[ATTRIBUTION]
+        for secret in (machine.node(), str(Path.home())):
+            assert secret.encode() not in SEALED
+
+    def test_casale(self, casale: Recording, tmp_path: Path) -> None:
+        result = run(Analysis.of(casale, settings=preset("fast", iterations=60)), casale)
+        target = save(named(result), tmp_path / "casale.accpinn.zip")
+        assert target.stat().st_size < 400_000
+        assert verify(load(target), casale).ok
+
+    def test_what_cannot_be_kept_is_refused(self) -> None:
+        diverged = replace(trained(), fits=(replace(trained().fit, outcome=Outcome.DIVERGED),))
+        with pytest.raises(SnapshotError, match="diverged"):
+            named(diverged)
+        for name, note in (("x" * 201, ""), ("", "x" * 10_001), (None, ""), ("\ud800", "")):
+            with pytest.raises(SnapshotError, match=r"characters long|is no text"):
+                named(trained(), name, note)
+        noisy = np.random.default_rng(0).standard_normal((LARGEST // 8, 1))
+        large = replace(small(), fits=(replace(small().fit, arrays={"w": noisy}),))
+        with pytest.raises(SnapshotError, match="too large"):
+            to_bytes(large)
+
+
+class TestPlaces:
+    def test_the_old_file_is_replaced_and_a_link_to_it_followed(self, tmp_path: Path) -> None:
+        target, link = tmp_path / "a.accpinn.zip", tmp_path / "link"
+        link.symlink_to(target)
+        for content in (b"", SEALED):
+            target.write_bytes(content)
+            assert save(whole(), link) == link
+            assert load(target).name == "whole"
+        assert link.is_symlink()
+        assert len([*tmp_path.iterdir()]) == 2
+
+    def test_nothing_else_is_replaced_or_waited_for(self, tmp_path: Path) -> None:
+        (tmp_path / "table.csv").write_bytes(b"Time,Speed1")
+        (tmp_path / "book.xlsx").write_bytes(b"PK\x03\x04" + bytes(100))
+        (tmp_path / "circle").symlink_to("circle")
+        if hasattr(os, "mkfifo"):
+            os.mkfifo(tmp_path / "pipe")
+        before = sorted(path.name for path in tmp_path.iterdir())
+        for name in (*before, ".", "x" * 300, "missing/a", "nul\0"):
+            with pytest.raises(SnapshotError, match=r"choose another|name a file"):
+                save(small(), tmp_path / name)
+            with pytest.raises(SnapshotError):
+                load(tmp_path / name)
+        assert sorted(path.name for path in tmp_path.iterdir()) == before
+        assert (tmp_path / "table.csv").read_bytes() == b"Time,Speed1"
+
+
+class TestDamage:
+    @given(st.integers(0, len(SEALED) - 1), st.integers(1, 255))
+    @example(0, 1)
+    @example(len(SEALED) - 1, 128)
+    def test_a_changed_byte_is_refused_or_changes_nothing(self, at: int, change: int) -> None:
+        data = bytearray(SEALED)
+        data[at] ^= change
+        try:
+            after = load(bytes(data))
+        except SnapshotError:
+            refused(bytes(data))
+        else:
+            assert bits(replace(after, digest="")) == bits(small())
+
+    def test_a_part_of_a_file_is_refused(self) -> None:
+        for length in range(0, len(SEALED), len(SEALED) // 10 - 1):
+            refused(SEALED[:length])
+
+    @given(st.binary(max_size=300))
+    def test_anything_else_is_refused(self, data: bytes) -> None:
+        refused(data)
+
+
+def with_arrays(**changes: Any) -> bytes:
+    return resealed(lambda _, arrays: arrays.update(changes))
+
+
+def with_npz(*contents: tuple[str, bytes]) -> bytes:
+    """The small snapshot with other members among its arrays."""
+    return zipped(members(SEALED) | {ARRAYS: zipped(dict(contents))})
+
+
+def npy(values: np.ndarray, allow_pickle: bool = False) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, values, allow_pickle=allow_pickle)
+    return buffer.getvalue()
+
+
+def header(shape: str) -> bytes:
+    text = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}"
+    return b"\x93NUMPY\x01\x00\x76\x00" + f"{text:<117}\n".encode()
+
+
+def with_text(text: bytes) -> bytes:
+    return sealed(text, arrays_of(SEALED))
+
+
+SPEEDS = "segments.0.speeds"
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "another zip": lambda: zipped({"a.txt": b"a"}),
+    "zip bomb": lambda: zipped({DOCUMENT: b"0" * 200_000_000}, zipfile.ZIP_DEFLATED),
+    "bomb of arrays": lambda: zipped(
+        members(SEALED)
+        | {ARRAYS: zipped({"a.npy": npy(np.zeros(20_000_000))}, zipfile.ZIP_DEFLATED)}
+    ),
+    "too many bytes": lambda: SEALED + bytes(LARGEST),
+    "huge document": lambda: with_text(b" " * 3_000_000),
+    "pickle": lambda: with_npz(("a.npy", npy(np.array([{"a": 1}], dtype=object), True))),
+    "no array": lambda: with_npz(("a.npy", b"x")),
+    "text": lambda: with_npz(("a.npy", npy(np.array(["text"])))),
+    "records": lambda: with_npz(("a.npy", npy(np.zeros(2, [("a", "f8")])))),
+    **{f"shape {shape}": partial(with_npz, ("a.npy", header(shape))) for shape in (
+        "(1000000000000,)", "(0, 99999999999999999999)", "(4611686018427387904, 4)", "(-1,)",
+        "(1 2)",
+    )},
+    **{name: partial(with_text, text) for name, text in {
+        "nesting": b"[" * 1000 + b"]" * 1000,
+        "deep nesting": b"[" * 450_000 + b"]" * 450_000,
+        "nested document": b'{"analysis":' * 900 + b"1" + b"}" * 900,
+        "unclosed": b"[" * 950_000,
+        "digits": b"9" * 900_000,
+        "no text": b'"\xff"',
+        "number": b"1",
+        "nothing": b"",
+    }.items()},
+    **{f"manifest {text[:12]!r}": partial(lambda text: zipped(members(SEALED) | {MANIFEST: text}),
+                                          text)
+       for text in (b"[]", b"{}", b'{"format":"other"}', b"x", b"[" * 100_000)},
+}  # fmt: skip
+
+MEASURED = """
+import sys, time
+from pathlib import Path
+from accpinn.study.snapshot import load
+from accpinn.errors import SnapshotError
+def peak():
+    [line] = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
+    return int(line.split()[1]) / 1024
+before = peak()
+for path in sorted(Path(sys.argv[1]).iterdir()):
+    started = time.process_time()
+    try:
+        load(path)
+        print(path.name, "was loaded")
+    except SnapshotError as fault:
+        if len(str(fault).replace(str(path), "")) > 250 or not str(fault).endswith("."):
+            print(path.name, fault)
+    if time.process_time() - started > 1.0:
+        print(path.name, "took long")
+if peak() - before > 300:
+    print(peak() - before, "MB")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read as Linux has them")
+def test_hostile_files_are_refused_quickly_and_cheaply(tmp_path: Path) -> None:
+    for k, make in enumerate(HOSTILE.values()):
+        (tmp_path / f"{k}.zip").write_bytes(make())
+    done = subprocess.run(
+        [sys.executable, "-c", MEASURED, str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    assert done.stdout == ""
+
+
+LONG = "x" * 500_000
+FORGED: list[tuple[str, Any]] = [
+    ("name", LONG),
+    ("note", LONG),
+    ("created", 5),
+    ("analysis.method", "magic"),
+    ("analysis.vehicles", [2, 3]),
+    ("analysis.windows", []),
+    ("infos.0.source", LONG),
+    ("infos.0.names.0", LONG),
+    ("infos.0.vehicles", [1, 3]),
+    ("infos.0.vehicles", [0, 1]),
+    ("infos.0.vehicles", [1]),
+    ("infos.0.samples", 2**70),
+    ("infos.0.window.end", "inf"),
+    ("infos.0.excluded_share", [0.0, 2.0]),
+    ("facts", {"acc_flag": []}),
+    ("facts", {"campaign": 5}),
+    ("fits", []),
+    ("fits.0.method", "magic"),
+    ("fits.0.iterations", -1),
+    ("fits.0.outcome", "__class__"),
+    ("fits.0.parameters", [[0.1, 0.1, 1.0]] * 2),
+    *((f"fits.0.parameters.0.{k}", bad) for k in range(3)
+      for bad in ("inf", -0.1, None, "x", [], 1e300)),
+    ("fits.0.arrays", {"disturbance": [[0.0]] * 3}),
+    ("fits.0.track", {"time": [0.0], "parameters": [[[1, 1, 1]] * 2], "deviation": None}),
+    ("parts.uncertainty.level", 1.5),
+    ("parts.uncertainty.lower", [[0.1, 0.1, 1.0]] * 2),
+    ("parts.uncertainty.peak_gain.lower", []),
+    ("parts.uncertainty.draws", "segments.0.speeds"),
+    ("parts.uncertainty", None),
+    ("parts.quality.leader_deviation", 1e300),
+    ("parts.quality.mean_time_gap", [1.0, 1.0]),
+    ("parts.evaluation.closed_loop.gap_mae", []),
+    ("parts.evaluation.closed_loop.speed_mae", [1.0]),
+    ("segments.0.speeds", [[20.0, 20.0]] * 3),
+    ("segments.0.start", 1.0),
+    ("recording", {}),
+    ("windows", [1]),
+]  # fmt: skip
+
+
+class TestContents:
+    @pytest.mark.parametrize(("place", "value"), FORGED, ids=str)
+    def test_what_no_run_gives_is_refused(self, place: str, value: Any) -> None:
+        assert "refused" in refused(resealed(lambda tree, _: put(tree, place.split("."), value)))
+
+    @pytest.mark.parametrize("name", ["analysis", "infos", "fits", "origin", "created"])
+    def test_a_part_that_is_missing(self, name: str) -> None:
+        refused(resealed(lambda tree, _: tree.pop(name)))
+
+    @pytest.mark.parametrize(
+        "values",
+        [
+            np.zeros((41, 3)), np.zeros((40, 2)), np.zeros(82), np.zeros((41, 2), bool),
+            np.full((41, 2), np.nan), np.full((41, 2), np.inf), np.full((41, 2), 1e300),
+            np.array(small().segments[0].speeds) + 1.0,
+        ],
+    )  # fmt: skip
+    def test_data_that_are_not_those_of_the_window(self, values: np.ndarray) -> None:
+        refused(with_arrays(**{SPEEDS: values}))
+
+    def test_an_array_that_is_missing(self) -> None:
+        refused(resealed(lambda _, arrays: arrays.pop(SPEEDS)))
+
+    def test_data_that_would_take_minutes_to_compute_anew(self) -> None:
+        count = 1 + MOST_COMPUTED // small().info.followers
+        segment = small().segments[0]
+        speeds, gaps = (np.broadcast_to(values[:1], (count, values.shape[1]))
+                        for values in (segment.speeds, segment.gaps))  # fmt: skip
+        segment = replace(segment, time=0.5 * np.arange(count), speeds=speeds, gaps=gaps)
+        forged = replace(small(), segments=(segment,), infos=(segment.info,))
+        assert "longer than can be computed" in refused(to_bytes(forged))
+
+    @pytest.mark.parametrize("value", [0.0, -1.0])
+    def test_a_curve_whose_time_stands_still(self, value: float) -> None:
+        fit = whole().fit
+        still = replace(fit.surrogate, time=np.full_like(fit.surrogate.time, value))
+        forged = replace(whole(), fits=(replace(fit, surrogate=still),))
+        assert "do not follow each other" in refused(to_bytes(forged))
+
+    def test_results_within_results(self) -> None:
+        row = replace(small(), compared=(small(),))
+        assert "nested" in refused(to_bytes(replace(small(), compared=(row,))))
+
+    def test_what_a_terminal_would_obey_is_not_kept(self) -> None:
+        evil = "a\x1b[2J\u202eb\nc"
+
+        def rename(tree: Any, _: Arrays) -> None:
+            tree["name"] = tree["note"] = evil
+            tree["infos"][0]["names"][1] = tree["segments"][0]["names"][1] = evil
+
+        after = load(resealed(rename))
+        shown = "a\ufffd[2J\ufffdb c"
+        assert (after.name, after.info.names[1]) == (shown, shown)
+        assert after.note == "a\ufffd[2J\ufffdb\nc"
+
+    def test_another_schema(self) -> None:
+        for schema, said in ((SCHEMA + 1, "update accpinn"), (SCHEMA - 1, "earlier accpinn")):
+            assert said in refused(resealed(lambda *_: None, schema=schema))

@@ -1,0 +1,297 @@
+"""What a snapshot says against what its analysis gives: every forged number is found."""
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accpinn.errors import SnapshotError
+from accpinn.evaluation.evaluation import pooled_holdout_errors
+from accpinn.inference.intervals import from_draws, judged
+from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import preset
+from accpinn.model.cthp import Parameters
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
+from accpinn.segment.segment import WindowShortened
+from accpinn.serial import flatten
+from accpinn.study import verification
+from accpinn.study.analysis import Analysis
+from accpinn.study.result import Parts, Result
+from accpinn.study.run import run
+from accpinn.study.snapshot import DOCUMENT, load, named, to_bytes
+from accpinn.study.verification import HOWEVER_LONG, QUICK, Check, Verification, verify
+from tests.support.driving import driven, standing_still
+from tests.support.samples import FOLDER, NOISY
+from tests.support.snapshots import (
+    arrays_of,
+    members,
+    platoon,
+    put,
+    result_for,
+    sealed,
+    small,
+    trained,
+    two_windows,
+    whole,
+)
+
+TOLD = ("analysis.source", "analysis.windows", "origin", "created", "name", "note", "digest")
+"""What rests on whoever wrote a file without a recording behind it."""
+VARYING = ("seconds", "cached")
+PART = ("quality", "uncertainty", "evaluation")
+
+
+def fault(found: Verification) -> Check:
+    """The first check that fails."""
+    assert not found.ok
+    return next(check for check in found.checks if not check.ok)
+
+
+def states(found: Verification) -> dict[tuple[str, str], str]:
+    return {(check.part, check.method): check.state for check in found.checks}
+
+
+def with_parts(result: Result, **changes: Any) -> Result:
+    return replace(result, parts=replace(result.parts, **changes))
+
+
+def with_parameters(result: Result, factors: Any) -> Result:
+    """With other parameters, and all that follows from them."""
+    fit = replace(result.fit, parameters=Parameters.of(result.parameters.values * factors))
+    forged = replace(result, fits=(fit,), parts=Parts(), compared=())
+    return named(forged, with_data=True)
+
+
+class TestHonest:
+    @pytest.mark.parametrize("honest", [small, whole, two_windows])
+    def test_all_is_reproduced_or_recomputed_with_the_data(
+        self, honest: Callable[[], Result]
+    ) -> None:
+        asked: list[str] = []
+        found = verify(load(to_bytes(honest())), on_refit=lambda name, _: asked.append(name))
+        assert found.ok, found.sentence
+        assert found.is_reproduced
+        assert len(asked) == 1 + len(honest().compared) + len(honest().windows)
+        assert {check.part for check in found.unchecked} <= {"data"}
+        kinds = states(found)
+        assert kinds["fit", ""] == "reproduced"
+        assert {kinds[part, ""] for part in PART} == {"recomputed"}
+        if honest is whole:
+            assert kinds["curves", ""] == "recomputed"
+            assert kinds["fit", "Least squares"] == kinds["holdout", "Recursive"] == "reproduced"
+
+    def test_without_the_data_the_recording_stands_in(self) -> None:
+        bare = load(to_bytes(replace(whole(), segments=())))
+        found = verify(bare)
+        assert found.ok
+        assert not found.is_reproduced
+        assert {check.cure for check in found.unchecked} == {"--recording"}
+        assert {*states(found).values()} == {"recomputed", "not checked"}, "curves need no data"
+        renamed = replace(platoon(), source="renamed.csv")
+        found = verify(bare, renamed, refit_within=QUICK)
+        assert found.ok, found.sentence
+        assert states(found)["info", ""] == states(found)["facts", ""] == "recomputed"
+        assert {check.cure for check in found.unchecked} == {"--refit"}
+
+    def test_a_window_that_was_shortened(self) -> None:
+        recording = read(FOLDER / f"{NOISY}.csv")
+        window = Window(recording.duration - 60, recording.duration + 240)
+        result = run(Analysis.of(recording, [window], method="splines"), recording)
+        assert any(isinstance(finding, WindowShortened) for finding in result.info.findings)
+        assert verify(load(to_bytes(named(result))), recording).ok
+
+    def test_what_takes_minutes_is_left_to_whoever_asks_for_it(self) -> None:
+        """However short a time the file itself tells."""
+        settings = preset("paper").to_json()
+        fit = replace(whole().fit, config=settings, seconds=0.001)
+        analysis = replace(whole().analysis, settings=settings)
+        found = verify(replace(whole(), analysis=analysis, fits=(fit,), compared=()))
+        assert not found.is_reproduced
+        (left,) = [check for check in found.unchecked if check.cure == "--refit"]
+        assert (left.part, left.seconds > 600) == ("fit", True)
+
+    def test_a_stopped_training_cannot_be_run_again(self) -> None:
+        fit = replace(whole().fit, outcome=Outcome.STOPPED)
+        found = verify(replace(whole(), fits=(fit,), compared=()), refit_within=HOWEVER_LONG)
+        assert found.ok
+        assert states(found)["fit", ""] == "not checked"
+
+    def test_what_has_no_headway_can_be_kept(self) -> None:
+        still = named(result_for(standing_still()), with_data=True)
+        assert np.isnan(still.parameters.tau[0])
+        assert verify(load(to_bytes(still))).ok
+
+    @pytest.mark.parametrize(("factor", "ok"), [(1.0 + 1e-5, True), (1.2, False)])
+    def test_draws_of_another_processor_pass_and_others_do_not(
+        self, factor: float, ok: bool
+    ) -> None:
+        known = small().uncertainty
+        draws = Parameters.of(known.draws.values * factor)
+        other = judged(
+            from_draws(known.centre, draws, known.level), small().segments[0], small().fit
+        )
+        assert verify(with_parts(small(), uncertainty=other)).ok == ok
+
+    @pytest.mark.parametrize("factor", [1.0 + 1e-5, 1.1])
+    def test_only_parameters_of_an_iterative_training_count_on_another_processor(
+        self, factor: float
+    ) -> None:
+        fit = replace(trained().fit, loss={"total": 1.0})
+        fit = replace(fit, parameters=Parameters.of(fit.parameters.values * factor))
+        other = replace(whole(), fits=(fit,), compared=())
+        found = [check for check in verify(other).checks if check.part == "fit"]
+        assert [check.ok for check in found] == [factor < 1.01]
+
+
+def evaluated(result: Result, **changes: Any) -> Result:
+    """With another evaluation of the first method compared."""
+    first, *others = result.compared
+    changed = with_parts(first, evaluation=replace(first.evaluation, **changes))
+    return replace(result, compared=(changed, *others))
+
+
+def better(errors: Any) -> Any:
+    return replace(errors, gap_mae=errors.gap_mae / 2)
+
+
+class TestForged:
+    @pytest.mark.parametrize("name", ["lower", "draws", "probability_l2", "inside"])
+    def test_intervals(self, name: str) -> None:
+        value = getattr(small().uncertainty, name)
+        other = ~value if name == "inside" else getattr(value, "values", value) * 1.001 + 0.001
+        kind = Parameters.of if isinstance(value, Parameters) else np.asarray
+        forged = replace(small().uncertainty, **{name: kind(other)})
+        assert fault(verify(with_parts(small(), uncertainty=forged))).part == "uncertainty"
+
+    def test_errors_of_a_method_compared(self) -> None:
+        errors = whole().compared[0].evaluation.closed_loop
+        for changes in ({"closed_loop": better(errors)}, {"holdout": None}):
+            found = fault(verify(evaluated(whole(), **changes), refit_within=QUICK))
+            assert (found.part, found.method) == ("evaluation", "Least squares")
+
+    def test_blocks_held_out_with_the_errors_pooled_over_them(self) -> None:
+        blocks = whole().compared[0].evaluation.blocks
+        for changes in ({"errors": better(blocks[0].errors)}, {"window": Window(1.0, 2.0)}):
+            own = tuple(replace(block, **changes) for block in blocks)
+            forged = evaluated(whole(), blocks=own, holdout=pooled_holdout_errors(own))
+            found = fault(verify(forged))
+            assert (found.part, found.state) == ("holdout", "reproduced")
+
+    def test_errors_outside_the_window(self) -> None:
+        evaluation = trained().evaluation
+        evaluation = replace(evaluation, out_of_window=better(evaluation.out_of_window))
+        bare = load(to_bytes(named(with_parts(trained(), evaluation=evaluation))))
+        assert fault(verify(bare, platoon(), refit_within=QUICK)).part == "evaluation"
+
+    def test_another_recording_or_other_names(self) -> None:
+        found = verify(replace(whole(), segments=()), read(FOLDER / f"{NOISY}.csv"))
+        assert fault(found).part == "data"
+        assert "not the recording" in found.sentence
+        info = replace(whole().info, names=("Lada",) * 5)
+        bare = replace(whole(), infos=(info,), segments=())
+        assert fault(verify(bare, platoon(), refit_within=QUICK)).part == "info"
+
+    @pytest.mark.parametrize("arrays", [True, False])
+    def test_weights_that_give_other_curves(self, arrays: bool) -> None:
+        fit = whole().fit
+        zero = {name: np.zeros_like(values) for name, values in fit.arrays.items()}
+        forged = replace(fit, arrays=zero if arrays else {})
+        found = verify(replace(whole(), fits=(forged,), segments=()))
+        assert fault(found).part == "curves"
+
+    def test_a_window_by_itself(self) -> None:
+        first, second = two_windows().windows
+        fit = replace(second.fit, parameters=Parameters.of(second.parameters.values * [1, 1, 0.9]))
+        forged = replace(two_windows(), windows=(first, replace(second, fits=(fit,))))
+        assert "30–60 s" in fault(verify(load(to_bytes(forged)))).title
+
+    @pytest.mark.parametrize("honest", [small, whole])
+    def test_a_headway_no_method_found_with_all_that_follows_from_it(
+        self, honest: Callable[[], Result]
+    ) -> None:
+        forged = load(to_bytes(with_parameters(honest(), [1, 1, 0.6])))
+        believed = verify(forged, refit_within=QUICK)
+        assert believed.ok
+        assert states(believed)["fit", ""] == "not checked"
+        found = fault(verify(forged))
+        assert (found.part, found.state) == ("fit", "reproduced")
+        assert found.stored != found.computed
+        assert found.stored.startswith(f"τ {forged.parameters.tau[0]:.4g}"[:6])
+
+    @pytest.mark.parametrize("with_forms", [False, True])
+    def test_every_number_that_is_changed_is_found(self, with_forms: bool) -> None:
+        """One leaf of the whole tree after the other, sealed anew."""
+        honest = small()
+        if with_forms:
+            forms = result_for(driven(duration=20.0, step=0.5)).adequacy
+            honest = with_parts(honest, adequacy=forms)
+        data = to_bytes(honest)
+        tree, arrays = json.loads(members(data)[DOCUMENT]), arrays_of(data)
+        asked = "parts.adequacy" if with_forms else ""
+        places = [(place, leaf) for place, leaf in flatten(tree) if place.startswith(asked)]
+        met, missed = Counter[str](), []
+        for place, leaf in places:
+            if place.startswith(TOLD) or place.endswith(VARYING):
+                continue
+            forged = deepcopy(tree)
+            put(forged, place.split("."), other_than(leaf))
+            try:
+                result = load(sealed(json.dumps(forged).encode(), arrays))
+            except SnapshotError:
+                met["refused"] += 1
+                continue
+            is_found = not verify(result).ok
+            met["found"] += is_found
+            if not is_found:
+                missed.append((place, leaf))
+        assert missed == []
+        assert min(met["refused"], met["found"]) >= 10
+
+
+def other_than(leaf: Any) -> Any:
+    """Another value of the same kind."""
+    if isinstance(leaf, bool):
+        return not leaf
+    if isinstance(leaf, int | float):
+        return leaf + 1 if isinstance(leaf, int) else leaf * 1.1 + 0.01
+    return f"{leaf}x" if isinstance(leaf, str) else 0.5
+
+
+class TestCompare:
+    @pytest.mark.parametrize(
+        ("stored", "found", "place", "count"),
+        [
+            ({"a": 1.0, "b": (2.0, 3.0)}, {"a": 1.0, "b": (2.0, 3.1)}, "b.1", 3),
+            ({"a": 1.0}, {"a": 1.0, "b": 2.0}, "b", 1),
+            ({"a": True}, {"a": False}, "a", 1),
+            ({"a": "one"}, {"a": "two"}, "a", 1),
+            ({"a": float("inf")}, {"a": 1e300}, "a", 1),
+            ({"a": float("nan")}, {"a": 0.0}, "a", 1),
+            ({"a": np.arange(100.0)}, {"a": np.r_[np.arange(99.0), 98.9]}, "a.99", 100),
+            ({"a": np.zeros((50, 2))}, {"a": np.zeros((2, 50))}, "a", 100),
+        ],
+    )
+    def test_it_names_the_first_difference(
+        self, stored: Any, found: Any, place: str, count: int
+    ) -> None:
+        check = verification._compare("fit", stored, found)
+        assert (check.ok, check.numbers) == (False, count)
+        assert check.stored.startswith(f"{place}: ")
+        assert check.stored != check.computed
+
+    def test_rounding_and_times_do_not_count(self) -> None:
+        compare = partial(verification._compare, "fit")
+        stored = {"a": 1.0, "seconds": 5.0, "b": float("nan"), "c": np.full(100, np.inf)}
+        found = {"a": 1 + 1e-12, "seconds": 6.0, "b": float("nan"), "c": np.full(100, np.inf)}
+        assert compare(stored, found).ok
+        assert not compare(stored, found | {"a": 1 + 1e-6}).ok
+        assert compare(stored, found | {"a": 1 + 1e-6}, relative=1e-5).ok
+        texts, others = {"a": "one", "findings": (1.0,)}, {"a": "two", "findings": (2.0, 3.0)}
+        assert compare(texts, others, numbers_only=True).ok
