@@ -41,7 +41,7 @@ def asked(recording: Recording, method: str = "splines", **changes: object) -> A
 
 
 def problems(result: Result) -> list[str]:
-    return [one.sentence for one in result.fit.findings if isinstance(one, CacheProblem)]
+    return [one.problem for one in result.fit.findings if isinstance(one, CacheProblem)]
 
 
 class TestRun:

@@ -86,8 +86,9 @@ from accpinn.study.verification import QUICK, verify
 from tests.support import draws
 draws.take_few()  # as in this test's process
 snapshot = load(sys.argv[1])
+needs_torch = "torch" in sys.modules
 found = verify(snapshot, refit_within=QUICK)
-print(json.dumps([snapshot.parameters.values.tobytes().hex(), found.ok, "torch" in sys.modules]))
+print(json.dumps([snapshot.parameters.values.tobytes().hex(), found.ok, needs_torch]))
 """
 
 

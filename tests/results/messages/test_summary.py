@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
+from accpinn.inference.intervals import from_draws
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages.summary import (
@@ -113,8 +114,9 @@ def test_a_stopped_training_is_called_so_first() -> None:
 
 
 def test_stable_vehicles_are_called_so() -> None:
-    fit = replace(small().fit, parameters=Parameters.of([[0.05, 0.6, 3.0]]))
-    found = altered(small(), fit=fit)
+    stable = Parameters.of([[0.05, 0.6, 3.0]])
+    known = from_draws(stable, Parameters.of([stable.values] * 20), 0.9)
+    found = altered(small(), fit=replace(small().fit, parameters=stable), uncertainty=known)
     assert "does not amplify" in said(found)
 
 
