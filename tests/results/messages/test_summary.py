@@ -117,7 +117,7 @@ def test_stable_vehicles_are_called_so() -> None:
     stable = Parameters.of([[0.05, 0.6, 3.0]])
     known = from_draws(stable, Parameters.of([stable.values] * 20), 0.9)
     found = altered(small(), fit=replace(small().fit, parameters=stable), uncertainty=known)
-    assert "does not amplify" in said(found)
+    assert "is L₂ string stable" in said(found)
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:
