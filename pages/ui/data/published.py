@@ -80,4 +80,4 @@ def _watch(task: DownloadTask) -> None:
         st.progress(task.share, said)
 
     st.fragment(look, run_every=POLL)()
-    stop_button(task, "Stop the download", "data_download_stop", download_queue())
+    stop_button(task, "Stop the download", "data_download_stop")

@@ -113,7 +113,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     if segment is None:
         st.caption("The window cannot be used yet.")
         return
-    regimes, excluded = label_regimes(segment, recording), workspace.excluded_regimes
+    regimes, excluded = label_regimes(segment, recording), workspace.excluded
     table = regimes_table(segment.info, regimes)
     show.table(table)
     if not any(regimes.mode_known):
@@ -124,8 +124,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         for name in EXCLUDABLE:
 
             def ticked(on: bool, name: str = name) -> None:
-                left_out = {*workspace.excluded_regimes} - {name} | ({name} if on else set())
-                workspace.choose(excluded_regimes=tuple(n for n in EXCLUDABLE if n in left_out))
+                left_out = {*workspace.excluded} - {name} | ({name} if on else set())
+                workspace.choose(excluded=tuple(n for n in EXCLUDABLE if n in left_out))
 
             shown = bound(f"data_exclude_{name}", name in excluded, ticked)
             st.checkbox(name.capitalize(), **shown, help=REGIMES[name])

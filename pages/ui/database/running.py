@@ -61,7 +61,7 @@ def show_batch(study: str) -> None:
         with bar:
             _watch(task)
         with button:
-            stop_button(task, "Stop", "database_stop", batch_queue())
+            stop_button(task, "Stop", "database_stop")
         return
     request = recall_request(folder_of(study))
     if task is not None and task.status is Status.FAILED:

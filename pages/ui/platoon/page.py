@@ -86,7 +86,7 @@ class ShownRun:
 
 def open_panels(workspace: Workspace) -> None:
     """Let the page show the paper's four panels, which need parameters to stand beside."""
-    if workspace.fit is None:
+    if workspace.result is None:
         workspace.choose_source("published")
     workspace.tabs[TABS] = PANELS
 

@@ -14,6 +14,8 @@ from pathlib import Path
 import streamlit as st
 from streamlit import config
 
+from pages.ui.session.resources import library
+
 USERS_VARIABLE = "ACCPINN_USERS"
 """Environment variable that names who may use the app, as "ann@lab.org, @school.edu"; all whom the
 provider signs in where it is not set."""
@@ -91,3 +93,22 @@ def _is_named(variable: str) -> bool:
     who = user().name
     local, at, domain = who.rpartition("@")
     return who in named or bool(local and at and f"@{domain}" in named)
+
+
+def owner_mark(session: str) -> str:
+    """The digest under which the library keeps who saved a snapshot.
+
+    It is of the identity where the server asks for one, else of the session's secret name.
+    """
+    return sha256((user().name or session).encode()).hexdigest()
+
+
+def may_delete(session: str, name: str) -> bool:
+    """Whether this user may delete that snapshot.
+
+    On a server that only its own computer reaches everyone may, as all are one person; else whoever
+    saved it, and an administrator.
+    """
+    if not user().is_asked and not is_shared():
+        return True
+    return is_admin() or library().owner(name) == owner_mark(session)

@@ -81,7 +81,7 @@ def samples() -> list[Path]:
     return sorted(SAMPLES.glob("*.csv"), key=lambda path: (place.get(path.stem, len(place)), path))
 
 
-def title_of(path: Path) -> str:
+def sample_title(path: Path) -> str:
     """What a sample is called."""
     return TITLES.get(path.stem, path.stem)
 

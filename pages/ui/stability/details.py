@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import add_clouds, cloud_caption
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
-from accpinn.results.tables.estimates import form_intervals_table
 from accpinn.results.tables.stability import (
     answer,
     stability_interval_table,
@@ -52,6 +52,13 @@ class ShownVehicles:
     def uncertainty(self) -> Uncertainty | None:
         """The same where the user wants to see it in charts."""
         return self.known if self.workspace.map_choice.uncertainty else None
+
+    @property
+    def adequacy(self) -> Adequacy | None:
+        """The forms of the model on the data that the parameters are from, where compared."""
+        if self.source.source == "fit":
+            return self.workspace.adequacy
+        return self.source.result.parts.adequacy if self.source.result else None
 
 
 def show_criteria(shown: ShownVehicles) -> None:
@@ -133,8 +140,8 @@ def show_reasons(shown: ShownVehicles) -> None:
 
 
 def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
-    """Of the measures of stability, and of the parameters over all forms of the model."""
-    source, chosen = shown.source, shown.chosen
+    """The intervals of the measures of stability."""
+    chosen, result = shown.chosen, shown.source.result
     table = stability_interval_table(chosen, known)
     show.table(table, figures.colours(chosen))
     st.caption(
@@ -142,12 +149,8 @@ def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
         " of string stability: the share of samples that are stable."
     )
     show.downloads(table, f"uncertainty_{chosen.title}".lower(), "intervals")
-    if source.info:
-        show.messages(messages(known.findings, source.info))
-        if source.adequacy and source.adequacy.recommended:
-            forms = form_intervals_table(source.info, known, source.adequacy.recommended)
-            show.table(forms)
-            show.downloads(forms, f"forms_{chosen.title}".lower(), "forms")
+    if result:
+        show.messages(messages(known.findings, result.info))
 
 
 def _listed(

@@ -88,14 +88,15 @@ def _show_answer(shown: ShownVehicles) -> None:
             lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
                      for name, l2, linf in verdicts]  # fmt: skip
             why = escape_markdown(reason(platoon.l2_weak, report))
-            of = "estimates" if source.fit else "parameters"
+            of = "estimates" if source.result else "parameters"
             st.markdown(
                 f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
                 help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
                 " last one.",
             )
-        given = GIVEN_PARAMETERS
-        assumed = conditional(source.adequacy, source.info) if source.info else given
+        result, assumed = source.result, GIVEN_PARAMETERS
+        if result:
+            assumed = conditional(shown.adequacy, result.info)
         st.caption(escape_markdown(assumed))
 
 

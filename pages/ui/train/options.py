@@ -6,7 +6,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
+from accpinn.methods.pinn.config import PRESETS, STARTS
 from pages.ui.components.widgets import bound, select
 from pages.ui.session.workspace import Workspace
 
@@ -14,16 +14,6 @@ START_HELP = (
     "Where the search begins. From other starts the same minimum should be found: page Compare"
     " trains from five."
 )
-
-
-def chosen_config(workspace: Workspace) -> PinnConfig:
-    """The preset with the user's changes.
-
-    Raises:
-        ConfigError: a setting outside its range, as one sentence.
-    """
-    changes = workspace.settings.get(workspace.preset, {})
-    return PinnConfig.from_json(PRESETS[workspace.preset].to_json() | changes)
 
 
 def show_options(workspace: Workspace) -> None:
