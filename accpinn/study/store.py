@@ -182,7 +182,8 @@ class Shelf:
                     entry = _decoded(content) if then == state else None
                     entries[name] = entry or self._indexed(index, name, state)
             for name in () if session else known.keys() - paths.keys():
-                index.execute("delete from entries where name = ?", (name,))
+                if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
+                    index.execute("delete from entries where name = ?", (name,))
         asked = words.casefold().split()
         chosen = [entry for entry in entries.values() if all(word in entry.words for word in asked)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))

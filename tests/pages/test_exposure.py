@@ -9,10 +9,10 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.recordings.openacc import read
-from pages.ui.session import identity, owners, sessions
+from pages.ui.session import identity, sessions
+from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import library, store
 from pages.ui.session.sessions import KEPT_WORKSPACES, Workspaces
-from pages.ui.session.workspace import PendingFile
 from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon
 
@@ -37,7 +37,8 @@ class TestSignIn:
         own = open_page(HOME, user=ANN).workspace()
         assert open_page(HOME, user=ANN, session=own.id).workspace() is own
         assert open_page(HOME, user=BOB, session=own.id).workspace() is not own
-        (store().folder / "runs" / own.id).mkdir(parents=True)
+        own.open(*sample(FIRST_SAMPLE))
+        open_page(HOME, user=ANN, session=own.id)
         sessions.workspaces.clear()
         assert open_page(HOME, user=BOB, session=own.id).workspace().id != own.id
         assert open_page(HOME, user=ANN, session=own.id).workspace().id == own.id, (
@@ -130,15 +131,6 @@ class TestDeletion:
 
 
 class TestLimits:
-    def test_one_session_cannot_fill_the_library(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(owners, "SAVED_PER_HOUR", 1)
-        found = fitted()
-        open_page(SNAPSHOTS, found).press("Save")
-        found.viewed = ""
-        page = open_page(SNAPSHOTS, found).press("Save")
-        assert len(library().entries()) == 1
-        assert "within an hour" in page.texts()
-
     def test_empty_sessions_end_nobodys_work(self) -> None:
         kept = Workspaces()
         at_work = kept.new()
@@ -148,30 +140,21 @@ class TestLimits:
         assert kept.find(at_work.id) is at_work
         assert kept.find(last.id) is last
 
-    def test_who_fills_memory_with_recordings_loses_and_others_do_not(
+    def test_where_recordings_fill_memory_the_longest_unused_session_goes(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(3)]
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 3.5 * runs[0].nbytes)
+        monkeypatch.setattr(sessions, "KEPT_BYTES", 2.5 * runs[0].nbytes)
         kept = Workspaces()
-        modest, greedy = kept.new(), kept.new()
-        modest.open(runs[0])
-        for run in runs:
-            greedy.open(run)
-        assert kept.find(greedy.id) is greedy
-        assert kept.find(modest.id) is modest
-        assert (len(greedy.opened), greedy.recording) == (1, runs[-1])
+        held = [kept.new() for _ in runs]
+        for workspace, run in zip(held, runs, strict=True):
+            workspace.open(run)
+        assert kept.find(held[1].id) is held[1]
+        assert kept.find(held[0].id) is None
         monkeypatch.setattr(sessions, "KEPT_BYTES", 1)
-        assert kept.find(modest.id) is modest, "whoever works goes on"
-        assert kept.find(greedy.id) is None
-
-    def test_a_file_that_waits_to_be_read_counts(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 1000)
-        kept = Workspaces()
-        one = kept.new()
-        one.pending = PendingFile("own.csv", bytes(2000))
-        assert kept.find(one.id) is one
-        assert one.pending is None
+        assert kept.find(held[1].id) is held[1], "whoever works goes on"
+        assert kept.find(held[1].id) is held[1]
+        assert kept.find(held[2].id) is None
 
     def test_two_tabs_after_a_restart_have_one_session(self) -> None:
         kept = Workspaces()

@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import CALIBRATED, preset
-from accpinn.methods.pinn.request import TrainingRequest
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.reproduction import CASALE_RUN
-from accpinn.results.snapshot import create
 from accpinn.segment.cut import cut
-from accpinn.tasks.task import Status, training_task
+from accpinn.tasks.task import Status
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
@@ -25,7 +23,6 @@ from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import task_queue
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
@@ -38,6 +35,7 @@ from tests.support.apptest import (
     WAIT,
     WIDGETS,
     Page,
+    answer,
     fitted,
     open_page,
     with_sample,
@@ -89,8 +87,8 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
 
 def test_one_click_on_home_trains_a_sample() -> None:
     found = open_page(HOME).press("Train a sample now").workspace()
-    request, (recording, truth) = found.training.request, sample(FIRST_SAMPLE)
-    assert (request.config, request.segment) == (CALIBRATED, cut(recording))
+    asked, (recording, truth) = found.training.analysis, sample(FIRST_SAMPLE)
+    assert (asked.config, asked.segments(recording)) == (CALIBRATED, (cut(recording),))
     assert found.true_parameters == truth.parameters
     stop_training(found)
     assert "**Training** was stopped" in open_page(HOME, found).texts()
@@ -134,8 +132,7 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     found = page.press("home_TableII_run").workspace()
     assert (found.window, found.case) == (Window(320.0, 620.0), "I")
     assert found.recording.source == "ASta_040719_platoon5.csv"
-    fit = least_squares.fit(found.segment, "I")
-    found.runs.keep(create(found.segment, fit, name="mine"))
+    answer(found, "I")
     page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
     assert "Learned here" not in page.texts(), "Table III is not of Case I"
     page.choose("home_printed", ASTAZERO_ALIKE.title)
@@ -151,8 +148,7 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
             replace(recording(platoon(samples=4000)), source="part7.csv", campaign=campaign)
         )
         found.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
-        fit = least_squares.fit(found.segment)
-        found.runs.keep(create(found.segment, fit, recording=found.recording))
+        answer(found)
         assert bool(runs_of(found, CASALE_RUN)) is is_run
         assert not runs_of(found, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
         assert (find_run(found, "Casale", "part7.csv") is not None) is is_run
@@ -244,21 +240,17 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     found = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
     hand = found.segment.driven_by_hand
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
-    fit = least_squares.fit(found.segment)
     for path in (DATA, TRAIN, STABILITY):
         page = open_page(path, found)
         if path != STABILITY:
             assert any("not ACC" in error for error in page.boxes("error"))
         if path == DATA:
-            found.training = training_task(
-                found.id, TrainingRequest(found.segment, "II", preset("fast"))
-            )
-            found.training.answer(fit)
+            answer(found)
         elif path == STABILITY:
             assert "not by ACC: 3 C" in page.plain()
         if path != DATA:
             assert "<td>Human</td>" in page.texts(), "the table carries it"
-    found.choose(window=Window(0.0, 30.0), excluded_regimes=())
+    found.choose(window=Window(0.0, 30.0), excluded=())
     assert found.segment.driven_by_hand
     by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
     assert with_recording(by_flag).segment.driven_by_hand.by_flag
@@ -269,12 +261,11 @@ def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_cas
     found.choose(case="I")
     found.preset = "paper"
     page = open_page(DATA, found)
-    request = found.request(preset("paper"))
-    duration = format_duration(request.typical_seconds)
+    lasts = [METHODS["pinn"].expected_seconds(found.segment, preset(p)) for p in ("fast", "paper")]
+    duration = format_duration(lasts[1])
     (label,) = (b.label for b in page.button if b.key == "data_train")
     assert all(part in label for part in ("paper preset", "Case I", duration))
-    short = replace(request, config=preset("fast"))
-    assert short.typical_seconds < 5 < 600 < request.typical_seconds
+    assert lasts[0] < 5 < 600 < lasts[1]
     found.open(*sample(FIRST_SAMPLE))
     assert found.case == "II"
 
@@ -466,9 +457,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     segment = found.segment
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
     same = Parameters.stack([parameters] * segment.followers)
-    fit = replace(least_squares.fit(segment), method="pinn", parameters=same, surrogate=own)
-    found.training = training_task(found.id, TrainingRequest(segment, "II", preset("fast")))
-    found.training.answer(fit)
+    answer(found, parameters=same, surrogate=own)
     page = open_page(TRAIN, found)
     written, collide = page.plain(), parameters.tau < 1
     said = f"{segment.labels[1]} collides with the vehicle ahead at" in written
@@ -484,7 +473,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
 
 def stop_training(found: Workspace) -> None:
     """As the button does, and wait for it."""
-    task_queue().stop(found.training)
+    found.training.stop()
     assert found.training.wait(WAIT)
 
 
@@ -502,7 +491,7 @@ def test_stop_continue_or_begin_anew() -> None:
     page.press("Stop training")
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
-    at = job.result.iterations
+    at = job.result.fit.iterations
     other = open_page(TRAIN, with_sample())
     other.segmented_control(key="train_preset").set_value("paper").run()
     for one in (page.run(), other):
@@ -519,7 +508,7 @@ def test_stop_continue_or_begin_anew() -> None:
     first = found.training.history()
     assert first.iteration[0] == 0
     stop_training(found)
-    assert not any(isinstance(f, Continued) for f in found.fit.findings)
+    assert not any(isinstance(f, Continued) for f in found.result.fit.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -548,7 +537,7 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     page = open_page(TRAIN, found).choose("train_options", True)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     page.press("Start training")
-    config = found.training.request.config
+    config = found.training.analysis.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
 

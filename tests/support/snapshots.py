@@ -1,12 +1,13 @@
-"""Snapshots for tests: a small one made fast, and one with all that a snapshot can hold."""
+"""Results for tests: a small one made fast, and one with all that a snapshot can hold."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from accpinn.inference.intervals import ParameterInterval, intervals
+from accpinn.inference.intervals import ParameterInterval
 from accpinn.inference.model_adequacy import (
     Adequacy,
     BetterForm,
@@ -14,30 +15,30 @@ from accpinn.inference.model_adequacy import (
     ModelForm,
     WeightedForms,
 )
-from accpinn.methods.fit import Fit
+from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.state_space import FORMS
 from accpinn.model.cthp import Parameters
-from accpinn.results.snapshot import MANIFEST, SCHEMA, Snapshot, create
-from accpinn.results.snapshot.archive import seal, to_bytes, unpack
-from accpinn.segment.segment import Segment
-from accpinn.serial import dump, read_json, write_json
+from accpinn.recordings.openacc import read
+from accpinn.serial import dump
+from accpinn.study.analysis import Analysis, Source
 from accpinn.study.comparison import compare, results_among
+from accpinn.study.result import Result
+from accpinn.study.run import estimate, run
+from accpinn.study.snapshot import named, to_bytes
 from tests.support.driving import driven
-from tests.support.methods import RIVALS as ESTIMATORS
-from tests.support.methods import train
-from tests.support.samples import PLATOON, sample
+from tests.support.samples import FOLDER, PLATOON
 
 NOTE = "α β τ, “quotes”, <tags> and\nlines."
 
 
 @cache
-def small() -> Snapshot:
-    """A short window with its data, few draws, and least squares."""
+def small() -> Result:
+    """A short window with its data, and least squares."""
     segment = driven(duration=20.0, step=0.5)
-    fit = ESTIMATORS["least-squares"](segment, "II")
-    uncertainty = intervals(segment, fit, draws=10)
-    return create(segment, fit, uncertainty=uncertainty, name="small", with_data=True)
+    source = Source(segment.source, segment.sha256, None, segment.info.digest)
+    asked = Analysis(source, segment.vehicles, (segment.window,)).with_method("least-squares")
+    return named(estimate(asked, (segment,)), "small", with_data=True)
 
 
 @cache
@@ -46,18 +47,13 @@ def small_bytes() -> bytes:
 
 
 @cache
-def trained() -> tuple[Segment, Fit]:
-    """The PiNN's answer for the synthetic platoon."""
-    segment = sample(PLATOON).segment
-    return segment, train(segment, "II", preset("fast", iterations=20), threads=1)
-
-
-@cache
-def whole() -> Snapshot:
-    """Of the synthetic platoon: network, comparison and data."""
-    segment, fit = trained()
-    methods = results_among(compare(segment, "II", ("least-squares", "recursive")))
-    return create(segment, fit, methods=methods, name="whole", note=NOTE, with_data=True)
+def whole() -> Result:
+    """The PiNN's answer for the synthetic platoon, with a comparison and the data."""
+    recording = read(FOLDER / f"{PLATOON}.csv")
+    asked = Analysis.of(recording, settings=preset("fast", iterations=20))
+    result = run(asked, recording, context=TaskContext(threads=1))
+    compared = results_among(compare(asked, recording, ("least-squares", "recursive")))
+    return named(replace(result, compared=compared), "whole", NOTE, with_data=True)
 
 
 def delayed(vehicle: int = 2) -> Adequacy:
@@ -81,21 +77,6 @@ def delayed(vehicle: int = 2) -> Adequacy:
     better = BetterForm(vehicle=vehicle, posterior=under[-1], aic=-20.0, holdout=1.0, level=0.9)
     weighted = WeightedForms(vehicle=vehicle, intervals=intervals, forms=under, level=0.9)
     return Adequacy(forms, None, (better, weighted))
-
-
-def entries(data: bytes) -> dict[str, bytes]:
-    """What a snapshot's file holds beside its manifest."""
-    found = unpack(data, "It")
-    del found[MANIFEST]
-    return found
-
-
-def resealed(change: Callable[[dict[str, Any]], None], schema: int = SCHEMA) -> bytes:
-    """The small snapshot with its documents changed and everything sealed anew."""
-    parts = entries(small_bytes())
-    trees = {name: read_json(text) for name, text in parts.items() if name.endswith(".json")}
-    change(trees)
-    return seal(parts | {name: write_json(tree) for name, tree in trees.items()}, schema)
 
 
 def put(tree: Any, place: Sequence[str], leaf: Any) -> None:

@@ -143,7 +143,8 @@ class Shown:
     campaign: str
     """Campaign of the recording; empty where it is not known."""
     result: str
-    """Key of a training in the store, or short name of a snapshot; empty for none."""
+    """Key of a training in the store, or short name of a snapshot; empty before there is one,
+    when its training may still end."""
 
 
 def keep(workspace: Workspace) -> None:
@@ -169,8 +170,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
         asked = shown.analysis
         workspace.take_settings(asked)
         with suppress(SnapshotError):
-            if shown.result:
-                workspace.restore(result_of(shown.result))
+            workspace.restore(result_of(shown.result or asked.key))
         workspace.awaited = asked
         source, campaign = asked.source, shown.campaign or None
         if known := find_sample(source.name, source.sha256):
