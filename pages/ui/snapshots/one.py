@@ -135,8 +135,9 @@ def _show_standing(workspace: Workspace, snapshot: Result) -> None:
     if not verification.ok:
         show.messages(verification.sentence, "error")
         return
+    own = Verification(tuple(check for check in verification.checks if not check.method))
     with st.container(horizontal=True, vertical_alignment="center"):
-        st.caption(escape_markdown(verification.sentence))
+        st.caption(escape_markdown(own.sentence))
         _offer_refit(workspace, snapshot)
 
 
@@ -159,7 +160,8 @@ def _show_verification(workspace: Workspace, snapshot: Result) -> None:
     with st.spinner("Computing all of it anew"):
         verification = _verified(workspace, snapshot)
     st.markdown(f"**{escape_markdown(verification.counted)}**")
-    show.messages(verification.sentence, "success" if verification.ok else "error")
+    if not verification.ok:
+        show.messages(verification.sentence, "error")
     show.table(verification_table(verification))
 
 
