@@ -130,9 +130,7 @@ def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspac
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
     found.comparison = Task(found.id, "comparison", lambda context: iter(()))
-    found.comparison.results = tuple(
-        compare(found.analysis(), found.recording, ("least-squares",))
-    )
+    found.comparison.results = tuple(compare(found.analysis(), found.recording, ("least-squares",)))
     assert len(found.compared_with_training()) == 1
     found.train(replace(FAST, iterations=60))
     assert found.training.wait(WAIT)

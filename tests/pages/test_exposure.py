@@ -12,7 +12,7 @@ from accpinn.recordings.openacc import read
 from pages.ui.session import identity, sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import library, store
-from pages.ui.session.sessions import KEPT_WORKSPACES, Workspaces
+from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon
 
@@ -130,35 +130,32 @@ class TestDeletion:
             config.set_option("server.address", before)
 
 
-class TestLimits:
-    def test_empty_sessions_end_nobodys_work(self) -> None:
-        kept = Workspaces()
-        at_work = kept.new()
-        at_work.open(read(csv(platoon()), "run.csv"))
-        for _ in range(2 * KEPT_WORKSPACES):
-            last = kept.new()
-        assert kept.find(at_work.id) is at_work
-        assert kept.find(last.id) is last
-
-    def test_where_recordings_fill_memory_the_longest_unused_session_goes(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(3)]
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 2.5 * runs[0].nbytes)
-        kept = Workspaces()
-        held = [kept.new() for _ in runs]
-        for workspace, run in zip(held, runs, strict=True):
-            workspace.open(run)
-        assert kept.find(held[1].id) is held[1]
-        assert kept.find(held[0].id) is None
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 1)
-        assert kept.find(held[1].id) is held[1], "whoever works goes on"
-        assert kept.find(held[1].id) is held[1]
-        assert kept.find(held[2].id) is None
-
-    def test_two_tabs_after_a_restart_have_one_session(self) -> None:
-        kept = Workspaces()
-        assert kept.new("a name") is kept.new("a name")
+def test_sessions_cannot_be_guessed_and_are_bounded_in_number_age_and_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [0.0]
+    kept = Workspaces(clock=lambda: now[0])
+    first = kept.new()
+    assert len(first.id) >= 20
+    assert kept.find("") is None
+    assert kept.new(first.id) is first, "of two tabs after a restart"
+    runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(2)]
+    first.open(runs[0])
+    for _ in range(2 * KEPT_WORKSPACES):
+        last = kept.new()
+    assert kept.find(first.id) is first, "empty sessions end nobody's work"
+    assert kept.find(last.id) is last
+    monkeypatch.setattr(sessions, "KEPT_BYTES", 1.5 * runs[0].nbytes)
+    last.open(runs[1])
+    assert kept.find(last.id) is last, "whoever works goes on"
+    assert kept.find(last.id) is last
+    assert kept.find(first.id) is None
+    now[0] = KEPT_FOR - 1
+    assert kept.find(last.id) is last
+    now[0] = 2 * KEPT_FOR - 2
+    assert kept.find(last.id) is last, "it was used in between"
+    now[0] = 3 * KEPT_FOR
+    assert kept.find(last.id) is None
 
 
 class TestAddresses:
