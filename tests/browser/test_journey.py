@@ -206,12 +206,11 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     page.get_by_role("button", name="Stop", exact=True).click()
     expect(page.get_by_text("Stopped: ")).to_be_visible()
     page.get_by_role("button", name="Run all methods").click()
-    recommended = table(page, "How sure")
-    expect(recommended).to_be_visible(timeout=TRAINING_MS)
-    expect(recommended.locator("tbody tr")).to_have_count(1)
-    expect(recommended.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
+    intervals = table(page, ESTIMATES)
+    expect(intervals).to_be_visible(timeout=TRAINING_MS)
+    expect(intervals.locator("tbody tr")).to_have_count(1)
+    expect(intervals.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
     expect(chart(page, "compare_estimates").locator(".xy .points path")).to_have_count(len(METHODS))
-    open_tab(page, "Methods")
     methods = table(page, "Collides at")
     expect(methods.locator("tbody tr")).to_have_count(len(METHODS))
     expect(methods).to_contain_text("Dual UKF")

@@ -150,6 +150,8 @@ class Shown:
 def keep(workspace: Workspace) -> None:
     """Tell the store what is on the screen, where that has changed."""
     recording, result, asked = workspace.recording, workspace.result, None
+    if recording is None and workspace.training is None:
+        return  # a snapshot alone is named by the address, and following a link writes nothing
     with suppress(ConfigError):  # the page shows what is wrong with a setting
         asked = workspace.analysis()
     asked = asked or (result.analysis if result else None)

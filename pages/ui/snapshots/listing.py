@@ -46,7 +46,8 @@ def show_entries(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
             placeholder="name, recording, vehicle or method",
         )  # fmt: skip
-        matching = [entry for entry in entries if matches(entry, asked or "")]
+        words = (asked or "").casefold().split()
+        matching = [entry for entry in entries if all(word in entry.words for word in words)]
     for entry in islice(matching, LISTED):
         with st.container(key=f"{key}_row_{entry.id}"):
             cells = st.columns(WIDTHS, vertical_alignment="center")
@@ -65,12 +66,6 @@ def show_entries(
         st.caption(f"{hidden} more: search for them.")
     elif not matching:
         st.caption("Nothing has these words.")
-
-
-def matches(entry: Entry, words: str) -> bool:
-    """Whether each of the words stands somewhere in what the list shows of it."""
-    shown = " ".join((title_of(entry), *_lines(entry), *entry.vehicles, entry.note, entry.id))
-    return all(word in shown.casefold() for word in words.casefold().split())
 
 
 def title_of(saved: Entry | Result) -> str:
