@@ -51,7 +51,7 @@ VIEWS: Mapping[figures.View, str] = {
 }
 CHART = "data_overview"
 CROWD = 4
-"""With more followers than this, one of them can be highlighted."""
+"""Largest number of followers of which none can be highlighted."""
 MARKS = {
     Grade.GOOD: ("blue", "check_circle"),
     Grade.FAIR: ("orange", "warning"),
@@ -228,26 +228,26 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 def _suggest(workspace: Workspace, whole: _Whole) -> None:
     """The window that tells most, why, and the button that takes it."""
-    found = whole.suggestion
-    if found is None:
+    suggestion = whole.suggestion
+    if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
             help="No stretch is complete with every follower in car-following.",
         )  # fmt: skip
         return
-    taken = found.window == workspace.window
-    label = "As suggested" if taken else f"Suggested: {found.window}"
+    taken = suggestion.window == workspace.window
+    label = "As suggested" if taken else f"Suggested: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
         help="The window that tells most about α, β and τ, and why.",
     ):  # fmt: skip
         usable = workspace.segment.window if workspace.segment else None
-        efficiency = whole.information.efficiency(usable, found.window) if usable else 0.0
-        st.markdown(show.bullets(suggestion_reasons(found, usable, efficiency)))
+        efficiency = whole.information.efficiency(usable, suggestion.window) if usable else 0.0
+        st.markdown(show.bullets(suggestion_reasons(suggestion, usable, efficiency)))
         st.button(
-            "This window is chosen" if taken else f"Take {found.window}", type="primary",
+            "This window is chosen" if taken else f"Take {suggestion.window}", type="primary",
             disabled=taken, key="data_suggested",
-            on_click=lambda: workspace.choose(window=found.window),
+            on_click=lambda: workspace.choose(window=suggestion.window),
         )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from pages.ui.components.show import escape_markdown
 LISTED = 20
 """Rows at most; a search finds the others."""
 WIDTHS = (3.2, 4.0, 2.6, 1.4)
-"""Of a row's cells: name, where it is from, parameters, what can be done with it."""
+"""Widths of a row's cells: name, where it is from, parameters, what can be done with it."""
 
 
 def show_entries(

@@ -36,7 +36,7 @@ class ShownVehicles:
     source: Chosen
     """Where the parameters are from, and what is known of them."""
     report: StabilityReport
-    """Of the parameters."""
+    """The stability report on the parameters."""
 
     @property
     def chosen(self) -> ParameterSet:

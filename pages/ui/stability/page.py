@@ -34,7 +34,7 @@ from pages.ui.stability.measured import show_measured
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
 HEIGHT = 370
-"""Of the Bode magnitude, in pixels: the table's head is above the fold then."""
+"""Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 

@@ -32,7 +32,7 @@ PRESET_LINES = {
     "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
 }
 FIRST_DRAWING: Seconds = 1.0
-"""Of training before the first curves: a short one would be slowed by drawing it."""
+"""Training before the first curves, in s: a short one would be slowed by drawing it."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
