@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import streamlit as st
 
 from accpinn.inference.identifiability import (
@@ -21,8 +22,8 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.methods import agreement, colliding_methods
-from accpinn.results.messages.reliability import about_curves, closed_loop_event, conditional
+from accpinn.results.messages.methods import agreement
+from accpinn.results.messages.reliability import about_curves, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION
@@ -177,13 +178,14 @@ def _show_summary(shown: _Shown) -> None:
 
 
 def _show_collisions(shown: _Shown) -> None:
-    """What happens in closed loop by any method's parameters, as one line that opens."""
-    segment, rows = shown.segment, shown.rows
+    """The events of the closed-loop simulations by method, as one line that opens."""
+    info, rows = shown.segment.info, shown.rows
     count = sum(len(row.evaluation.all_findings) for row in rows)
     if not count:
         return
-    colliding = colliding_methods(segment.info, rows)
-    title = f"{len(colliding)} of {segment.followers} followers collide" if colliding else (
+    times = [row.evaluation.collision_times(info.vehicles) for row in rows]
+    colliding = int(np.isfinite(times).any(axis=0).sum())
+    title = f"{colliding} of {info.followers} followers collide" if colliding else (
         "No follower collides on this window"
     )  # fmt: skip
     with st.expander(
@@ -191,17 +193,10 @@ def _show_collisions(shown: _Shown) -> None:
         " inside and outside the window",
         icon=":material/car_crash:",
     ):
-        if colliding:
-            st.markdown(f"On this window:\n\n{show.bullets(colliding)}")
-        for vehicle in segment.vehicles[1:]:
-            lines = []
-            for row in rows:
-                events = [e for e in row.evaluation.all_findings if e.vehicle == vehicle]
-                if said := " · ".join(map(closed_loop_event, events)):
-                    lines.append(f"- {escape_markdown(f'{name_of(row.fit)}: {said}')}")
-            if lines:
-                label = escape_markdown(segment.label(vehicle))
-                st.markdown("\n".join((f"**{label}**\n", *lines)))
+        for row in rows:
+            if sentences := messages(row.evaluation.all_findings, info):
+                bullets = "\n".join(f"- {escape_markdown(sentence)}" for sentence in sentences)
+                st.markdown(f"**{escape_markdown(name_of(row.fit))}**\n\n{bullets}")
 
 
 def _show_failures(failures: Sequence[Refused]) -> None:
