@@ -296,14 +296,14 @@ class Store(Shelf):
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
-        return result
+        return replace(result, digest="")  # it is no snapshot before it is saved as one
 
     def read(self, name: str) -> Result:
         """The result of that key; see `Shelf.read`."""
         path = self.path(name)
         if not path.exists():
             raise unknown(name)
-        return read(read_file(path), is_complete=False)
+        return replace(read(read_file(path), is_complete=False), digest="")
 
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result, with the parts that were computed so far."""

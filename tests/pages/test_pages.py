@@ -23,6 +23,7 @@ from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
+from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     COMPARE,
@@ -395,6 +396,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert found.training.wait(WAIT)
         page.sound()
         assert ("From the cache" in page.texts()) == cached
+        assert found.result.analysis.key in store().session(found.id).decode()
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in page.texts()
     assert len(page.figures()) == 1

@@ -307,6 +307,7 @@ class TestStore:
         known = queue.submit(training_task("ben", analysis, run(), store))
         assert known.status is Status.DONE, "it does not wait for its turn"
         assert known.result.fit.cached
+        assert known.result.id == "", "it is no snapshot"
         assert known.result.parameters == task.result.parameters
         assert [entry.id for entry in store.entries(session="ben")] == [analysis.key]
         puppet.give(result())

@@ -15,7 +15,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import msgspec
 import streamlit as st
@@ -187,9 +187,7 @@ def result_of(name: str) -> Result:
     Raises:
         SnapshotError: for an unknown name, or a damaged file.
     """
-    if not store().has(name):
-        return library().read(name)
-    return replace(store().read(name), digest="")  # a training is no snapshot before it is saved
+    return store().read(name) if store().has(name) else library().read(name)
 
 
 def _follow_link(workspace: Workspace) -> None:
