@@ -68,9 +68,10 @@ def parse_methods(text: str) -> tuple[str, ...]:
 
 def compare(
     analysis: Analysis,
-    recording: Recording,
+    recording: Recording | None,
     methods: Sequence[str] = tuple(METHODS),
     *,
+    segments: tuple[Segment, ...] = (),
     context: TaskContext | None = None,
 ) -> Iterator[Result | Refused]:
     """Run methods on the same data, and yield each result once it and those before it are known.
@@ -79,17 +80,19 @@ def compare(
 
     Args:
         analysis: what is asked; its own method and settings do not count.
-        recording: that it is asked of.
+        recording: that it is asked of; None where only the data of its window are at hand.
         methods: keys of `METHODS`, with their default settings.
+        segments: those data; by default they are cut from the recording.
         context: threads and stop; a method that was not finished has no result.
 
     Raises:
         SegmentError: where samples are missing that one of the methods needs.
     """
-    window = analysis.window
-    segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
+    if recording and not segments:
+        window = analysis.window
+        segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
     analyses = [analysis.with_method(key) for key in methods]
-    segments = analyses[0].segments(recording)
+    segments = analyses[0].segments(recording, segments)
     work = _Work(analyses, segments, recording, context or TaskContext())
     try:
         for asked in analyses:
@@ -118,7 +121,10 @@ def refused_among(outcomes: Iterable[object]) -> tuple[Refused, ...]:
 
 
 def _run(
-    analysis: Analysis, segments: tuple[Segment, ...], recording: Recording, context: TaskContext
+    analysis: Analysis,
+    segments: tuple[Segment, ...],
+    recording: Recording | None,
+    context: TaskContext,
 ) -> Answer | None:
     """The answer of a method, blocks held out included; None once the context says stop."""
     try:
@@ -137,7 +143,7 @@ class _Work:
 
     analyses: list[Analysis]
     segments: tuple[Segment, ...]
-    recording: Recording
+    recording: Recording | None
     context: TaskContext
     _answers: dict[str, Answer | None] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)

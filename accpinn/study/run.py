@@ -20,8 +20,9 @@ from accpinn.study.windows import check_windows
 
 def run(
     analysis: Analysis,
-    recording: Recording,
+    recording: Recording | None,
     *,
+    segments: tuple[Segment, ...] = (),
     store: Store | None = None,
     context: TaskContext | None = None,
 ) -> Result:
@@ -29,7 +30,8 @@ def run(
 
     Args:
         analysis: what is asked.
-        recording: that it is asked of.
+        recording: that it is asked of; None where only the data of its windows are at hand.
+        segments: those data; by default they are cut from the recording.
         store: where results and checkpoints are kept; None keeps nothing.
         context: threads, progress and stop.
 
@@ -37,7 +39,7 @@ def run(
         AccpinnError: one sentence that names what is wrong with window, data or settings.
     """
     problems: list[str] = []
-    segments = analysis.segments(recording)
+    segments = analysis.segments(recording, segments)
     known = store.find(analysis, problems.append) if store else None
     if known:
         cached = tuple(replace(fit, cached=True) for fit in known.fits)

@@ -170,8 +170,10 @@ class Shelf:
         """
         paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         entries: dict[str, Entry] = {}
-        kept: set[str] | None = None
         with self.index() as index:
+            if session:
+                shown = index.execute("select name from shown where session = ?", (session,))
+                paths = {name: paths[name] for (name,) in shown if name in paths}
             rows = index.execute("select name, state, entry from entries").fetchall()
             known = {name: (state, entry) for name, state, entry in rows}
             for name, path in paths.items():
@@ -180,17 +182,11 @@ class Shelf:
                     then, content = known.get(name, ("", b""))
                     entry = _decoded(content) if then == state else None
                     entries[name] = entry or self._indexed(index, name, state)
-            for name in known.keys() - paths.keys():
-                index.execute("delete from entries where name = ?", (name,))
-            if session:
-                shown = index.execute("select name from shown where session = ?", (session,))
-                kept = {name for (name,) in shown}
+            for name in () if session else known.keys() - paths.keys():
+                if not self.path(name).with_suffix(DELETED).exists():  # else it may come back
+                    index.execute("delete from entries where name = ?", (name,))
         asked = words.casefold().split()
-        chosen = [
-            entry
-            for name, entry in entries.items()
-            if (kept is None or name in kept) and all(word in entry.words for word in asked)
-        ]
+        chosen = [entry for entry in entries.values() if all(word in entry.words for word in asked)]
         return tuple(sorted(chosen, key=lambda entry: (entry.created, entry.id), reverse=True))
 
     def _indexed(self, index: sqlite3.Connection, name: str, state: str) -> Entry:
@@ -316,14 +312,14 @@ class Store(Shelf):
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
-        return result
+        return replace(result, digest="")  # it is no snapshot before it is saved as one
 
     def read(self, name: str) -> Result:
         """The result of that key; see `Shelf.read`."""
         path = self.path(name)
         if not path.exists():
             raise unknown(name)
-        return read(read_file(path), is_complete=False)
+        return replace(read(read_file(path), is_complete=False), digest="")
 
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result, with the parts that were computed so far."""

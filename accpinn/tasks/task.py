@@ -96,8 +96,6 @@ class Task(Generic[Found]):
         self._began: Seconds | None = None
         self.surrogate: Trajectories | None = None
         """The running estimation's latest curves."""
-        self.ended_at: Seconds | None = None
-        """When it ended, by the clock of the queue it belongs to."""
 
     @property
     def is_active(self) -> bool:
@@ -167,13 +165,11 @@ class Task(Generic[Found]):
             return self.recorder.history() if self.recorder else None
 
     def stop(self) -> None:
-        """Ask it to end soon; its results so far are kept."""
+        """Ask it to end soon, with its results so far; one that still waits ends at once."""
         self._stop.set()
-
-    def cancel(self) -> None:
-        """End it before it has begun."""
-        self.stop()
-        self._end(Status.STOPPED)
+        with self._lock:
+            if self.status is Status.QUEUED:
+                self._end(Status.STOPPED)
 
     def refuse(self, reason: str) -> None:
         """End it before it has begun, for a reason that is given as a sentence."""
@@ -194,10 +190,10 @@ class Task(Generic[Found]):
         Args:
             threads: processor threads for an estimation.
         """
-        if self._stop.is_set():
-            self.cancel()
-            return
-        self.status, self._began = Status.RUNNING, time.monotonic()
+        with self._lock:
+            if self.status is not Status.QUEUED:
+                return
+            self.status, self._began = Status.RUNNING, time.monotonic()
         try:
             for result in self._steps(TaskContext(None, threads, self._note, self._stop.is_set)):
                 self._add(result)
@@ -237,48 +233,63 @@ class Task(Generic[Found]):
 
 
 def training_task(
-    owner: str, analysis: Analysis, recording: Recording, store: Store | None
+    owner: str,
+    analysis: Analysis,
+    recording: Recording | None,
+    store: Store | None,
+    segments: tuple[Segment, ...] = (),
 ) -> Task[Result]:
-    """The answer to one analysis, with its intervals.
+    """The answer to one analysis, with all that a page shows of it.
 
     Args:
-        owner: who asked.
+        owner: who asked; a finished training is entered among what this session has shown.
         analysis: what is asked.
-        recording: that it is asked of.
+        recording: that it is asked of; None where only the data of its window are at hand.
         store: where results and checkpoints are kept.
+        segments: those data; by default they are cut from the recording.
     """
+
+    def answer(context: TaskContext | None) -> Result:
+        result = run(analysis, recording, segments=segments, store=store, context=context)
+        _ = result.quality, result.uncertainty, result.evaluation
+        if store and result.is_finished:
+            store.show(owner, result)
+        return result
 
     def steps(context: TaskContext) -> Iterator[Result]:
         get_ready()
         if store and (state := store.stopped_state(analysis)):
             task.recorder.restore(state)
-        result = run(analysis, recording, store=store, context=context)
-        _ = result.uncertainty, result.evaluation  # else the page would compute them
-        yield result
+        yield answer(context)
 
     def recall() -> Result | None:
-        return run(analysis, recording, store=store) if store and store.find(analysis) else None
+        return answer(None) if store and store.find(analysis) else None
 
     task = Task(owner, "training", steps, analysis=analysis, recall=recall)
     return task
 
 
 def comparison_task(
-    owner: str, analysis: Analysis, recording: Recording
+    owner: str,
+    analysis: Analysis,
+    recording: Recording | None,
+    segments: tuple[Segment, ...] = (),
 ) -> Task[Result | Refused | Adequacy]:
     """All methods on one window, those first that take least, and the forms of the model.
 
     Args:
         owner: who asked.
         analysis: what is asked; its method does not count.
-        recording: that it is asked of.
+        recording: as in `training_task`.
+        segments: as in `training_task`.
     """
     methods = sorted(METHODS.values(), key=lambda method: method.typical_seconds)
 
     def steps(context: TaskContext) -> Iterator[Result | Refused | Adequacy]:
         quiet = replace(context, on_progress=None)  # several fits make one result
         last: Result | None = None
-        for outcome in compare(analysis, recording, [m.key for m in methods], context=quiet):
+        keys = [method.key for method in methods]
+        for outcome in compare(analysis, recording, keys, segments=segments, context=quiet):
             last = outcome if isinstance(outcome, Result) else last
             yield outcome
         if last and not context.is_stopped:
@@ -296,20 +307,25 @@ def comparison_seconds(segment: Segment) -> Seconds:
 
 
 def starts_task(
-    owner: str, analysis: Analysis, recording: Recording, store: Store | None
+    owner: str,
+    analysis: Analysis,
+    recording: Recording | None,
+    store: Store | None,
+    segments: tuple[Segment, ...] = (),
 ) -> Task[Result]:
     """Trainings of one window from five initial values.
 
     Args:
         owner: who asked.
         analysis: whose settings serve all trainings, but for the initial values.
-        recording: that it is asked of.
+        recording: as in `training_task`, as all others.
         store: where results and checkpoints are kept.
+        segments: the data where only these are at hand.
     """
 
     def steps(context: TaskContext) -> Iterator[Result]:
         for asked in starts(analysis):
-            result = run(asked, recording, store=store, context=context)
+            result = run(asked, recording, segments=segments, store=store, context=context)
             if context.is_stopped:
                 return
             yield result

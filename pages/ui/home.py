@@ -5,13 +5,13 @@ from pathlib import Path
 
 import plotly.graph_objects as go
 import streamlit as st
-from accpinn.results.snapshot.saved import Entry
 
 from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.model.published import PUBLISHED
 from accpinn.results.figures.recording import speeds_thumbnail
 from accpinn.results.figures.stability import gains_thumbnail
 from accpinn.segment.cut import cut
+from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
@@ -19,9 +19,9 @@ from pages.ui.data.sources import ask_for_upload, drop_zone, open_with
 from pages.ui.platoon.page import open_panels
 from pages.ui.reproduction import open_published, show_checklist
 from pages.ui.runs import restore_run
-from pages.ui.session.recordings import FIRST_SAMPLE, sample, samples, title_of
+from pages.ui.session.recordings import FIRST_SAMPLE, sample, sample_title, samples
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.listing import first_estimate
+from pages.ui.snapshots.listing import first_estimate, title_of
 
 LAST_RUNS = 3
 CARDS = 4
@@ -38,8 +38,8 @@ def show_page() -> None:
     workspace = frame.begin("")
     st.html(_STYLE)
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
-    entries = workspace.runs.readable()
-    if workspace.recording or workspace.snapshot or entries:
+    entries = workspace.runs
+    if workspace.recording or workspace.restored or entries:
         _continue(workspace, entries)
     else:
         st.markdown(
@@ -61,9 +61,9 @@ def _continue(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
     with st.container(border=True):
         session, runs = st.columns((1, 1.7), gap="large")
         with session:
-            if workspace.recording or workspace.snapshot:
+            if workspace.recording or workspace.restored:
                 st.markdown("**Continue**  \n" + "  \n".join(frame.session_state(workspace)))
-                if workspace.training or workspace.snapshot:
+                if workspace.training or workspace.restored:
                     frame.link(frame.TRAIN, "Back to the result", workspace)
                 else:
                     frame.link(frame.DATA, "Back to the recording", workspace)
@@ -80,7 +80,7 @@ def _show_run(workspace: Workspace, entry: Entry) -> None:
     """A finished run in one line, and the button that shows it on every page again."""
     line, button = st.columns((5, 1), vertical_alignment="center")
     line.caption(
-        f"{escape_markdown(entry.name)} · {escape_markdown(entry.source)} · {entry.window}  \n"
+        f"{escape_markdown(title_of(entry))} · {escape_markdown(entry.source)} · {entry.window}  \n"
         f"{escape_markdown(first_estimate(entry))}"
     )
     if button.button("Open", key=f"home_run_{entry.id}", help="Show this run on every page again."):
@@ -133,7 +133,7 @@ def _show_samples(workspace: Workspace) -> None:
     st.caption("Synthetic recordings with known true parameters: what is learned can be checked.")
     for column, path in zip(st.columns(CARDS), samples()[:CARDS], strict=False):
         with column.container(border=True, height="stretch"):
-            name, _, about = title_of(path).partition(": ")
+            name, _, about = sample_title(path).partition(": ")
             st.markdown(f"**{name}**")
             _picture(_speeds(path), f"home_{path.stem}")
             st.caption(about.capitalize())

@@ -1,13 +1,13 @@
 """The paper's tables and figures as a checklist: what comes out here, and what leads to it."""
 
 import streamlit as st
-from accpinn.results.snapshot.saved import Entry
 
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedRun, PrintedVerdicts
 from accpinn.results.tables.reproduction import reproduction_table
+from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.sources import find_run, open_with
@@ -86,8 +86,8 @@ def _learned(
             and (segment.source, segment.window, segment.vehicles)
             == (run.file, run.window, run.vehicles)
         )
-        found = [trial.fit.parameters[0] for trial in task.results] if task and is_same else []
-        return Parameters.stack(found) if len(found) == len(printed.vehicles) else None
+        learned = [result.parameters[0] for result in task.results] if task and is_same else []
+        return Parameters.stack(learned) if len(learned) == len(printed.vehicles) else None
     runs = runs_of(workspace, item.run)
     return Parameters.of(runs[0].parameters[: len(printed.vehicles)]) if runs else None
 
@@ -96,7 +96,7 @@ def runs_of(workspace: Workspace, run: PrintedRun) -> list[Entry]:
     """The session's finished runs of that recording, window, vehicles and Case, newest first."""
     return [
         entry
-        for entry in workspace.runs.readable()
+        for entry in workspace.runs
         if (entry.source, entry.window, entry.numbers) == (run.file, str(run.window), run.vehicles)
         and entry.campaign in ("", run.campaign)
         and (entry.case == run.case or len(run.vehicles) == 2)

@@ -211,7 +211,6 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     expect(intervals.locator("tbody tr")).to_have_count(1)
     expect(intervals.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
     expect(chart(page, "compare_estimates").locator(".xy .points path")).to_have_count(len(METHODS))
-    open_tab(page, "Methods")
     methods = table(page, "Collides at")
     expect(methods.locator("tbody tr")).to_have_count(len(METHODS))
     expect(methods).to_contain_text("Dual UKF")

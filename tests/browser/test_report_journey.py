@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from accpinn.results.snapshot import Snapshot
 from playwright.sync_api import Browser, Page
 
 from accpinn.results.report import render_report
+from accpinn.study.result import Result
 from tests.browser.running import watched
 from tests.support.snapshots import whole
 
@@ -23,7 +23,7 @@ def shown(browser: Browser, tmp_path: Path) -> Iterator[Show]:
     pages: list[Page] = []
     faults: list[list[str]] = []
 
-    def show(snapshot: Snapshot, theme: str = "light") -> Page:
+    def show(snapshot: Result, theme: str = "light") -> Page:
         place = tmp_path / "report.html"
         place.write_text(render_report(snapshot), encoding="utf-8")
         page = browser.new_page(
@@ -49,8 +49,8 @@ def background(page: Page) -> str:
 def test_of_a_hostile_name_it_is_drawn_in_both_themes_printed_saved_and_fits_a_narrow_screen(
     shown: Show, tmp_path: Path
 ) -> None:
-    info = replace(whole().info, names=(NAME,) * 5)
-    page = shown(replace(whole(), name=NAME, note=NAME, info=info), "dark")
+    infos = (replace(whole().info, names=(NAME,) * 5),)
+    page = shown(replace(whole(), name=NAME, note=NAME, infos=infos), "dark")
     plots = page.locator(".plot")
     count = plots.count()
     assert count >= 12

@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
-from accpinn.results.snapshot.archive import load
-from accpinn.results.snapshot.saved import Library
 from playwright.sync_api import Page, expect
 
+from accpinn.study.snapshot import load
+from accpinn.study.store import Library
 from tests.browser.conftest import App, Open
 from tests.browser.running import (
     ESTIMATES,
@@ -116,7 +116,7 @@ def test_of_a_hostile_name_it_is_saved_opened_by_link_elsewhere_sent_back_and_co
     assert send(second, content) == name
 
     open_tab(second, "Beside another")
-    expect(table(second, "Setting")).to_be_visible()
+    expect(second.get_by_text("What differs")).to_be_visible()
     chart(second, "snapshots_bode")
     second.goto(report.as_uri())
     expect(second.locator("h1")).to_have_text(NASTY)

@@ -364,7 +364,7 @@ def use_link(data: bytes, folder: Path) -> bool:
     words = {"SOUND": sound, "OTHER": registry.new().id}
     params = {name: words.get(value, value) for name, value in json.loads(data).items()}
     browser = SimpleNamespace(query_params=params, session_state={})
-    store = SimpleNamespace(folder=folder / "cache")
+    store = SimpleNamespace(session=lambda name: None)
     with (
         patch.object(sessions, "st", browser),
         patch.object(identity, "st", browser),

@@ -6,18 +6,18 @@ from dataclasses import replace
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
 from accpinn.results.messages.summary import outside_intervals
-from accpinn.study.comparison import MethodFailure, MethodResult, compare, result_of
+from accpinn.study.comparison import Refused, compare
+from accpinn.study.result import Result
 from accpinn.tasks.task import Status, Task
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import task_queue
-from pages.ui.session.workspace import KEPT_RECORDS, Workspace
-from tests.support.apptest import COMPARE, WAIT, open_page, with_sample
+from pages.ui.session.workspace import KEPT_EARLIER, Workspace
+from tests.support.apptest import COMPARE, WAIT, answer, open_page, with_sample
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -29,7 +29,7 @@ def found(fresh_server: None) -> Workspace:
     return made
 
 
-def finished(found: Workspace, results: Sequence[MethodResult | MethodFailure]) -> None:
+def finished(found: Workspace, results: Sequence[Result | Refused]) -> None:
     """Give the session a comparison that has these results."""
     names = tuple(METHODS)[: len(results)]
     task = Task(found.id, "comparison", lambda context: iter(results), names)
@@ -47,11 +47,12 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     page.button(key="compare_run").click().run()
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.DONE
-    assert found.known_adequacy, "the forms of the model come with the methods"
+    assert found.adequacy, "the forms of the model come with the methods"
     page = open_page(COMPARE, found)
     shown = page.everything()
     assert "Maximum likelihood (90 % interval)" in shown
     assert outside_intervals(found.compared, 0) in page.plain()
+    assert "Outside the window" in shown
     assert len(page.figures()) == 1, "only the open tab is drawn"
     assert "Profile of the loss" in page.open_tab("compare_tabs", "Identifiability").plain()
     adequacy = page.open_tab("compare_tabs", "Model adequacy").plain()
@@ -65,14 +66,14 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     assert found.starts.wait(WAIT)
     assert "Spread" in open_page(COMPARE, found).everything()
 
-    before = found.compared[0].fit
+    before = found.compared[0]
     found.choose(window=Window(10.0, 60.0))
     assert found.compared == ()
     assert found.starts is None
-    assert [run.method for run in found.records] == list(methods)
-    assert found.records[0].parameters.values[0] == pytest.approx(before.parameters.values[0])
+    assert {row.analysis.method for row in found.earlier} == {*methods}
+    assert found.earlier[0].parameters == before.parameters
 
-    finished(found, tuple(compare(found.segment, "II", ("least-squares",))))
+    finished(found, tuple(compare(found.analysis(), found.recording, ("least-squares",))))
     page = open_page(COMPARE, found)
     assert "0–60 s → 10–60 s" in page.everything()
     page.open_tab("compare_tabs", "Summary")
@@ -86,8 +87,10 @@ def test_methods_that_fail_are_named_and_the_others_shown(
     found: Workspace, failing: tuple[str, ...]
 ) -> None:
     fault = SegmentError("Too little is left of the window; choose a longer one.")
-    row = result_of(found.segment, least_squares.fit(found.segment))
-    results = [MethodFailure(name, fault) if name in failing else row for name in METHODS]
+    row, asked = answer(found), found.analysis()
+    results = [
+        Refused(asked.with_method(name), fault) if name in failing else row for name in METHODS
+    ]
     finished(found, results)
     page = open_page(COMPARE, found)
     (failures,) = [box for box in page.boxes("warning") if box.startswith("No result from ")]
@@ -100,7 +103,7 @@ def test_methods_that_fail_are_named_and_the_others_shown(
 
 def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
     found.compare()
-    task_queue().stop(found.comparison)
+    found.comparison.stop()
     assert found.comparison.wait(WAIT)
     assert found.comparison.status is Status.STOPPED
     page = open_page(COMPARE, found)
@@ -109,37 +112,37 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None
 
 
 def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspace) -> None:
-    fit = replace(least_squares.fit(found.segment), method="pinn", config=PAPER.to_json())
+    result = replace(answer(found, outcome=Outcome.STOPPED), analysis=found.analysis(PAPER))
+    result = replace(result, fits=(replace(result.fit, method="pinn", config=PAPER.to_json()),))
     for _ in range(2):
-        found._record([replace(fit, outcome=Outcome.STOPPED)])
-    assert len(found.records) == 1, "none is kept twice"
+        found._record([result])
+    assert len(found.earlier) == 1, "none is kept twice"
+    found.training = None
     said = open_page(COMPARE, found).plain()
     assert "Kept from earlier in this session: 1 fit." in said
     assert "PiNN (paper preset, stopped), " in said
     assert "synthetic_astazero_like.csv, 0–60 s" in said
     assert "Differs now in" not in said
-    for seed in range(KEPT_RECORDS + 3):
-        found._record([replace(fit, config={"seed": seed})])
-    assert len(found.records) == KEPT_RECORDS
-    assert found.records[-1].config == {"seed": KEPT_RECORDS + 2}
+    for seed in range(KEPT_EARLIER + 3):
+        found._record([replace(result, analysis=found.analysis(replace(PAPER, seed=seed)))])
+    assert len(found.earlier) == KEPT_EARLIER
     found.open(*sample(FIRST_SAMPLE))
-    assert len(found.records) == KEPT_RECORDS, "an early step does not drop them"
+    assert len(found.earlier) == KEPT_EARLIER, "an early step does not drop them"
 
 
 def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
     found.comparison = Task(found.id, "comparison", lambda context: iter(()))
-    least = compare(found.segment, "II", ("least-squares",))
-    found.comparison.results = tuple(least)
+    found.comparison.results = tuple(compare(found.analysis(), found.recording, ("least-squares",)))
     assert len(found.compared_with_training()) == 1
     found.train(replace(FAST, iterations=60))
     assert found.training.wait(WAIT)
     _, own = found.compared_with_training()
-    assert own.fit is found.fit
+    assert own is found.result
     assert own.evaluation.holdout is None
-    assert found.compared_with_training()[1] is own, "it is worked out once"
     found.comparison.results = (own,)
     assert found.compared_with_training() == (own,), "the same settings need no second row"
-    found.training.results = (replace(own.fit, outcome=Outcome.STOPPED),)
+    stopped = replace(own, fits=(replace(own.fit, outcome=Outcome.STOPPED),))
+    found.training.results = (stopped,)
     assert found.compared_with_training() == (own,), "an unfinished training is no result"
 
 

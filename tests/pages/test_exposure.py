@@ -9,10 +9,10 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.recordings.openacc import read
-from pages.ui.session import identity, owners, sessions
+from pages.ui.session import identity, sessions
+from pages.ui.session.recordings import FIRST_SAMPLE, sample
 from pages.ui.session.resources import library, store
-from pages.ui.session.sessions import KEPT_WORKSPACES, Workspaces
-from pages.ui.session.workspace import PendingFile
+from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon
 
@@ -37,7 +37,8 @@ class TestSignIn:
         own = open_page(HOME, user=ANN).workspace()
         assert open_page(HOME, user=ANN, session=own.id).workspace() is own
         assert open_page(HOME, user=BOB, session=own.id).workspace() is not own
-        (store().folder / "runs" / own.id).mkdir(parents=True)
+        own.open(*sample(FIRST_SAMPLE))
+        open_page(HOME, user=ANN, session=own.id)
         sessions.workspaces.clear()
         assert open_page(HOME, user=BOB, session=own.id).workspace().id != own.id
         assert open_page(HOME, user=ANN, session=own.id).workspace().id == own.id, (
@@ -129,53 +130,32 @@ class TestDeletion:
             config.set_option("server.address", before)
 
 
-class TestLimits:
-    def test_one_session_cannot_fill_the_library(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(owners, "SAVED_PER_HOUR", 1)
-        found = fitted()
-        open_page(SNAPSHOTS, found).press("Save")
-        found.viewed = ""
-        page = open_page(SNAPSHOTS, found).press("Save")
-        assert len(library().entries()) == 1
-        assert "within an hour" in page.texts()
-
-    def test_empty_sessions_end_nobodys_work(self) -> None:
-        kept = Workspaces()
-        at_work = kept.new()
-        at_work.open(read(csv(platoon()), "run.csv"))
-        for _ in range(2 * KEPT_WORKSPACES):
-            last = kept.new()
-        assert kept.find(at_work.id) is at_work
-        assert kept.find(last.id) is last
-
-    def test_who_fills_memory_with_recordings_loses_and_others_do_not(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(3)]
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 3.5 * runs[0].nbytes)
-        kept = Workspaces()
-        modest, greedy = kept.new(), kept.new()
-        modest.open(runs[0])
-        for run in runs:
-            greedy.open(run)
-        assert kept.find(greedy.id) is greedy
-        assert kept.find(modest.id) is modest
-        assert (len(greedy.opened), greedy.recording) == (1, runs[-1])
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 1)
-        assert kept.find(modest.id) is modest, "whoever works goes on"
-        assert kept.find(greedy.id) is None
-
-    def test_a_file_that_waits_to_be_read_counts(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(sessions, "KEPT_BYTES", 1000)
-        kept = Workspaces()
-        one = kept.new()
-        one.pending = PendingFile("own.csv", bytes(2000))
-        assert kept.find(one.id) is one
-        assert one.pending is None
-
-    def test_two_tabs_after_a_restart_have_one_session(self) -> None:
-        kept = Workspaces()
-        assert kept.new("a name") is kept.new("a name")
+def test_sessions_cannot_be_guessed_and_are_bounded_in_number_age_and_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [0.0]
+    kept = Workspaces(clock=lambda: now[0])
+    first = kept.new()
+    assert len(first.id) >= 20
+    assert kept.find("") is None
+    assert kept.new(first.id) is first, "of two tabs after a restart"
+    runs = [read(csv(platoon(samples=400 + k)), f"{k}.csv") for k in range(2)]
+    first.open(runs[0])
+    for _ in range(2 * KEPT_WORKSPACES):
+        last = kept.new()
+    assert kept.find(first.id) is first, "empty sessions end nobody's work"
+    assert kept.find(last.id) is last
+    monkeypatch.setattr(sessions, "KEPT_BYTES", 1.5 * runs[0].nbytes)
+    last.open(runs[1])
+    assert kept.find(last.id) is last, "whoever works goes on"
+    assert kept.find(last.id) is last
+    assert kept.find(first.id) is None
+    now[0] = KEPT_FOR - 1
+    assert kept.find(last.id) is last
+    now[0] = 2 * KEPT_FOR - 2
+    assert kept.find(last.id) is last, "it was used in between"
+    now[0] = 3 * KEPT_FOR
+    assert kept.find(last.id) is None
 
 
 class TestAddresses:

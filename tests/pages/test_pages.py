@@ -6,19 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from accpinn.methods.pinn.request import TrainingRequest
-from accpinn.results.snapshot import create
 
-from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued
 from accpinn.methods.pinn.config import CALIBRATED, preset
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.segment.cut import cut
-from accpinn.tasks.task import Status, training_task
+from accpinn.tasks.task import Status
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
@@ -26,8 +24,7 @@ from pages.ui.platoon.page import PANELS, TABS
 from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import task_queue
-from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
+from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     COMPARE,
@@ -39,6 +36,7 @@ from tests.support.apptest import (
     WAIT,
     WIDGETS,
     Page,
+    answer,
     fitted,
     open_page,
     with_sample,
@@ -90,8 +88,8 @@ def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> No
 
 def test_one_click_on_home_trains_a_sample() -> None:
     found = open_page(HOME).press("Train a sample now").workspace()
-    request, (recording, truth) = found.training.request, sample(FIRST_SAMPLE)
-    assert (request.config, request.segment) == (CALIBRATED, cut(recording))
+    asked, (recording, truth) = found.training.analysis, sample(FIRST_SAMPLE)
+    assert (asked.config, asked.segments(recording)) == (CALIBRATED, (cut(recording),))
     assert found.true_parameters == truth.parameters
     stop_training(found)
     assert "**Training** was stopped" in open_page(HOME, found).texts()
@@ -110,21 +108,18 @@ def test_a_file_dropped_on_home_leads_to_data() -> None:
 
 def test_published_parameters_and_the_papers_items_from_home() -> None:
     page = open_page(HOME).open_tab("home_tabs", "Published parameters")
-    found = page.workspace()
+    session = page.workspace()
     page.press(f"home_{ASTAZERO_ALIKE.title}_Stability")
-    assert (found.parameter_source, found.parameter_choice.example) == (
-        "published", ASTAZERO_ALIKE.title,
-    )  # fmt: skip
-    page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
+    assert session.parameter_choice.example == ASTAZERO_ALIKE.title
+    page = open_page(HOME, session).open_tab("home_tabs", "Reproduce the paper")
     assert "14 of 14 printed verdicts agree" in page.texts()
-    assert "1.095" in page.texts(), "the gain of the one follower that is printed as stable"
     assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
     page.press("home_TableI_starts")
-    assert len(found.segment.vehicles) == 2
-    assert found.starts is not None
-    page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
+    assert len(session.segment.vehicles) == 2
+    assert session.starts is not None
+    page = open_page(HOME, session).open_tab("home_tabs", "Reproduce the paper")
     page.press("home_Figure8_panels")
-    assert found.tabs[TABS] == PANELS
+    assert session.tabs[TABS] == PANELS
 
 
 def test_a_run_of_the_paper_is_opened_with_its_window(
@@ -135,8 +130,7 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     found = page.press("home_TableII_run").workspace()
     assert (found.window, found.case) == (Window(320.0, 620.0), "I")
     assert found.recording.source == "ASta_040719_platoon5.csv"
-    fit = least_squares.fit(found.segment, "I")
-    found.runs.keep(create(found.segment, fit, name="mine"))
+    answer(found, "I")
     page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
     assert "Learned here" not in page.texts(), "Table III is not of Case I"
     page.choose("home_printed", ASTAZERO_ALIKE.title)
@@ -152,8 +146,7 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
             replace(recording(platoon(samples=4000)), source="part7.csv", campaign=campaign)
         )
         found.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
-        fit = least_squares.fit(found.segment)
-        found.runs.keep(create(found.segment, fit, recording=found.recording))
+        answer(found)
         assert bool(runs_of(found, CASALE_RUN)) is is_run
         assert not runs_of(found, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
         assert (find_run(found, "Casale", "part7.csv") is not None) is is_run
@@ -200,18 +193,25 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     assert train.disabled
 
 
-def test_the_window_is_chosen_by_slider_and_by_fields_in_turns() -> None:
+def test_the_window_is_chosen_by_slider_by_fields_and_as_suggested() -> None:
     page = open_page(DATA).press("Open this sample")
-    chosen = page.workspace()
-    page.choose("data_ends", (50.0, 250.0))
-    assert chosen.window == Window(50.0, 250.0)
-    page.choose("data_start", 30.0)
-    assert chosen.window == Window(30.0, 230.0)
-    page.choose("data_ends", (60.0, 200.0))
-    page.choose("data_length", 100.0)
-    assert chosen.window == Window(60.0, 160.0)
-    page.choose("data_ends", (80.0, 300.0))
-    assert chosen.window == Window(80.0, 300.0)
+    session = page.workspace()
+    for key, value, window in (
+        ("data_ends", (50.0, 250.0), Window(50.0, 250.0)),
+        ("data_start", 30.0, Window(30.0, 230.0)),
+        ("data_ends", (60.0, 200.0), Window(60.0, 200.0)),
+        ("data_length", 100.0, Window(60.0, 160.0)),
+        ("data_ends", (50.0, 55.0), Window(60.0, 160.0)),  # too short for a window
+    ):
+        page.choose(key, value)
+        assert session.window == window
+    page.press("data_suggested")
+    assert session.window == Window(30.0, 330.0)
+    assert "best excitation" in page.texts()
+    assert page.button(key="data_suggested").disabled
+    page.choose("data_view", "relative")
+    names = [trace["name"] for trace in page.figures()[0]["data"][:4]]
+    assert names == list(session.segment.labels[1:])
 
 
 def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
@@ -245,21 +245,17 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     found = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
     hand = found.segment.driven_by_hand
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
-    fit = least_squares.fit(found.segment)
     for path in (DATA, TRAIN, STABILITY):
         page = open_page(path, found)
         if path != STABILITY:
             assert any("not ACC" in error for error in page.boxes("error"))
         if path == DATA:
-            found.training = training_task(
-                found.id, TrainingRequest(found.segment, "II", preset("fast"))
-            )
-            found.training.answer(fit)
+            answer(found)
         elif path == STABILITY:
             assert "not by ACC: 3 C" in page.plain()
         if path != DATA:
             assert "<td>Human</td>" in page.texts(), "the table carries it"
-    found.choose(window=Window(0.0, 30.0), excluded_regimes=())
+    found.choose(window=Window(0.0, 30.0), excluded=())
     assert found.segment.driven_by_hand
     by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
     assert with_recording(by_flag).segment.driven_by_hand.by_flag
@@ -270,19 +266,13 @@ def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_cas
     found.choose(case="I")
     found.preset = "paper"
     page = open_page(DATA, found)
-    request = found.request(preset("paper"))
-    duration = format_duration(request.typical_seconds)
+    lasts = [METHODS["pinn"].expected_seconds(found.segment, preset(p)) for p in ("fast", "paper")]
+    duration = format_duration(lasts[1])
     (label,) = (b.label for b in page.button if b.key == "data_train")
     assert all(part in label for part in ("paper preset", "Case I", duration))
-    short = replace(request, config=preset("fast"))
-    assert short.typical_seconds < 5 < 600 < request.typical_seconds
+    assert lasts[0] < 5 < 600 < lasts[1]
     found.open(*sample(FIRST_SAMPLE))
     assert found.case == "II"
-
-
-def test_a_recording_of_ones_own_begins_with_the_upload() -> None:
-    page = open_page(HOME, with_sample()).press("Load your own OpenACC recording")
-    assert page.get("file_uploader")
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -317,24 +307,6 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     page.run()
     assert page.selectbox(key="data_file").options == ["deep/run.csv"]
     assert "run\\.csv" in page.press("Open this recording").texts()
-
-
-def test_handles_views_and_the_suggested_window() -> None:
-    found = with_sample()
-    page = open_page(DATA, found)
-    page.choose("data_ends", (50.0, 250.0))
-    assert found.window == Window(50.0, 250.0)
-    page.choose("data_ends", (50.0, 55.0))
-    assert found.window == Window(50.0, 250.0), "too short for a window"
-    page.choose("data_view", "relative")
-    assert [trace["name"] for trace in page.figures()[0]["data"][:4]] == list(
-        found.segment.labels[1:]
-    )
-    page.press("data_suggested")
-    assert found.window == Window(30.0, 330.0)
-    assert "best excitation" in page.texts()
-    assert "relative D-efficiency" not in page.texts(), "it is the present one"
-    assert page.button(key="data_suggested").disabled
 
 
 def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
@@ -390,15 +362,6 @@ def test_vehicles_and_case() -> None:
     assert found.true_parameters.alpha.tolist() == [0.0766]
 
 
-@pytest.mark.parametrize("path", [DATA, TRAIN])
-def test_names_from_a_file_are_shown_as_they_are(path: str) -> None:
-    nasty = "<script>alert(1)</script>"
-    page = open_page(path, with_recording(recording(names=(nasty, "*B* $x$ :red[c]", "C"))))
-    assert nasty not in page.texts()
-    assert "*B*" not in "".join(element.value for element in (*page.markdown, *page.caption))
-    assert ("&lt;script&gt;" in page.texts()) == (path == DATA)
-
-
 @pytest.mark.parametrize(
     ("box", "expected"),
     [
@@ -434,6 +397,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert found.training.wait(WAIT)
         page.sound()
         assert ("From the cache" in page.texts()) == cached
+        assert found.result.analysis.key in store().session(found.id).decode()
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in page.texts()
     assert len(page.figures()) == 1
@@ -467,9 +431,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     segment = found.segment
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
     same = Parameters.stack([parameters] * segment.followers)
-    fit = replace(least_squares.fit(segment), method="pinn", parameters=same, surrogate=own)
-    found.training = training_task(found.id, TrainingRequest(segment, "II", preset("fast")))
-    found.training.answer(fit)
+    answer(found, parameters=same, surrogate=own)
     page = open_page(TRAIN, found)
     written, collide = page.plain(), parameters.tau < 1
     said = f"{segment.labels[1]} collides with the vehicle ahead at" in written
@@ -485,7 +447,7 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
 
 def stop_training(found: Workspace) -> None:
     """As the button does, and wait for it."""
-    task_queue().stop(found.training)
+    found.training.stop()
     assert found.training.wait(WAIT)
 
 
@@ -503,7 +465,7 @@ def test_stop_continue_or_begin_anew() -> None:
     page.press("Stop training")
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
-    at = job.result.iterations
+    at = job.result.fit.iterations
     other = open_page(TRAIN, with_sample())
     other.segmented_control(key="train_preset").set_value("paper").run()
     for one in (page.run(), other):
@@ -520,7 +482,7 @@ def test_stop_continue_or_begin_anew() -> None:
     first = found.training.history()
     assert first.iteration[0] == 0
     stop_training(found)
-    assert not any(isinstance(f, Continued) for f in found.fit.findings)
+    assert not any(isinstance(f, Continued) for f in found.result.fit.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -549,7 +511,7 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     page = open_page(TRAIN, found).choose("train_options", True)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     page.press("Start training")
-    config = found.training.request.config
+    config = found.training.analysis.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
 
@@ -575,39 +537,7 @@ def test_a_page_drawn_again_has_the_same_widgets(path: str) -> None:
     assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown != []
 
 
-def test_a_failed_training_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    def failing(*args: Any, **options: Any) -> Any:
-        raise RuntimeError("boom")
-
-    monkeypatch.setattr("accpinn.methods.pinn.training.training", failing)
-    found = with_sample()
-    page = open_page(TRAIN, found).press("Start training")
-    assert found.training.wait(WAIT)
-    page.sound()
-    assert "ended unexpectedly" in page.texts()
-    assert "boom" not in page.texts()
-    assert "Start training" in labels(page)
-
-
 # What the pages stand on
-
-
-def test_sessions_cannot_be_guessed_and_are_bounded() -> None:
-    now = [0.0]
-    kept = Workspaces(clock=lambda: now[0])
-    first = kept.new()
-    assert len(first.id) >= 20
-    assert kept.find(first.id) is first
-    assert kept.find("") is None
-    for _ in range(KEPT_WORKSPACES):
-        last = kept.new()
-    assert kept.find(first.id) is None
-    now[0] = KEPT_FOR / 2
-    assert kept.find(last.id) is last
-    now[0] = KEPT_FOR * 1.4
-    assert kept.find(last.id) is last, "it was used in between"
-    now[0] = KEPT_FOR * 3
-    assert kept.find(last.id) is None
 
 
 def test_foreign_text_is_made_literal() -> None:

@@ -1,40 +1,29 @@
-"""Finished runs of a session: nothing vanishes with a new recording, a reload or a restart."""
+"""Finished trainings of a session: none vanishes with a new recording, a reload or a restart."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.request import TrainingRequest
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
-from accpinn.tasks.task import training_task
 from pages.ui.runs import restore_run
-from pages.ui.session import runs, sessions
+from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, SAMPLES, sample
-from pages.ui.session.workspace import Workspace
-from tests.support.apptest import DATA, HOME, STABILITY, TRAIN, fitted, open_page
+from tests.support.apptest import DATA, HOME, STABILITY, TRAIN, answer, fitted, open_page
 from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
-def train(found: Workspace, case: str, outcome: Outcome = Outcome.CONVERGED) -> None:
-    """Give the session another finished training of its window."""
-    fit = replace(least_squares.fit(found.segment, case), outcome=outcome)
-    found.training = training_task(found.id, TrainingRequest(found.segment, case, None))
-    found.training.answer(fit)
-
-
 def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None:
     found = fitted(Window(0.0, 60.0))
-    before = found.fit.parameters
+    before = found.result.parameters
     found.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
-    assert found.fit is None
-    (run,) = found.runs.readable()
+    open_page(DATA, found)
+    assert found.result is None
+    (run,) = found.runs
     assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
 
     sessions.workspaces.clear()  # as a restart of the server
@@ -43,11 +32,11 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     assert again is not found
     assert again.id == found.id
     page.press(f"home_run_{run.id}")
-    assert again.fit.parameters == before
+    assert again.result.parameters == before
     again.open(*sample(FIRST_SAMPLE))
     page.run()
     page.press(f"runs_open_{run.id}")
-    assert again.fit.parameters == before
+    assert again.result.parameters == before
     assert again.recording is not None, "a sample is opened again"
     assert again.window == Window(0.0, 60.0)
     assert not page.error
@@ -56,12 +45,11 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
 
 def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     found = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
-    assert found.run
     sessions.workspaces.clear()
     again = open_page(STABILITY, session=found.id).workspace()
     assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
-    assert (again.vehicles, again.run) == (found.vehicles, found.run)
-    assert again.fit.parameters == found.fit.parameters
+    assert again.vehicles == found.vehicles
+    assert again.result.parameters == found.result.parameters
     assert again.segment.info == found.segment.info
 
     # One of the server's folder is read again; an upload is asked for, and not believed by name.
@@ -76,62 +64,33 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
         sessions.workspaces.clear()
         again = open_page(DATA, session=found.id).workspace()
         if not place.exists():
-            assert again.awaited.source == "mine.csv"
+            assert again.awaited.source.name == "mine.csv"
             again.open(read(raw, "mine.csv"))
         assert again.awaited is None
         assert (again.window, again.vehicles, again.case) == (Window(20.0, 70.0), (2, 3), "I")
         place.unlink(missing_ok=True)
 
 
-def test_sessions_that_only_opened_something_cost_nobody_a_result(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(runs, "KEPT_SESSIONS", 2)
-    found = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
-    for _ in range(5):
-        other = sessions.workspaces().new()
-        other.open(*sample(FIRST_SAMPLE))
-        open_page(DATA, session=other.id)
-    kept = {path.name for path in found.runs.folder.parent.iterdir()}
-    assert {found.id, other.id} <= kept
-    assert len(kept) <= 3, "the newest comes to those that were kept"
-
-
 def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     found, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
     found.open(own)
-    train(found, "II")
+    answer(found)
     found.open(*sample(FIRST_SAMPLE))
     assert found.true_parameters is not None
-    (run,) = found.runs.readable()
+    (run,) = found.runs
     restore_run(found, run.id)
     assert found.recording is own
     assert found.true_parameters is None
 
 
-def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(runs, "KEPT_RUNS", 2)
+def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared() -> None:
     found = fitted(Window(0.0, 60.0))
     for case, outcome, count in (
-        ("II", Outcome.CONVERGED, 1),
         ("II", Outcome.CONVERGED, 1),
         ("I", Outcome.STOPPED, 1),
         ("I", Outcome.CONVERGED, 2),
     ):
-        train(found, case, outcome)
-        found.keep_run()
-        assert len(found.runs.readable()) == count
+        answer(found, case, outcome=outcome)
+        assert len(found.runs) == count
     page = open_page(TRAIN, found).choose("runs_compare", True)
-    assert "What differs" in page.texts()
-    found.choose(window=Window(10.0, 70.0))
-    train(found, "II")
-    found.keep_run()
-    assert len(found.runs.readable()) == 2, "the oldest goes"
-
-
-def test_no_name_leads_out_of_the_folder() -> None:
-    cache = fitted().runs.folder.parent.parent
-    for name in ("", "..", "../../x", "a" * 20 + "/..", "short"):
-        assert not runs.is_known(name, cache)
+    assert "case: II → I" in page.plain()

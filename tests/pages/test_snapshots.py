@@ -3,22 +3,19 @@
 from dataclasses import replace
 
 import pytest
-from accpinn.methods.pinn.request import WarmStart
-from accpinn.results.messages.snapshot import counted
-from accpinn.results.snapshot import Snapshot
-from accpinn.results.snapshot.verification import QUICK, verify
 
-from accpinn.methods.fit import Outcome, StartedFrom
+from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.model.cthp import Parameters
+from accpinn.study.result import Result
+from accpinn.study.verification import QUICK, verify
 from accpinn.tasks.task import Status
-from pages.ui.session import identity, owners, sessions
+from pages.ui.session import identity, sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import library, task_queue
+from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.both import differing_settings, other_vehicles, parameter_differences
+from pages.ui.snapshots.both import other_vehicles, parameter_differences, what_differs
 from pages.ui.snapshots.page import suggested_name
-from pages.ui.train.options import chosen_config
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -29,7 +26,6 @@ from tests.support.apptest import (
     open_page,
     with_sample,
 )
-from tests.support.methods import train
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -38,9 +34,9 @@ FIGURES = {DATA: 1, TRAIN: 1, STABILITY: 1, SNAPSHOTS: 1}
 """Charts on a page that shows a snapshot with its data."""
 
 
-def bare() -> Snapshot:
+def bare() -> Result:
     """The same without its data."""
-    return replace(whole(), segment=None, name="bare")
+    return replace(whole(), segments=(), name="bare")
 
 
 def with_fit() -> Workspace:
@@ -51,10 +47,10 @@ def with_fit() -> Workspace:
     return found
 
 
-def restored(snapshot: Snapshot) -> Workspace:
+def restored(snapshot: Result) -> Workspace:
     """A session that shows it, as opened from the server."""
     found = sessions.workspaces().new()
-    found.restore(library().open(library().add(snapshot)))
+    found.restore(library().read(library().add(snapshot)))
     return found
 
 
@@ -74,8 +70,8 @@ class TestSaving:
         assert "first try" in page.plain(), "the result that was saved is shown"
         assert "data are not at hand" not in page.plain(), "the open recording has them"
         assert "<b>mine" not in page.texts()
-        kept = library().open(entry.id)
-        assert kept.fit.parameters.values.tobytes() == found.fit.parameters.values.tobytes()
+        kept = library().read(entry.id)
+        assert kept.fit.parameters.values.tobytes() == found.result.parameters.values.tobytes()
 
         page.press("snapshots_back")
         assert page.button(key=f"snapshots_open_{entry.id}").label == "\\<b\\>mine\\<\\/b\\>"
@@ -96,12 +92,12 @@ class TestSaving:
         page.text_input(key="snapshots_name").input("again")
         page.press("Save")
         (again,) = (entry for entry in library().entries() if entry.name == "again")
-        kept = library().open(again.id).facts
+        kept = library().read(again.id).facts
         assert {name: kept[name] for name in facts} == facts
 
     def test_a_stopped_training_is_called_so(self) -> None:
-        fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=7)
-        page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fit=fit)))
+        fits = (replace(whole().fit, outcome=Outcome.STOPPED, iterations=7),)
+        page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fits=fits)))
         assert "stopped at 7 of 20 iterations" in page.plain()
         assert "stopped at 7 of 20 iterations" in page.press("snapshots_back").plain()
 
@@ -113,25 +109,24 @@ class TestList:
         assert "no result to save yet" in page.plain()
         page.press(f"snapshots_open_{name}")
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
-        assert page.workspace().snapshot is None, "looking at it changes nothing"
+        assert page.workspace().restored is None, "looking at it changes nothing"
         assert len(page.figures()) == 1
         page.open_tab("snapshots_tabs", "Verify")
-        for said in ("only told", "Recomputed", "the same", "finds these parameters"):
+        for said in ("Recomputed: ", "Not checked: Estimate", "running the method again takes"):
             assert said in page.plain()
-        agreed = counted(verify(whole(), refit_within=QUICK))
+        agreed = verify(whole(), refit_within=QUICK).counted
         assert agreed.split()[0] == agreed.split()[2], "all of them"
         assert agreed in page.plain()
         page.press("snapshots_again")
-        assert "Refitted: α, β, τ agree." in page.plain()
-        assert "finds these parameters" not in page.plain()
-        assert "Method run again, Recursive" in page.plain()
+        assert "Reproduced: Estimate" in page.plain()
+        assert "Estimate, Recursive" in page.plain()
         page.press("snapshots_open")
-        assert page.workspace().snapshot is not None
+        assert page.workspace().restored is not None
         assert not [b.key for b in page.button if b.key == "snapshots_open"]
 
     def test_a_link_shows_the_result_without_save_or_delete(self) -> None:
         page = open_page(SNAPSHOTS, snapshot=library().add(whole()))
-        assert page.workspace().snapshot is not None
+        assert page.workspace().restored is not None
         keys = [button.key or "" for button in page.button]
         assert not [key for key in keys if "delete" in key or "save" in key]
         assert "From the snapshot" in page.press("snapshots_back").plain()
@@ -142,7 +137,7 @@ class TestList:
         assert library().entries() == ()
         page.press("snapshots_undo_button")
         assert [entry.id for entry in library().entries()] == [name]
-        assert library().open(name).id == name
+        assert library().read(name).id == name
 
     def test_words_find_rows(self) -> None:
         for name in ("alfa", "bravo", "charlie", "delta", "echo", "foxtrot"):
@@ -162,7 +157,7 @@ class TestList:
         assert "deleted from the server" in page.plain()
         assert "deleted from the server" not in page.press("snapshots_keep").plain()
         assert library().has(name)
-        assert owners.may_delete(page.workspace(), name), "whoever keeps it"
+        assert identity.may_delete(page.workspace().id, name), "whoever keeps it"
 
     def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())
@@ -181,28 +176,30 @@ class TestList:
 class TestTwo:
     def test_side_by_side(self) -> None:
         library().add(whole())
-        fit = replace(whole().fit, config={**whole().fit.config, "seed": 7})
-        name = library().add(replace(whole(), name="other seed", fit=fit))
+        asked = whole().analysis
+        asked = replace(asked, settings=asked.settings | {"seed": 7})
+        fits = (replace(whole().fit, config=asked.settings),)
+        name = library().add(replace(whole(), name="other seed", analysis=asked, fits=fits))
         page = open_page(SNAPSHOTS).press(f"snapshots_open_{name}")
         page.open_tab("snapshots_tabs", "Beside another")
         assert len(page.figures()) == 2
-        assert "What differs" in page.plain()
+        assert "seed: 7 → 0" in page.plain()
 
     def test_differences_are_those_of_the_second_against_the_first(self) -> None:
         one = whole()
         values = one.fit.parameters.values.copy()
         values[0, 0] *= 1.5
-        other = replace(one, fit=replace(one.fit, parameters=Parameters.of(values)))
+        other = replace(one, fits=(replace(one.fit, parameters=Parameters.of(values)),))
         table = parameter_differences(one, other)
         assert table.rows[0][-1] == "+50.0"
         assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * one.info.followers - 1)
-        assert differing_settings(one, one).rows == ()
+        assert what_differs(one, one) == ()
 
     def test_unlike_vehicles_are_not_compared_without_a_word(self) -> None:
         one = whole()
         assert other_vehicles(one, one) == ""
         names = (one.info.names[0], "Lada", *one.info.names[2:])
-        said = other_vehicles(one, replace(one, info=replace(one.info, names=names)))
+        said = other_vehicles(one, replace(one, infos=(replace(one.info, names=names),)))
         assert f"{one.info.labels[1]} stands beside 2 Lada." in said
         assert said.count("stands beside") == 1
 
@@ -213,27 +210,27 @@ class TestLink:
         for snapshot in (whole(), bare()):
             page = open_page(path, snapshot=library().add(snapshot))
             assert not page.error
-            found, complete = page.workspace(), snapshot.segment is not None
-            assert found.snapshot is not None
-            assert found.fit is not None
+            found, complete = page.workspace(), bool(snapshot.segments)
+            assert found.restored is not None
+            assert found.result is not None
             assert (found.segment is not None) == complete
             # History and the network's curves are in the snapshot.
             expected = 0 if path == DATA and not complete else FIGURES.get(path, 0)
             assert len(page.figures()) >= expected
             if path in (DATA, COMPARE, TRAIN):
-                assert (snapshot.info.sha256 in page.plain()) == (not complete)
+                assert (snapshot.analysis.source.sha256 in page.plain()) == (not complete)
             if path == COMPARE:
                 assert "Least squares" in page.plain()
             if path == TRAIN:
                 (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
                 assert f"{whole().fit.parameters[0].alpha:.4f}" in table
                 keys = [b.key for b in page.button]
-                assert ("train_warm" in keys, "train_start" in keys) == (complete, complete)
+                assert ("train_start" in keys) == complete
 
     def test_foreign_text_in_it_is_shown_as_it_is(self) -> None:
         image = "![x](http://evil.org/x.png)"
         info = replace(bare().info, excluded_regimes=(image,), excluded_share=(0.1,) * 4)
-        page = open_page(TRAIN, snapshot=library().add(replace(bare(), info=info)))
+        page = open_page(TRAIN, snapshot=library().add(replace(bare(), infos=(info,))))
         assert image in page.plain()
         written = [one.value for kind in ("markdown", "caption") for one in page.get(kind)]
         assert image not in "".join(written)
@@ -246,31 +243,24 @@ class TestLink:
         found, name = with_fit(), library().add(bare())
         page = open_page(TRAIN, found, snapshot=name)
         assert page.workspace() is found
-        assert found.snapshot.id == name
+        assert found.restored.id == name
         found.open(replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64))
         page.run()
-        assert (found.snapshot, found.fit) == (None, None), "for good"
+        assert (found.restored, found.result) == (None, None), "for good"
         assert "snapshot" not in page.query_params
         open_page(TRAIN, found, snapshot=name)
-        assert found.snapshot is not None
+        assert found.restored is not None
 
     def test_gives_way_to_what_is_opened_later(self) -> None:
         first, second = library().add(bare()), library().add(replace(bare(), name="second"))
         page = open_page(TRAIN, snapshot=first)
         found = page.workspace()
-        found.restore(library().open(second))
+        found.restore(library().read(second))
         for stale in (second, first):  # the browser may send the old address once more
             page.query_params["snapshot"] = stale
             page.run()
-            assert found.snapshot.name == "second"
+            assert found.restored.name == "second"
             assert page.query_params["snapshot"] in (second, [second])
-
-    def test_a_reload_leaves_a_training_from_its_weights_alone(self) -> None:
-        found, name = with_sample(), library().add(whole())
-        open_page(TRAIN, found, snapshot=name)
-        found.train(preset("fast", iterations=20), found.warm)
-        open_page(TRAIN, found, snapshot=name)
-        assert found.training is not None
 
 
 class TestRestoring:
@@ -279,40 +269,23 @@ class TestRestoring:
         assert found.segment is None
         found.open(*sample(FIRST_SAMPLE))
         assert found.segment.info.digest == whole().info.digest
-        assert found.fit is found.snapshot.fit
+        assert found.result is found.restored
 
-    def test_training_goes_on_from_its_weights_with_its_settings(self) -> None:
-        name = library().add(whole())
-        page = open_page(TRAIN, snapshot=name)
+    def test_its_data_are_trained_on_with_its_settings_and_nothing_is_lost(self) -> None:
+        page = open_page(TRAIN, snapshot=library().add(whole()))
         found = page.workspace()
-        assert chosen_config(found).to_json() == whole().fit.config
-        page.press("train_warm")
-        assert found.training.request.config.iterations == 20
+        assert found.config.to_json() == whole().fit.config
+        page.press("train_start")
         assert "the training is new" in page.plain()
         assert found.training.wait(120)
-        fit = found.fit
-        assert StartedFrom(f"snapshot {name}") in fit.findings
-        assert fit.history.total[0] == pytest.approx(whole().fit.loss["total"], rel=1e-6)
-
-    def test_a_stopped_one_goes_on_from_the_same_weights(self) -> None:
-        found = restored(whole())
-        config = replace(PAPER, iterations=100_000)
-        early = train(found.segment, "II", replace(PAPER, iterations=1), threads=1)
-        found.train(config, WarmStart.of(early, "another snapshot"))
-        found.preset, found.settings["paper"] = "paper", config.changes()
-        job = found.training
-        while job.progress is None or job.progress.iteration < 2:
-            assert not job.wait(0.01)
-        task_queue().stop(job)
-        assert job.wait(60)
-        page = open_page(TRAIN, found)
-        assert any(b.label.startswith("Continue from iteration") for b in page.button)
-        page.press("train_start")
-        assert found.training is not job
-        assert found.training.request.warm is job.request.warm
-        task_queue().stop(found.training)
-        assert found.training.wait(60)
-        page.run()
-        page.press("train_anew")
-        assert found.training.request.warm is None
-        task_queue().stop(found.training)
+        assert found.result.parameters == whole().parameters
+        assert found.result.analysis.key != whole().analysis.key, "nobody saw the recording"
+        assert [entry.id for entry in found.runs] == [found.result.analysis.key]
+        found.compare()
+        found.comparison.stop()
+        found.train(PAPER)
+        assert found.result is None
+        found.training.stop()
+        assert found.training.wait(120)
+        assert found.result.segment == found.segment, "the snapshot, or what was learned so far"
+        assert len(found.runs) == 1

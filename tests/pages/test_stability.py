@@ -5,10 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from accpinn.results.snapshot import create
-from accpinn.results.snapshot.saved import Library
 
-from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
@@ -20,16 +17,19 @@ from accpinn.results.messages.summary import conditional
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import stability_report
-from accpinn.tasks.task import training_task
+from accpinn.study.snapshot import named
+from accpinn.study.store import Library
+from accpinn.tasks.task import Task
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.session import sessions
-from pages.ui.session.resources import library, task_queue
+from pages.ui.session.resources import library
 from pages.ui.stability.page import clicked_point
 from tests.support.apptest import (
     PLATOON,
     STABILITY,
     TRAIN,
     Page,
+    answer,
     fitted,
     numbers,
     open_page,
@@ -99,7 +99,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert "Audi A6" in page.plain()
     assert "In brackets" not in page.plain()
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
-    found.training.results = (replace(found.fit),)
+    found.training.results = (replace(found.result),)
     assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"
     found.choose(window=Window(0.0, 100.0))
     page.sound()
@@ -110,17 +110,18 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
 def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: str) -> None:
-    stopped = {"outcome": Outcome.STOPPED, "iterations": 930, "config": {"iterations": 20_000}}
+    stopped = {"outcome": Outcome.STOPPED, "iterations": 930}
     found = fitted(**stopped)
     page = open_page(path, found)
-    assert "stopped at 930 of 20,000 iterations" in page.boxes("warning")[0]
+    assert "stopped at 930 iterations" in page.boxes("warning")[0]
     assert headline(page).endswith("#### No verdict")
     assert "NO" not in page.plain().split()
-    library().add(create(found.segment, found.fit, name="early"))
+    library().add(named(found.result, "early"))
     found.choose_source("snapshot")
     assert headline(page.run()).endswith("#### No verdict")
-    found.training.results = (replace(found.fit, outcome=Outcome.CONVERGED),)
-    found.segment = replace(found.segment, excluded_regimes=("catching up",))
+    answer(found)
+    info = replace(found.result.info, excluded_regimes=("catching up",))
+    found.training.results = (replace(found.result, infos=(info,)),)
     page.run()
     assert "without catching up" in headline(page)
     assert "No verdict" not in page.plain()
@@ -128,7 +129,7 @@ def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: 
 
 def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> None:
     found = fitted()
-    found.training.results = (least_squares.fit(found.segment, "I"),)
+    answer(found, "I")
     page = open_page(STABILITY, found)
     assert EVERY_FOLLOWER in headline(page)
     bode, *_ = page.figures()
@@ -151,9 +152,9 @@ def test_without_a_fit_nothing_is_shown_until_an_example_is_opened(path: str) ->
 def test_every_new_training_turns_to_the_current_fit() -> None:
     found = fitted()
     found.choose_source("published")
-    found.training = training_task(found.id, found.training.request)  # waits
+    found.training = Task(found.id, "training", lambda _: iter(()))  # waits
     assert headline(open_page(STABILITY, found)).startswith("Published"), "as it was asked for"
-    found.training.answer(replace(least_squares.fit(found.segment)))
+    answer(found)
     assert found.parameter_source == "fit"
     found.choose_source("published")
     open_page(TRAIN, found).press("train_next")
@@ -161,7 +162,7 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
     found.choose_source("published")
     found.train(replace(FAST, iterations=5))
     assert found.parameter_source == "fit"
-    task_queue().stop(found.training)
+    found.training.stop()
 
 
 # By hand
@@ -209,9 +210,9 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 ) -> None:
     found = sessions.workspaces().new()
     found.parameter_choice.source = "snapshot"
-    known = whole().fit.parameters
+    known = whole().parameters
     changed = Parameters(0.05 + 0 * known.alpha, known.beta, known.tau)
-    other = replace(whole(), name="other", fit=replace(whole().fit, parameters=changed))
+    other = replace(whole(), name="other", fits=(replace(whole().fit, parameters=changed),))
     name, newer = library().add(other), library().add(whole())
     found.parameter_choice.snapshot = name
     page = open_page(path, found)
@@ -220,9 +221,9 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     assert held.vehicles.parameters == changed
 
     looks, reads = [], []
-    entries, opening = Library.entries, Library.open
-    monkeypatch.setattr(Library, "entries", lambda s: looks.append(1) or entries(s))
-    monkeypatch.setattr(Library, "open", lambda s, name: reads.append(name) or opening(s, name))
+    entries, opening = Library.entries, Library.read
+    monkeypatch.setattr(Library, "entries", lambda s, w="": looks.append(1) or entries(s, w))
+    monkeypatch.setattr(Library, "read", lambda s, name: reads.append(name) or opening(s, name))
     page.run()
     assert (len(looks), reads) == (1, [])
 

@@ -11,12 +11,13 @@ import numpy as np
 from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
-from accpinn.methods.pinn.config import FAST
-from accpinn.methods.pinn.request import TrainingRequest
+from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Window
-from accpinn.tasks.task import training_task
+from accpinn.study.result import Result, result_of
+from accpinn.tasks.task import Task
 from pages.ui.session import sessions
 from pages.ui.session.recordings import FIRST_SAMPLE, sample
+from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]
@@ -144,11 +145,32 @@ def with_example() -> Workspace:
 
 
 def fitted(window: Window | None = None, **changes: Any) -> Workspace:
-    """A session whose training is done; its fit stands in for a network's."""
-    found = with_sample()
-    found.choose(window=window, vehicles=(2, 3, 4, 5))
-    assert found.segment
-    fit = replace(least_squares.fit(found.segment, "II"), **changes)
-    found.training = training_task(found.id, TrainingRequest(found.segment, "II", FAST))
-    found.training.answer(fit)
-    return found
+    """A session whose training is done; see `answer`."""
+    session = with_sample()
+    session.choose(window=window, vehicles=(2, 3, 4, 5))
+    answer(session, **changes)
+    return session
+
+
+def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
+    """Give a session a finished training of its window; least squares stand in for a network.
+
+    Args:
+        session: with a window.
+        case: "I" or "II".
+        changes: of the fit.
+    """
+    assert session.segment
+    session.case = case
+    asked = session.analysis()
+    assert asked
+    fit = replace(least_squares.fit(session.segment, case), **changes)
+    asked = asked.with_method("least-squares")
+    result = result_of(asked, (session.segment,), (fit,), session.recording)
+    task = Task(session.id, "training", lambda _: iter(()), analysis=asked)
+    task.answer(result)
+    session.restored, session.training = None, task
+    if result.is_finished:
+        _ = result.quality, result.uncertainty, result.evaluation
+        store().show(session.id, result)
+    return result

@@ -26,7 +26,7 @@ def test_a_download_that_was_stopped_can_be_started_again(tmp_path: Path) -> Non
         first = queue.submit(DownloadTask("me", RUN, tmp_path, server.url))
         while not first.latest:
             time.sleep(0.01)
-        queue.stop(first)
+        first.stop()
         assert first.wait(30)
         assert first.status is Status.STOPPED
         assert 0 < first.share < 1

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import streamlit as st
-from accpinn.inference.multistart import summarise
 
 from accpinn.inference.identifiability import (
     INCREASE,
@@ -15,7 +14,7 @@ from accpinn.inference.identifiability import (
     profiles,
 )
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import Fit, ParameterTrack
+from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -26,19 +25,20 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.summary import about_curves, conditional, outside_intervals
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
-from accpinn.segment.quality import LARGE_CONDITION, assess_quality
+from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.segment.segment import Segment
-from accpinn.study.comparison import FitRecord, MethodFailure, MethodResult, failures_among
+from accpinn.study.comparison import Refused, refused_among
+from accpinn.study.result import Result
+from accpinn.study.starts import spread_of
 from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
-from pages.ui.result.evaluated import simulated
-from pages.ui.result.saved import show_saved_rows
+from pages.ui.result.saved import banner, recording_needed
 from pages.ui.result.view import show_intervals
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import Workspace, recording_duration
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 ONLINE = "α, β, τ by the online methods"
@@ -53,7 +53,7 @@ class _Shown:
 
     workspace: Workspace
     segment: Segment
-    rows: tuple[MethodResult, ...]
+    rows: tuple[Result, ...]
     """The methods'; none before a comparison."""
     follower: int
     """0 for the first."""
@@ -89,9 +89,10 @@ def show_page() -> None:
     """Draw the page."""
     workspace = frame.begin("Compare")
     segment, task = workspace.segment, workspace.comparison
-    show_saved_rows(workspace)
+    if workspace.restored and task is None:
+        _show_saved_rows(workspace, workspace.restored)
     if segment is None:
-        if not workspace.snapshot:
+        if not workspace.restored:
             frame.empty_state(workspace, "Nothing to compare on")
         return
     st.caption(frame.segment_line(segment, workspace.case))
@@ -99,9 +100,21 @@ def show_page() -> None:
     _controls(workspace, segment)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))
-    elif workspace.starts or (workspace.records and not workspace.snapshot):
+    elif workspace.starts or (workspace.earlier and not workspace.restored):
         follower = pick_follower(segment, "compare_follower", labelled=False)
         _show_repeatability(_Shown(workspace, segment, (), follower))
+
+
+def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
+    """The methods compared, as they were saved, on a page that has no newer comparison."""
+    banner(workspace)
+    recording_needed(workspace, "To run the methods, the page needs")
+    info, rows = restored.info, restored.compared
+    show_intervals(info, restored.uncertainty, "", restored.fit.case)
+    if not rows:
+        st.caption("No comparison of the methods was saved with this snapshot.")
+        return
+    show.table(tables.methods_table(info, rows, pick_follower(info, "snapshots_row_follower")))
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
@@ -136,7 +149,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         if workspace.compared:
             show.table(tables.methods_table(segment.info, workspace.compared, 0))
         return
-    _show_failures(failures_among(workspace.comparison.results))
+    _show_failures(refused_among(workspace.comparison.results))
     if not workspace.compared:
         return
     rows = workspace.compared_with_training()
@@ -152,21 +165,17 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
 
 
 def _show_summary(shown: _Shown) -> None:
-    """The maximum-likelihood estimates with their intervals, and each method's estimates."""
+    """The intervals, each method's estimates and errors, and where the estimates lie."""
     segment, rows = shown.segment, shown.rows
-    case = rows[0].fit.case
-    show_intervals(segment.info, shown.uncertainty, GAP_ERROR, case)
-    st.caption(
-        "Methods that take the disturbances for noise, least squares and the PiNN's loss among"
-        " them, are biased where disturbances last for seconds."
-        f" {escape_markdown(conditional(shown.workspace.known_adequacy, segment))}"
-    )
+    adequacy = conditional(shown.workspace.adequacy, segment)
+    show_intervals(segment.info, shown.uncertainty, adequacy, rows[0].fit.case)
     show.messages(messages(shown.uncertainty.findings, segment))
     st.markdown(escape_markdown(outside_intervals(rows, shown.follower)))
+    table = tables.methods_table(segment.info, rows, shown.follower)
+    show.table(table)
+    show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
     _show_estimates(shown)
-    table = tables.intervals_table(segment.info, shown.uncertainty, case)
-    show.downloads(table, f"{shown.stem}_intervals", "compare_intervals")
 
 
 def _show_collisions(shown: _Shown) -> None:
@@ -191,7 +200,7 @@ def _show_collisions(shown: _Shown) -> None:
                 st.markdown(f"**{escape_markdown(name_of(row.fit))}**\n\n{bullets}")
 
 
-def _show_failures(failures: Sequence[MethodFailure]) -> None:
+def _show_failures(failures: Sequence[Refused]) -> None:
     """The methods without a result, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for failure in failures:
@@ -204,23 +213,20 @@ def _show_failures(failures: Sequence[MethodFailure]) -> None:
 
 
 def _show_methods(shown: _Shown) -> None:
-    """Each method's estimates and errors."""
+    """Whether the methods agree, what their errors mean, and their curves."""
     segment, rows = shown.segment, shown.rows
-    table = tables.methods_table(segment.info, rows, shown.follower)
-    show.table(table)
-    own = not all(row.evaluation.blocks for row in rows)
+    is_partial = not all(row.evaluation.blocks for row in rows)
     gap = segment.measured_gaps[:, shown.follower]
     st.caption(
         "MAE: mean absolute error. Surrogate fit: error of the smooth curve that the method itself"
         " fits to the motion (a dash where it has none). Closed loop: error of the closed-loop"
-        " simulation (leader's speed given). Held out: closed loop on each third of the window with"
+        " simulation (leader's speed given). Hold-out: closed loop on each third of the window with"
         " the parameters learned from the other two. Outside the window: closed loop on the rest of"
         " the recording. Collides at: the first contact with the vehicle ahead; the simulation"
         " continues, and the errors include what follows. For scale: the measured space-gap"
-        f" deviates by {known_mean(abs(gap - known_mean(gap))):.2f} m from its mean."
-        + (" Hold-out is not computed for your own training." * own)
+        f" deviates by {known_mean(abs(gap - known_mean(gap))):.2f} m from its mean. {GAP_ERROR}"
+        + (" Hold-out is not computed for your own training." * is_partial)
     )
-    show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_course(shown)
 
 
@@ -244,8 +250,8 @@ def _show_estimates(shown: _Shown) -> None:
 
 def _show_course(shown: _Shown) -> None:
     """One method's curves against the data, or the parameters over time of the online methods."""
-    by_name = {name_of(row.fit): row.fit for row in shown.rows}
-    tracks = [(name, fit.track) for name, fit in by_name.items() if fit.track]
+    by_name = {name_of(row.fit): row for row in shown.rows}
+    tracks = [(name, row.fit.track) for name, row in by_name.items() if row.fit.track]
     options = [*by_name, *([ONLINE] if tracks else [])]
     name = st.selectbox(
         "Over time", options, key="compare_method", width=320,
@@ -258,22 +264,22 @@ def _show_course(shown: _Shown) -> None:
         _show_curves(shown, name, by_name[name])
 
 
-def _show_curves(shown: _Shown, name: str, fit: Fit) -> None:
+def _show_curves(shown: _Shown, name: str, row: Result) -> None:
     """One method against the data."""
     segment, follower = shown.segment, shown.follower
     st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
-    figure = tracking(
-        segment, follower, fit.surrogate, simulated(segment, fit), name, with_error=True
-    )
+    figure = tracking(segment, follower, row.fit.surrogate, row.simulated, name, with_error=True)
     show.chart(figure, "compare_curves")
 
 
 def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
     """Earlier fits of the session to lay over the chart of estimates."""
     known: dict[str, FloatArray] = {}
-    for record in reversed(shown.workspace.records):
-        if (values := record.of_vehicle(shown.vehicle)) is not None:
-            known[f"{len(known) + 1}. {tables.fit_record_title(record)}"] = values.values
+    for row in reversed(shown.workspace.earlier):
+        if shown.vehicle in row.info.vehicles[1:]:
+            follower = row.info.vehicles.index(shown.vehicle) - 1
+            title = f"{len(known) + 1}. {tables.earlier_title(row)}"
+            known[title] = row.parameters.values[follower]
     if not known:
         return []
     chosen = st.multiselect(
@@ -301,7 +307,7 @@ def _show_identifiability(shown: _Shown) -> None:
     segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
     case = shown.workspace.case
     warnings = identifiability_warnings(segment, uncertainty, case)
-    duration = shown.workspace.recording_duration
+    duration = recording_duration(shown.rows[0])
     cure = narrower_intervals(segment.info, uncertainty, warnings, duration)
     show.messages(messages((*warnings, *cure), segment), "warning")
     if not warnings:
@@ -310,16 +316,16 @@ def _show_identifiability(shown: _Shown) -> None:
             " that the model is adequate (tab Model adequacy).",
             "success",
         )
-    quality = assess_quality(segment)
+    quality = shown.rows[0].quality
     st.caption(
         f"Condition number {quality.condition[follower]:.0f} (above {LARGE_CONDITION:.0f} the"
         " model's terms are nearly proportional). Standard deviations: the leader's speed"
         f" {quality.leader_deviation:.2f} m/s, Δv {quality.relative_deviation[follower]:.2f} m/s,"
         f" acceleration {quality.acceleration_deviation[follower]:.2f} m/s²."
     )
-    found = profiles(segment, case)
+    curves = profiles(segment, case)
     lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
-    figure = figures.profiles(found[follower % len(found)], shown.colour, lower, upper)
+    figure = figures.profiles(curves[follower % len(curves)], shown.colour, lower, upper)
     show.chart(figure, "compare_profiles")
     st.caption(
         "Profile of the loss: the misfit of the accelerations with one parameter held and the"
@@ -333,13 +339,13 @@ def _show_identifiability(shown: _Shown) -> None:
 def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
-    found = shown.workspace.compare_forms()
-    if found is None or not found.forms:
+    adequacy = shown.workspace.adequacy or shown.rows[0].adequacy
+    if not adequacy.forms:
         st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return
-    st.caption(conditional(found, segment))
-    show.messages(messages(found.findings, segment), icon="lightbulb")
-    table = tables.model_form_table(segment.info, found.forms, shown.follower)
+    st.caption(conditional(adequacy, segment))
+    show.messages(messages(adequacy.findings, segment), icon="lightbulb")
+    table = tables.model_form_table(segment.info, adequacy.forms, shown.follower)
     show.table(table)
     show.downloads(table, f"{shown.stem}_model_forms", "compare_forms")
     st.caption(
@@ -369,7 +375,7 @@ def _show_disturbance(shown: _Shown) -> None:
 def _show_repeatability(shown: _Shown) -> None:
     """Five starts, and what was found before."""
     _show_starts(shown)
-    _show_records(shown)
+    _show_earlier(shown)
 
 
 def _show_starts(shown: _Shown) -> None:
@@ -395,28 +401,28 @@ def _show_starts(shown: _Shown) -> None:
         return
 
     def draw(polled: bool) -> None:
-        found = summarise(segment, task.results)
-        if found.trials:
-            table = tables.multistart_table(segment.info, found, shown.follower)
+        if task.results:
+            spread = spread_of(task.results)
+            table = tables.starts_table(task.results, spread, shown.follower)
             show.table(table)
             if not polled:  # a fragment that polls has no buttons
                 show.downloads(table, f"{shown.stem}_starts", "compare_starts")
-        show.messages(messages(found.findings, segment))
+            show.messages(messages(spread.findings, segment))
 
     monitor(workspace, task, draw)
 
 
-def _show_records(shown: _Shown) -> None:
-    """All earlier fits, and where there are rows the differences from the present ones."""
-    records = shown.workspace.records
-    if not records:
+def _show_earlier(shown: _Shown) -> None:
+    """All earlier results, and where there are rows the differences from the present ones."""
+    earlier = shown.workspace.earlier
+    if not earlier:
         return
     st.subheader("Earlier fits", anchor=False)
-    count = len(records)
+    count = len(earlier)
     st.caption(f"Kept from earlier in this session: {count} fit{'s' if count != 1 else ''}.")
-    # Of two fits by one method the first counts: the second is the session's own training.
-    now = {row.fit.method: FitRecord.of(shown.segment, row.fit) for row in reversed(shown.rows)}
-    table = tables.fit_record_table(tuple(reversed(records)), now, shown.vehicle)
+    # Of two results of one method the first counts: the second is the session's own training.
+    now = {row.analysis.method: row for row in reversed(shown.rows)}
+    table = tables.earlier_table(tuple(reversed(earlier)), now, shown.vehicle)
     if table.rows:
         show.table(table)
         show.downloads(table, f"{shown.stem}_earlier_fits", "compare_records")

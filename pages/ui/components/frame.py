@@ -89,8 +89,9 @@ def begin(title: str, lead: str = "") -> Workspace:
         )
     if awaited := workspace.awaited:
         show.messages(
-            f"The server was started anew, and it keeps no uploads: open {awaited.source} again,"
-            f" and its window {awaited.window}, its vehicles and its result return.",
+            "The server was started anew, and it keeps no uploads: open"
+            f" {awaited.source.name} again, and its window {awaited.window}, its vehicles and its"
+            " result return.",
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
@@ -129,14 +130,14 @@ def segment_line(segment: Segment | SegmentInfo, case: str) -> str:
 
 def session_state(workspace: Workspace) -> list[str]:
     """What is open, a line a step."""
-    snapshot, recording = workspace.snapshot, workspace.recording
-    shown = snapshot.info if snapshot else recording
-    if shown is None:
+    restored, recording = workspace.restored, workspace.recording
+    source = recording.source if recording else restored.info.source if restored else ""
+    if not source:
         return ["No recording is open yet."]
-    lines = [f"**Recording** {escape_markdown(shown.source)}"]
-    if snapshot:
-        lines.insert(0, f"**Snapshot** {escape_markdown(snapshot.name[:60] or snapshot.id)}")
-    if info := workspace.fit_info:
+    lines = [f"**Recording** {escape_markdown(source)}"]
+    if restored and restored.id:
+        lines.insert(0, f"**Snapshot** {escape_markdown(restored.name[:60] or restored.id)}")
+    if info := workspace.info:
         case = f", Case {workspace.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         lines.append(f"**Window** {info.window}, {vehicles}{case}")

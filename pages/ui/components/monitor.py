@@ -5,7 +5,6 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.tasks.queue import TaskQueue
 from accpinn.tasks.task import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.session.resources import task_queue
@@ -40,11 +39,11 @@ def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None])
         look()
 
 
-def stop_button(task: Task[Any], label: str, key: str, queue: TaskQueue | None = None) -> None:
-    """Stop the task of a queue, by default of trainings; what it has found so far is kept."""
+def stop_button(task: Task[Any], label: str, key: str) -> None:
+    """The button that stops a task, whose results so far are kept."""
     st.button(
         label, icon=":material/stop:", key=key, disabled=task.is_stopping,
-        on_click=(queue or task_queue()).stop, args=(task,),
+        on_click=task.stop,
     )  # fmt: skip
 
 
@@ -82,8 +81,8 @@ def progress_parts(task: Task[Any]) -> list[str]:
 def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
     """Which tasks are ahead of a queued one, for how long, and how to stop one's own."""
     ahead, seconds = task_queue().ahead_of(task), task_queue().wait_for(task)
-    own = next((other for other in ahead if other.owner == task.owner), None)
-    if own is None:
+    earlier = next((other for other in ahead if other.owner == task.owner), None)
+    if earlier is None:
         count = len(ahead)
         who = f"{count} tasks of others are ahead of yours" if count > 1 else (
             "Another task is running; yours is next"
@@ -91,20 +90,20 @@ def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
         when = f"starts in about {show.format_duration(seconds)}" if seconds else "starts by itself"
         show.messages(f"{who} and {when}.", icon="hourglass_top")
         return
-    kept = "can be continued later" if own.request else "keeps its results so far"
+    kept = "can be continued later" if earlier.analysis else "keeps its results so far"
     show.messages(
-        f"{own_task_line(own, seconds)} The {task.kind} then starts by itself. To have it sooner,"
-        f" stop the {own.kind}; it {kept}.",
+        f"{own_task_line(earlier, seconds)} The {task.kind} then starts by itself. To have it"
+        f" sooner, stop the {earlier.kind}; it {kept}.",
         icon="hourglass_top",
     )
-    if own.request:
+    if earlier.analysis:
         frame.link(frame.TRAIN, "Go to Train to stop it", workspace)
     else:
-        stop_button(own, f"Stop the {own.kind}", f"monitor_stop_{own.kind}")
+        stop_button(earlier, f"Stop the {earlier.kind}", f"monitor_stop_{earlier.kind}")
 
 
-def own_task_line(own: Task[Any], seconds: float | None) -> str:
+def own_task_line(earlier: Task[Any], seconds: float | None) -> str:
     """Which of the user's own tasks comes first, and how long it takes at most."""
-    preset = f" with the {own.request.config.preset} preset" if own.request else ""
+    preset = f" with the {earlier.analysis.settings['preset']} preset" if earlier.analysis else ""
     at_most = f", for {show.format_duration(seconds)} at most" if seconds else ""
-    return f"Your own {own.kind}{preset} comes first{at_most}."
+    return f"Your own {earlier.kind}{preset} comes first{at_most}."

@@ -1,23 +1,21 @@
 """Whose α, β, τ the pages Stability and Platoon show: learned, published, or typed in."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import pandas as pd
 import streamlit as st
-from accpinn.results.snapshot.saved import Entry
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
 from accpinn.inference.intervals import Uncertainty, of_first
-from accpinn.inference.model_adequacy import Adequacy
-from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.study.result import Result
+from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
@@ -44,15 +42,10 @@ class Chosen:
 
     vehicles: ParameterSet
     source: Source
-    fit: Fit | None = None
-    """That the parameters are of; None for those that are published or typed in."""
-    info: SegmentInfo | None = None
-    """Of the segment that they were learned from."""
+    result: Result | None = None
+    """Whose parameters they are; None for those that are published or typed in."""
     uncertainty: Uncertainty | None = None
-    segment: Segment | None = None
-    """The data that they were learned from, where they are here."""
-    adequacy: Adequacy | None = None
-    """Of the model on these data, where it is known."""
+    """That of the vehicles; None for a training that was stopped, too."""
 
     @property
     def origin(self) -> str:
@@ -63,7 +56,7 @@ class Chosen:
     @property
     def missing(self) -> str:
         """What is missing for a verdict, as a sentence; empty where nothing is."""
-        return unfinished(self.fit) if self.fit else ""
+        return unfinished(self.result.fit) if self.result else ""
 
 
 def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
@@ -116,15 +109,15 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
                 _chosen_snapshot(workspace, entries), f"{page}_snapshot",
                 lambda name: choose(snapshot=name), labelled=False, width=420,
             )  # fmt: skip
-    if source == "fit" and workspace.fit is None:
+    if source == "fit" and workspace.result is None:
         _empty_state(workspace, page)
         return None
     if source == "hand":
         _edit_rows(workspace, f"{page}_rows")
     chosen = show.attempt(lambda: parameters_from(workspace, source, entries))
-    if chosen and chosen.fit and chosen.info:
-        about.caption(frame.segment_line(chosen.info, chosen.fit.case))
-        show.not_acc(chosen.info)
+    if chosen and chosen.result:
+        about.caption(frame.segment_line(chosen.result.info, chosen.result.fit.case))
+        show.not_acc(chosen.result.info)
     return chosen
 
 
@@ -161,38 +154,30 @@ def parameters_from(
     Raises:
         ParameterError: rows that are too few or too many.
     """
-    choice, fit, info = workspace.parameter_choice, workspace.fit, workspace.fit_info
+    choice = workspace.parameter_choice
     if source == "published":
         example = next(one for one in PUBLISHED if one.title == choice.example)
         return Chosen(example, source)
     if source == "hand":
         return Chosen(_typed(choice.rows), source)
+    result = workspace.result
     if source == "snapshot":
-        snapshot = opened(_chosen_snapshot(workspace, entries))
-        return _of_fit(
-            Chosen(
-                learned_parameters(snapshot.info, snapshot.fit), source, snapshot.fit,
-                snapshot.info, snapshot.uncertainty, snapshot.segment, snapshot.adequacy,
-            )
+        result = opened(_chosen_snapshot(workspace, entries))
+    return _of_result(result, source) if result else None
+
+
+def _of_result(result: Result, source: Source) -> Chosen:
+    """A result's followers; in Case I, where they share their parameters, one stands for all."""
+    info, fit = result.info, result.fit
+    vehicles = learned_parameters(info, fit)
+    known = None if unfinished(fit) else result.uncertainty
+    if info.shares(fit.case):
+        known = _of_first(known) if known else None
+        vehicles = ParameterSet(
+            vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
+            drivers=tuple(filter(None, vehicles.drivers))[:1],
         )  # fmt: skip
-    if fit is None or info is None:
-        return None
-    known = None if unfinished(fit) else workspace.uncertainty()
-    learned = learned_parameters(info, fit)
-    segment, adequacy = workspace.segment, workspace.known_adequacy
-    return _of_fit(Chosen(learned, source, fit, info, known, segment, adequacy))
-
-
-def _of_fit(chosen: Chosen) -> Chosen:
-    """A fit's followers; in Case I, where they share their parameters, one stands for all."""
-    fit, info, vehicles, known = chosen.fit, chosen.info, chosen.vehicles, chosen.uncertainty
-    if fit is None or info is None or not info.shares(fit.case):
-        return chosen
-    shared = ParameterSet(
-        vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
-        drivers=tuple(filter(None, vehicles.drivers))[:1],
-    )  # fmt: skip
-    return replace(chosen, vehicles=shared, uncertainty=_of_first(known) if known else None)
+    return Chosen(vehicles, source, result, known)
 
 
 def show_missing(workspace: Workspace, chosen: Chosen) -> None:

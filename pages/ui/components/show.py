@@ -30,7 +30,7 @@ FLASH_FOR: Seconds = 20.0
 INK = 0.78
 """Opacity of a chart's text, as of captions; Streamlit's own grey is too faint on white."""
 PNG_SCALE = 3
-"""Of a PNG against the screen, so that it can be printed."""
+"""Scale of a PNG against the screen, so that it can be printed."""
 
 _PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")
 _ICONS = {"info": "info", "success": "check_circle", "warning": "warning", "error": "error"}
@@ -117,9 +117,9 @@ def format_duration(seconds: Seconds) -> str:
         return f"{whole} s"
     if whole >= 600:  # a second more or less does not matter then
         whole = 60 * round(whole / 60)
-    minutes, rest = divmod(whole, 60)
+    minutes, seconds = divmod(whole, 60)
     if minutes < 60:
-        return f"{minutes} min {rest} s" if rest else f"{minutes} min"
+        return f"{minutes} min {seconds} s" if seconds else f"{minutes} min"
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min"
 
@@ -142,10 +142,12 @@ def downloads(table: Table, name: str, key: str) -> None:
             )  # fmt: skip
 
 
-def address(rest: str) -> None:
-    """The address of something on this server, to be copied; ``rest`` follows the server's name."""
-    own = urlsplit(st.context.url or "")
-    st.code(f"{own.scheme}://{own.netloc}/{rest}" if own.netloc else f"/{rest}", language=None)
+def address(path: str) -> None:
+    """The address of something on this server, to be copied; ``path`` follows the server's name."""
+    server = urlsplit(st.context.url or "")
+    st.code(
+        f"{server.scheme}://{server.netloc}/{path}" if server.netloc else f"/{path}", language=None
+    )
 
 
 def ink(side: str | None) -> str:

@@ -9,11 +9,11 @@ from pages.ui.session.identity import may_use, recognise, user
 
 def admit() -> None:
     """End the page here, before anything is shown, unless the user may use the server."""
-    found = recognise()
-    if not found.is_asked or may_use():
+    visitor = recognise()
+    if not visitor.is_asked or may_use():
         return
     st.title("accpinn", anchor=False)
-    if found.is_signed_in:
+    if visitor.is_signed_in:
         show.messages(
             "Your account may not use this server; ask whoever runs it to name you.", "warning"
         )

@@ -36,20 +36,20 @@ def bound(
     """
     replaced = f"{key} replaced"
     times = st.session_state.get(replaced, 0)
-    own = f"{key}_{times}" if times else key
-    if own in st.session_state and st.session_state[own] != value:
+    name = f"{key}_{times}" if times else key
+    if name in st.session_state and st.session_state[name] != value:
         times = st.session_state[replaced] = times + 1
-        own = f"{key}_{times}"
-    if own not in st.session_state:
-        st.session_state[own] = value
+        name = f"{key}_{times}"
+    if name not in st.session_state:
+        st.session_state[name] = value
 
     def changed() -> None:
-        new = st.session_state[own]
+        new = st.session_state[name]
         is_there = st.session_state.get(replaced, 0) == times
         if is_there and (optional or new is not None):
             change(new)
 
-    return {"key": own, "on_change": changed} | ({default: value} if default else {})
+    return {"key": name, "on_change": changed} | ({default: value} if default else {})
 
 
 def select(

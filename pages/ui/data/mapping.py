@@ -259,8 +259,8 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
 
 def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn, ...]:
     """Who drives, where columns say so."""
-    before = {one.vehicle: one for one in (seen.mapping.modes if seen.mapping else ())}
-    found = []
+    before = {mode.vehicle: mode for mode in (seen.mapping.modes if seen.mapping else ())}
+    modes = []
     with st.expander("Who drives: ACC or a human", expanded=bool(before)):
         st.caption(
             "Whether parameters are those of ACC is known only where the table says who drives."
@@ -284,8 +284,8 @@ def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn,
                 "Under a human", ", ".join(old.human) if old else likely[1],
                 key=f"data_map_human_{vehicle}", help="One word, or several separated by commas.",
             )  # fmt: skip
-            found.append(ModeColumn(vehicle, column, _words(acc), _words(human)))
-    return tuple(found)
+            modes.append(ModeColumn(vehicle, column, _words(acc), _words(human)))
+    return tuple(modes)
 
 
 def _words(text: str) -> tuple[str, ...]:
@@ -334,11 +334,11 @@ def _guess(names: Sequence[str], what: str) -> list[str]:
 
 def _numbers(seen: Preview, name: str) -> list[float]:
     """The first cells of a column, as far as they are numbers."""
-    found = []
+    numbers = []
     for cell in _cells(seen, name):
         with suppress(ValueError):
-            found.append(float(cell.replace(seen.layout.decimal, ".")))
-    return found
+            numbers.append(float(cell.replace(seen.layout.decimal, ".")))
+    return numbers
 
 
 def _cells(seen: Preview, name: str) -> list[str]:

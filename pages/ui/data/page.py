@@ -14,6 +14,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import ConfigError
+from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
@@ -37,7 +38,6 @@ from pages.ui.data.validation import choose_validation
 from pages.ui.result.saved import banner, show_data
 from pages.ui.session.resources import BY_CONTENT, KEPT
 from pages.ui.session.workspace import Workspace
-from pages.ui.train.options import chosen_config
 
 CASES: Mapping[Case, str] = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -50,7 +50,7 @@ VIEWS: Mapping[figures.View, str] = {
 }
 CHART = "data_overview"
 CROWD = 4
-"""With more followers than this, one of them can be highlighted."""
+"""Largest number of followers of which none can be highlighted."""
 MARKS = {
     Grade.GOOD: ("blue", "check_circle"),
     Grade.FAIR: ("orange", "warning"),
@@ -83,8 +83,8 @@ def show_page() -> None:
     recording = workspace.recording
     if recording is None:
         st.caption("Open a recording, then choose who follows whom, and when.")
-        if workspace.snapshot:
-            show_data(workspace, workspace.snapshot)
+        if workspace.restored:
+            show_data(workspace)
         with st.container(border=True):
             choose_source(workspace)
         if workspace.segment:
@@ -227,26 +227,26 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 def _suggest(workspace: Workspace, whole: _Whole) -> None:
     """The window that tells most, why, and the button that takes it."""
-    found = whole.suggestion
-    if found is None:
+    suggestion = whole.suggestion
+    if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
             help="No stretch is complete with every follower in car-following.",
         )  # fmt: skip
         return
-    taken = found.window == workspace.window
-    label = "As suggested" if taken else f"Suggested: {found.window}"
+    taken = suggestion.window == workspace.window
+    label = "As suggested" if taken else f"Suggested: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
         help="The window that tells most about α, β and τ, and why.",
     ):  # fmt: skip
         usable = workspace.segment.window if workspace.segment else None
-        efficiency = whole.information.efficiency(usable, found.window) if usable else 0.0
-        st.markdown(show.bullets(suggestion_reasons(found, usable, efficiency)))
+        efficiency = whole.information.efficiency(usable, suggestion.window) if usable else 0.0
+        st.markdown(show.bullets(suggestion_reasons(suggestion, usable, efficiency)))
         st.button(
-            "This window is chosen" if taken else f"Take {found.window}", type="primary",
+            "This window is chosen" if taken else f"Take {suggestion.window}", type="primary",
             disabled=taken, key="data_suggested",
-            on_click=lambda: workspace.choose(window=found.window),
+            on_click=lambda: workspace.choose(window=suggestion.window),
         )  # fmt: skip
 
 
@@ -364,19 +364,20 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
 
 def _train_button(workspace: Workspace) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
-    segment, parts, request = workspace.segment, [f"{workspace.preset} preset"], None
+    segment, parts, config = workspace.segment, [f"{workspace.preset} preset"], None
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:
         parts.append(f"Case {workspace.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
-        request = workspace.request(chosen_config(workspace))
-    if request:
-        parts.append(f"about {show.format_duration(request.typical_seconds)}")
+        config = workspace.config
+    if segment and config:
+        seconds = METHODS["pinn"].expected_seconds(segment, config)
+        parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
         f"Train on this window ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
         disabled=segment is None, key="data_train",
     ):  # fmt: skip
-        if request:
-            workspace.train(request.config)
+        if config:
+            workspace.train(config)
         frame.go(frame.TRAIN, workspace)

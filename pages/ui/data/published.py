@@ -30,19 +30,19 @@ def choose_published(workspace: Workspace, root: Path, offer: Callable[[Path], N
         offer: draws the button that opens a file.
     """
     runs = catalogue()
-    there = {run for run in runs if run.path(root).is_file()}
+    present = {run for run in runs if run.path(root).is_file()}
     run = st.selectbox(
-        f"Published OpenACC run ({len(there)} of {len(runs)} on this server)", runs, index=None,
-        format_func=lambda run: _title(run, run in there), key="data_run",
+        f"Published OpenACC run ({len(present)} of {len(runs)} on this server)", runs, index=None,
+        format_func=lambda run: _title(run, run in present), key="data_run",
         placeholder="Search by campaign or file",
         help="All runs that the Joint Research Centre publishes. Those that are not on the server"
         " yet are downloaded into its folder of recordings.",
     )  # fmt: skip
-    found = download_queue().of(workspace.id, "download")
-    task = found if isinstance(found, DownloadTask) else None
+    submitted = download_queue().of(workspace.id, "download")
+    task = submitted if isinstance(submitted, DownloadTask) else None
     if task and task.is_active:
         _watch(task)
-    elif run is not None and run in there:
+    elif run is not None and run in present:
         offer(run.path(root))
     elif run is not None:
         latest = task.status if task and task.run == run else None
@@ -80,4 +80,4 @@ def _watch(task: DownloadTask) -> None:
         st.progress(task.share, said)
 
     st.fragment(look, run_every=POLL)()
-    stop_button(task, "Stop the download", "data_download_stop", download_queue())
+    stop_button(task, "Stop the download", "data_download_stop")

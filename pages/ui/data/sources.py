@@ -23,8 +23,8 @@ from pages.ui.session.recordings import (
     listed,
     recordings_folder,
     sample,
+    sample_title,
     samples,
-    title_of,
 )
 from pages.ui.session.workspace import Workspace
 
@@ -153,7 +153,7 @@ def _choose_sample(workspace: Workspace) -> None:
     path = st.selectbox(
         "Sample: synthetic, true parameters known",
         paths,
-        format_func=title_of,
+        format_func=sample_title,
         key="data_sample",
         help="Made from the parameters that the paper reports, with noise as receivers have it.",
     )

@@ -116,16 +116,16 @@ def _upload(workspace: Workspace) -> None:
 
 def show_validation(workspace: Workspace) -> None:
     """The closed-loop errors on both windows; nothing where no validation was chosen."""
-    other, segment, fit = workspace.validation, workspace.segment, workspace.fit
+    other, segment, result = workspace.validation, workspace.segment, workspace.result
     if other is None:
         return
-    if segment is None or fit is None:
+    if segment is None or result is None:
         st.caption(
             f"Chosen for validation: {show.escape_markdown(other.source)}, {other.window}. There"
             " are no learned parameters yet."
         )
         return
-    found = show.attempt(lambda: validate(fit, segment, other))
+    found = show.attempt(lambda: validate(result.fit, segment, other))
     if found is None:
         return
     table = validation_table(segment.info, other.info, found)

@@ -95,9 +95,9 @@ def show_about(recording: Recording) -> None:
         "Correlation: of the gap's rate of change with the difference of the two speeds, 0.8 and"
         " more for sound data."
     )
-    found = messages(recording.findings, recording)
-    if found:
-        show.messages(found, "warning")
+    sentences = messages(recording.findings, recording)
+    if sentences:
+        show.messages(sentences, "warning")
     else:
         st.caption("Nothing is wrong with the data of this recording.")
     if recording.sha256:
@@ -113,7 +113,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     if segment is None:
         st.caption("The window cannot be used yet.")
         return
-    regimes, excluded = label_regimes(segment, recording), workspace.excluded_regimes
+    regimes, excluded = label_regimes(segment, recording), workspace.excluded
     table = regimes_table(segment.info, regimes)
     show.table(table)
     if not any(regimes.mode_known):
@@ -124,8 +124,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         for name in EXCLUDABLE:
 
             def ticked(on: bool, name: str = name) -> None:
-                left_out = {*workspace.excluded_regimes} - {name} | ({name} if on else set())
-                workspace.choose(excluded_regimes=tuple(n for n in EXCLUDABLE if n in left_out))
+                left_out = {*workspace.excluded} - {name} | ({name} if on else set())
+                workspace.choose(excluded=tuple(n for n in EXCLUDABLE if n in left_out))
 
             shown = bound(f"data_exclude_{name}", name in excluded, ticked)
             st.checkbox(name.capitalize(), **shown, help=REGIMES[name])
@@ -144,14 +144,14 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    found = _sensitivity(segment.info.digest, segment, recording, workspace.case)
-    if not any(any(row.share) for row in found):
+    results = _sensitivity(segment.info.digest, segment, recording, workspace.case)
+    if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
     follower = pick_follower(segment, "data_sensitivity_follower", labelled=False)
-    table = sensitivity_table(segment.info, found, follower)
+    table = sensitivity_table(segment.info, results, follower)
     show.table(table)
-    show.messages(tuple(dict.fromkeys(str(row.fault) for row in found if row.fault)))
+    show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))
     label = segment.labels[1 + follower]
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 

@@ -21,7 +21,7 @@ from pages.ui.session.resources import report_of
 from pages.ui.session.workspace import Workspace
 
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
-"""Of a repeated vehicle, by default as in the paper; and at most."""
+"""Followers of a repeated vehicle by default, as in the paper, and at most."""
 ORDERS = {"learned": "In order", "repeated": "One car", "own": "Own order"}
 PLANNED: dict[Disturbance, type[Sinusoid] | type[SpeedStep] | type[Brake]] = {
     "sinusoid": Sinusoid,

@@ -32,7 +32,7 @@ from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
 HEIGHT = 350
-"""Of both charts, in pixels."""
+"""Height of both charts, in pixels."""
 VIEWS: dict[figures.View, str] = {
     "observer": "Moving observer",
     "leader": "From the leader",
@@ -53,7 +53,7 @@ class ShownRun:
     workspace: Workspace
     source: Chosen
     order: Sequence[int]
-    """Of each follower, its index among the source's vehicles."""
+    """The index of each follower among the source's vehicles."""
     run: PlatoonRun
 
     @property
@@ -86,7 +86,7 @@ class ShownRun:
 
 def open_panels(workspace: Workspace) -> None:
     """Let the page show the paper's four panels, which need parameters to stand beside."""
-    if workspace.fit is None:
+    if workspace.result is None:
         workspace.choose_source("published")
     workspace.tabs[TABS] = PANELS
 

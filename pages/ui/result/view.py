@@ -5,14 +5,13 @@ from itertools import groupby
 from pathlib import Path
 
 import streamlit as st
-from accpinn.results.snapshot import Snapshot
 
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.results.bundle import bundle
 from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
@@ -22,13 +21,12 @@ from accpinn.results.messages.summary import BAND, about_curves, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
-from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import SegmentInfo
+from accpinn.study.result import Result
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
-from pages.ui.result.evaluated import Evaluated
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import Workspace, recording_duration
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
@@ -36,11 +34,11 @@ BESIDE = 400
 """Height in pixels of the chart beside the table."""
 
 
-def show_evaluated(
+def show_result(
     workspace: Workspace,
-    result: Evaluated,
+    result: Result,
     page: str,
-    snapshot: Callable[[], Snapshot],
+    snapshot: Callable[[], Result],
     next_step: Callable[[], None] | None = None,
     more: Mapping[str, Callable[[], None]] | None = None,
 ) -> None:
@@ -55,19 +53,18 @@ def show_evaluated(
         more: further tabs by title.
     """
     info, fit = result.info, result.fit
+    truth = workspace.true_parameters if workspace.segment == result.segment else None
     _show_outcome(result)
     _show_checks(result)
     left, right = st.columns((1.3, 1), gap="medium")
     table = _parameter_table(result)
     with left:
         show.table(tables.estimate_part(table))
-        if result.uncertainty:
-            level = f"{100 * result.uncertainty.level:.0f} %"
-            st.caption(
-                f"In brackets: the {level} interval, the values consistent with the data; an"
-                " estimate with * lies outside. Probability: the share of them that is string"
-                " stable."
-            )
+        st.caption(
+            f"In brackets: the {100 * result.uncertainty.level:.0f} % interval, the values"
+            " consistent with the data; an estimate with * lies outside. Probability: the share of"
+            " them that is string stable."
+        )
         if next_step:
             next_step()
     with right:
@@ -75,14 +72,14 @@ def show_evaluated(
         _show_tracking(result, follower, f"{page}_tracking")
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
-        views["Training"] = lambda: _show_history(result, history, page)
-    views["Comparison"] = lambda: _show_comparison(workspace, result, page, follower)
+        views["Training"] = lambda: _show_history(result, history, truth, page)
+    views["Comparison"] = lambda: _show_comparison(workspace, result, truth, page, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, table, page, snapshot),
     })  # fmt: skip
 
 
-def _show_outcome(result: Evaluated) -> None:
+def _show_outcome(result: Result) -> None:
     """Before all else, a training that did not end by itself."""
     if result.fit.outcome is Outcome.DIVERGED:
         st.error(result.fit.outcome.value, icon=":material/error:")
@@ -90,22 +87,21 @@ def _show_outcome(result: Evaluated) -> None:
         st.warning(result.fit.outcome.value, icon=":material/pause_circle:")
 
 
-def _show_checks(result: Evaluated) -> None:
+def _show_checks(result: Result) -> None:
     """A button for each check, with its answer; it opens what the answer rests on."""
     info, fit, uncertainty = result.info, result.fit, result.uncertainty
-    events = result.evaluation.all_findings if result.evaluation else None
-    residual = result.evaluation.whiteness if result.evaluation else None
+    events, residual = result.evaluation.all_findings, result.evaluation.whiteness
     evidence: Mapping[CheckName, Sequence[str]] = {
         "converged": (fit.outcome.value,),
-        "inside": messages(uncertainty.findings if uncertainty else (), info),
+        "inside": messages(uncertainty.findings, info),
         "identified": messages(headway_findings(info.vehicles, fit.parameters), info),
-        "collision-free": messages(events or (), info),
+        "collision-free": messages(events, info),
         "explained": messages(residual.findings if residual else (), info),
     }
-    found = checks(info, fit, uncertainty, events, residual)
+    answers = checks(info, fit, uncertainty, events, residual)
     with st.container(horizontal=True, gap="small", key="checks"):
-        for name, each in groupby(found, lambda check: check.name):
-            _show_check(info, name, [*each], evidence[name])
+        for name, group in groupby(answers, lambda check: check.name):
+            _show_check(info, name, [*group], evidence[name])
 
 
 def _show_check(
@@ -121,15 +117,15 @@ def _show_check(
             st.markdown(show.bullets(reasons))
 
 
-def _parameter_table(result: Evaluated) -> Table:
+def _parameter_table(result: Result) -> Table:
     """All that is known of each vehicle."""
-    info, fit, found = result.info, result.fit, result.evaluation
-    errors = (found.surrogate, found.closed_loop) if found else (None, None)
+    info, fit, evaluation = result.info, result.fit, result.evaluation
+    errors = evaluation.surrogate, evaluation.closed_loop
     table = tables.parameter_table(info, fit, result.quality, *errors, result.uncertainty)
     return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 
-def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
+def _show_fit(result: Result, table: Table, follower: int) -> None:
     """Errors, what happens in simulation, and what the intervals take for granted."""
     info, fit = result.info, result.fit
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
@@ -143,35 +139,32 @@ def _show_fit(result: Evaluated, table: Table, follower: int) -> None:
         f" {cost}{cache}"
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
-    events = result.evaluation.all_findings if result.evaluation else ()
-    show.messages(messages(events, info), "warning", "car_crash", after)
+    show.messages(messages(result.evaluation.all_findings, info), "warning", "car_crash", after)
     _show_limits(result)
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     if said := _about_tracking(result, follower):
         st.caption(escape_markdown(said))
 
 
-def _show_limits(result: Evaluated) -> None:
+def _show_limits(result: Result) -> None:
     """Which intervals are wide, and what would narrow them."""
     info, uncertainty = result.info, result.uncertainty
-    if uncertainty is None:
-        return
-    quality = assess_quality(result.segment) if result.segment else result.quality
-    wide = weakly_identified(info, quality, uncertainty, result.fit.case)
-    cure = narrower_intervals(info, uncertainty, wide, result.recording)
+    wide = weakly_identified(info, result.quality, uncertainty, result.fit.case)
+    cure = narrower_intervals(info, uncertainty, wide, recording_duration(result))
     show.messages(messages((*wide, *cure), info), "warning")
 
 
-def _show_comparison(workspace: Workspace, result: Evaluated, page: str, follower: int) -> None:
+def _show_comparison(
+    workspace: Workspace, result: Result, truth: Parameters | None, page: str, follower: int
+) -> None:
     """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
     estimates = {name_of(fit).partition(" (")[0]: fit.parameters}
     if segment:
         estimates["Least squares"] = least_squares.fit(segment, fit.case).parameters
-    if uncertainty:
-        estimates["Maximum likelihood"] = uncertainty.centre
-    if result.truth:
-        estimates["Truth"] = result.truth
+    estimates["Maximum likelihood"] = uncertainty.centre
+    if truth:
+        estimates["Truth"] = truth
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
     table = tables.comparison_table(info, estimates, fit.case, uncertainty)
     show.table(table, colours)
@@ -181,15 +174,13 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str, followe
         " are around it."
     )
     show.downloads(table, f"{Path(info.source).stem}_comparison", f"{page}_comparison")
-    if uncertainty is None:
-        return
-    is_own = segment is not None and segment is workspace.segment
-    adequacy = workspace.known_adequacy if is_own else result.adequacy
+    is_own = segment is not None and segment == workspace.segment
+    adequacy = workspace.adequacy if is_own else result.parts.adequacy
     if adequacy is None and is_own:
         label = "Compare with other forms of the model"
         if st.button(label, key=f"{page}_forms", icon=":material/rule:"):
             with st.spinner("This takes some seconds."):
-                workspace.compare_forms()
+                _ = result.adequacy
             st.rerun()
     st.caption(conditional(adequacy, info))
     if adequacy and adequacy.forms:
@@ -197,40 +188,40 @@ def _show_comparison(workspace: Workspace, result: Evaluated, page: str, followe
         show.messages(messages(adequacy.findings, info), icon="lightbulb")
 
 
-def _show_tracking(result: Evaluated, follower: int, key: str) -> None:
+def _show_tracking(result: Result, follower: int, key: str) -> None:
     """One follower's curves, with the band that the posterior predicts where the data are here."""
     fit, segment = result.fit, result.segment
     if segment is None and fit.surrogate is None:
         st.caption("The curves need the recording, which is not part of the snapshot.")
         return
     figure = figures.tracking(
-        segment or result.info, follower, fit.surrogate, result.driven, _own(result),
+        segment or result.info, follower, fit.surrogate, result.simulated, _own(result),
         predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=BESIDE,
     )  # fmt: skip
     show.chart(figure, key)
 
 
-def _own(result: Evaluated) -> str:
+def _own(result: Result) -> str:
     """What the method's own curves are called."""
     return "network" if result.fit.method == "pinn" else name_of(result.fit)
 
 
-def _band(result: Evaluated) -> GapBand | None:
-    if result.segment is None or result.uncertainty is None:
+def _band(result: Result) -> GapBand | None:
+    if result.segment is None:
         return None
     return gap_band(result.segment, result.uncertainty, result.fit.case)
 
 
-def _about_tracking(result: Evaluated, follower: int) -> str:
+def _about_tracking(result: Result, follower: int) -> str:
     """What the band is, how much it covers, and what disturbs the vehicle."""
     band = _band(result)
     said = about_curves(result.info, result.fit, follower, band)
     return " ".join(((BAND,) if band else ()) + said)
 
 
-def _show_history(result: Evaluated, history: History, page: str) -> None:
+def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
     """Loss terms and parameters over iterations, two by two."""
-    info, truth = result.info, result.truth
+    info = result.info
     show.vehicle_key(info, bool(truth), info.shares(result.fit.case))
     drawn = (
         ("loss", figures.loss_history(history)),
@@ -245,9 +236,7 @@ def _show_history(result: Evaluated, history: History, page: str) -> None:
                 show.chart(figure, f"{page}_{name}")
 
 
-def _show_export(
-    result: Evaluated, table: Table, page: str, snapshot: Callable[[], Snapshot]
-) -> None:
+def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:
     """The table with all of its columns, as it leaves, and all else in one file."""
     stem = Path(result.info.source).stem
     show.downloads(table, f"{stem}_parameters", page)
@@ -260,19 +249,15 @@ def _show_export(
     show.table(table)
 
 
-def show_intervals(
-    info: SegmentInfo, uncertainty: Uncertainty | None, more: str, case: Case
-) -> None:
+def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case: Case) -> None:
     """Maximum-likelihood estimates with intervals, and the probability of string stability.
 
     Args:
         info: names the vehicles.
-        uncertainty: None shows nothing.
+        uncertainty: of the parameters.
         more: the end of the caption.
         case: in Case I all followers share one row.
     """
-    if uncertainty is None:
-        return
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(

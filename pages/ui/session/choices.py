@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from accpinn.methods.fit import Fit
 from accpinn.model.published import ASTAZERO
 from accpinn.results.figures.recording import View
 from accpinn.results.figures.stability import Plane
+from accpinn.study.result import Result
 from accpinn.units import RadiansPerSecond
 
 Source = Literal["fit", "published", "snapshot", "hand"]
@@ -30,8 +30,8 @@ class ParameterChoice(Choices):
 
     source: Source = "fit"
     """As chosen last; see `Workspace.parameter_source`."""
-    fit: Fit | None = None
-    """The fit there was when the source was chosen; a newer one is shown in place of the choice."""
+    result: Result | None = None
+    """The result when the source was chosen; a newer one is shown in place of the choice."""
     example: str = ASTAZERO.title
     snapshot: str = ""
     """Short name of the snapshot; empty: the newest."""

@@ -14,6 +14,8 @@ from pathlib import Path
 import streamlit as st
 from streamlit import config
 
+from pages.ui.session.resources import library
+
 USERS_VARIABLE = "ACCPINN_USERS"
 """Environment variable that names who may use the app, as "ann@lab.org, @school.edu"; all whom the
 provider signs in where it is not set."""
@@ -43,21 +45,21 @@ def recognise() -> User:
     if not (name and str(claims.get("email_verified", True)).lower() == "true"):
         name = f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
     asked = "is_logged_in" in claims or _is_meant_to_ask()
-    found = User(asked, signed_in, name if signed_in else "")
-    st.session_state[USER] = found
-    return found
+    visitor = User(asked, signed_in, name if signed_in else "")
+    st.session_state[USER] = visitor
+    return visitor
 
 
 def user() -> User:
     """The same, as this run recognised it; Streamlit would read its settings at every question."""
-    found = st.session_state.get(USER)
-    return found if isinstance(found, User) else User()
+    visitor = st.session_state.get(USER)
+    return visitor if isinstance(visitor, User) else User()
 
 
 def mark() -> str:
     """What the names of this user's sessions begin with; empty where nobody is asked."""
-    found = user()
-    return f"{sha256(found.name.encode()).hexdigest()[:12]}-" if found.is_asked else ""
+    visitor = user()
+    return f"{sha256(visitor.name.encode()).hexdigest()[:12]}-" if visitor.is_asked else ""
 
 
 def is_admin() -> bool:
@@ -81,8 +83,8 @@ def _is_meant_to_ask() -> bool:
     """Whether the settings name users, or are in a file that is there and cannot be read."""
     if os.environ.get(USERS_VARIABLE) or os.environ.get(ADMINS_VARIABLE):
         return True
-    there = any(Path(path).exists() for path in config.get_option("secrets.files"))
-    return there and not st.secrets.load_if_toml_exists()
+    exists = any(Path(path).exists() for path in config.get_option("secrets.files"))
+    return exists and not st.secrets.load_if_toml_exists()
 
 
 def _is_named(variable: str) -> bool:
@@ -91,3 +93,22 @@ def _is_named(variable: str) -> bool:
     who = user().name
     local, at, domain = who.rpartition("@")
     return who in named or bool(local and at and f"@{domain}" in named)
+
+
+def owner_mark(session: str) -> str:
+    """The digest under which the library keeps who saved a snapshot.
+
+    It is of the identity where the server asks for one, else of the session's secret name.
+    """
+    return sha256((user().name or session).encode()).hexdigest()
+
+
+def may_delete(session: str, name: str) -> bool:
+    """Whether this user may delete that snapshot.
+
+    On a server that only its own computer reaches everyone may, as all are one person; else whoever
+    saved it, and an administrator.
+    """
+    if not user().is_asked and not is_shared():
+        return True
+    return is_admin() or library().owner(name) == owner_mark(session)

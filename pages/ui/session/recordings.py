@@ -52,8 +52,8 @@ def find_recording(
         RecordingError: where none is there.
     """
     root = recordings_folder()
-    found = [path for path in (*root.rglob("*"), *SAMPLES.glob("*.csv")) if path.name == file]
-    for path in sorted(found, key=lambda path: campaign not in path.parts):
+    paths = [path for path in (*root.rglob("*"), *SAMPLES.glob("*.csv")) if path.name == file]
+    for path in sorted(paths, key=lambda path: campaign not in path.parts):
         inside = path.is_file() and any(path.resolve().is_relative_to(p.resolve())
                                         for p in (root, SAMPLES))  # fmt: skip
         if not inside:
@@ -81,7 +81,7 @@ def samples() -> list[Path]:
     return sorted(SAMPLES.glob("*.csv"), key=lambda path: (place.get(path.stem, len(place)), path))
 
 
-def title_of(path: Path) -> str:
+def sample_title(path: Path) -> str:
     """What a sample is called."""
     return TITLES.get(path.stem, path.stem)
 
@@ -89,8 +89,8 @@ def title_of(path: Path) -> str:
 def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
     """The sample of that file name and content, with its true parameters; None for none."""
     path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
-    found = sample(path) if path else None
-    return found if found and found[0].sha256 == sha256 else None
+    known = sample(path) if path else None
+    return known if known and known[0].sha256 == sha256 else None
 
 
 def forget() -> None:
@@ -113,7 +113,7 @@ def folders(root: Path) -> tuple[str, ...]:
 def listed() -> list[Path]:
     """The CSV files in the server's folder; none where there is no folder."""
     root = recordings_folder()
-    found = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    paths = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
     # A link that leads out of the folder is left out.
-    inside = (path for path in found if path.resolve().is_relative_to(root))
+    inside = (path for path in paths if path.resolve().is_relative_to(root))
     return list(islice(inside, LISTED))

@@ -1,16 +1,15 @@
-"""What all browsers share: the stores of results and of snapshots, and the queues of tasks."""
+"""What all browsers share: the store of results, the library of snapshots, queues of tasks."""
 
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 import streamlit as st
-from accpinn.methods.store import Store
-from accpinn.results.snapshot import Snapshot
-from accpinn.results.snapshot.saved import Library
 
 from accpinn.recordings.recording import Recording
 from accpinn.stability.report import stability_report
+from accpinn.study.result import Result
+from accpinn.study.store import Library, Store
 from accpinn.tasks.queue import TaskQueue
 
 KEPT = 64
@@ -26,24 +25,24 @@ report_of = lru_cache(maxsize=KEPT)(stability_report)
 
 @st.cache_resource(show_spinner=False)
 def store() -> Store:
-    """The server's one store of results."""
+    """The server's one store of results, checkpoints and sessions."""
     return Store()
 
 
 @st.cache_resource(show_spinner=False)
 def library() -> Library:
-    """The server's one store of snapshots."""
+    """The server's one library of snapshots."""
     return Library()
 
 
 @st.cache_resource(max_entries=KEPT, show_spinner=False)
-def opened(name: str) -> Snapshot:
-    """A snapshot of the store; its name is its content, so it never changes.
+def opened(name: str) -> Result:
+    """A snapshot of the library; its name is its content, so it never changes.
 
     Raises:
         SnapshotError: for an unknown name, or a file that is damaged or another's.
     """
-    return library().open(name)
+    return library().read(name)
 
 
 @st.cache_resource(show_spinner=False)

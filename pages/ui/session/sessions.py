@@ -2,28 +2,38 @@
 
 The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
 again. With ``?snapshot=...`` it opens one of the server's snapshots, on any page.
+
+The store keeps of each session the analysis on the screen and the key of the result shown, so that
+after a restart its address shows the same. A recording is never kept: one of the server's own is
+read again, and an upload is asked for; its window and result return with it.
 """
 
+import re
 import secrets
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
 
+import msgspec
 import streamlit as st
 
-from accpinn.errors import SnapshotError
+from accpinn.errors import AccpinnError, ConfigError, SnapshotError
+from accpinn.serial import dump, restore
+from accpinn.study.analysis import Analysis
+from accpinn.study.result import Result
 from accpinn.units import Seconds
 from pages.ui.session.identity import mark
+from pages.ui.session.recordings import find_recording, find_sample
 from pages.ui.session.resources import library, store, task_queue
-from pages.ui.session.resume import keep, resume
-from pages.ui.session.runs import is_known
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
 KEPT_FOR: Seconds = 3 * 24 * 3600.0
 KEPT_BYTES = 1_000_000_000
-"""Of the recordings of all workspaces; the longest of the database takes about 1 MB."""
+"""Cap on the recordings of all workspaces; the longest of the database takes about 1 MB."""
 SESSION = "session"
 """Name of the query parameter, and of the entry in Streamlit's session state."""
 SNAPSHOT = "snapshot"
@@ -31,10 +41,11 @@ SNAPSHOT = "snapshot"
 
 FOLLOWED = "snapshot_followed"
 """The entry that holds the snapshots whose links this browser has followed."""
+_NAME = re.compile(r"[\w-]{20,60}", re.ASCII)
 
 
 class Workspaces:
-    """All workspaces of a server, bounded in number and age."""
+    """All workspaces of a server, bounded in number, age and memory."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """None yet."""
@@ -49,7 +60,6 @@ class Workspaces:
             _, workspace = self._kept.pop(name, (0.0, None))
             if workspace:
                 self._kept[name] = (self._clock(), workspace)
-                self._bound_memory(workspace)
             return workspace
 
     def new(self, name: str = "") -> Workspace:
@@ -59,43 +69,29 @@ class Workspaces:
         """
         workspace = Workspace(name or secrets.token_urlsafe(16))
         with self._lock:
-            self._forget()
             if workspace.id not in self._kept:
-                self._make_room()
                 self._kept[workspace.id] = (self._clock(), workspace)
+            self._forget()
             return self._kept[workspace.id][1]
 
     def _forget(self) -> None:
-        """Let go of those that nobody has used for long."""
-        oldest = self._clock() - KEPT_FOR
-        for name, (used, _) in list(self._kept.items()):  # the longest unused first
-            if used >= oldest:
-                return
-            self._drop(name)
+        """Let go of those that nobody has used for long, and of the longest unused of too many.
 
-    def _make_room(self) -> None:
-        """Let go of the longest unused, of those first in which nothing was opened.
-
-        Thousands of empty sessions, which cost a stranger nothing, thus end no one's work.
+        Of too many, those go first in which nothing was opened: thousands of empty sessions, which
+        cost a stranger nothing, thus end no one's work. The one used last always stays.
         """
-        while len(self._kept) >= KEPT_WORKSPACES:
-            empty = (name for name, (_, found) in self._kept.items() if found.is_empty)
-            self._drop(next(empty, next(iter(self._kept))))
+        oldest = self._clock() - KEPT_FOR
+        for name in [name for name, (used, _) in self._kept.items() if used < oldest]:
+            self._drop(name)
+        while len(self._kept) > KEPT_WORKSPACES:
+            *others, _ = self._kept
+            self._drop(next((n for n in others if self._kept[n][1].is_empty), others[0]))
+        while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
+            *others, _ = self._kept
+            self._drop(next((n for n in others if self._kept[n][1].nbytes), others[0]))
 
-    def _bound_memory(self, used: Workspace) -> None:
-        """Where recordings fill memory, those lose who hold most: first what is not shown."""
-        sizes = {name: found.recording_bytes for name, (_, found) in self._kept.items()}
-        while sum(sizes.values()) > KEPT_BYTES:
-            name = max(sizes, key=sizes.__getitem__)
-            largest = self._kept[name][1]
-            largest.forget_other_recordings()
-            if (left := largest.recording_bytes) < sizes[name]:
-                sizes[name] = left
-            elif largest is used:
-                sizes[name] = 0  # one recording is bounded by the size of a file
-            else:
-                self._drop(name)
-                del sizes[name]
+    def _bytes(self) -> int:
+        return sum(workspace.nbytes for _, workspace in self._kept.values())
 
     def _drop(self, name: str) -> None:
         _, workspace = self._kept.pop(name)
@@ -112,25 +108,86 @@ def workspaces() -> Workspaces:
 def current() -> Workspace:
     """This browser's workspace; its name is put back into the address, which a page switch clears.
 
-    An expired name finds what the session had open, as far as the server has kept it (`resume`).
-    Another begins a new one, and `lost_session` becomes true for this run; so does another user's.
+    An expired name finds what the session had open, as far as the server has kept it. Another
+    begins a new one, and `lost_session` becomes true for this run; so does another user's.
     """
     task_queue()  # its worker gets ready while the user still reads
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
-    own = asked.startswith(mark())
-    workspace = workspaces().find(asked) if own else None
-    known = own and workspace is None and is_known(asked, store().folder)
-    st.session_state["lost_session"] = bool(asked) and workspace is None and not known
+    is_own = asked.startswith(mark())
+    workspace = workspaces().find(asked) if is_own else None
+    document = None
+    if is_own and workspace is None and _NAME.fullmatch(asked):
+        document = store().session(asked)
+    st.session_state["lost_session"] = bool(asked) and not (workspace or document)
     if workspace is None:
-        workspace = workspaces().new(asked if known else f"{mark()}{secrets.token_urlsafe(16)}")
-        if known:
-            resume(workspace)
+        name = asked if document else f"{mark()}{secrets.token_urlsafe(16)}"
+        workspace = workspaces().new(name)
+        if document:
+            resume(workspace, document)
     st.session_state[SESSION] = workspace.id
     if st.query_params.get(SESSION) != workspace.id:
         st.query_params[SESSION] = workspace.id
     _follow_link(workspace)
     keep(workspace)
     return workspace
+
+
+# What a session shows, over restarts of the server
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a session shows: the analysis on the screen, and the key of its result."""
+
+    analysis: Analysis
+    campaign: str
+    """Campaign of the recording; empty where it is not known."""
+    result: str
+    """Key of a training in the store, or short name of a snapshot; empty before there is one,
+    when its training may still end."""
+
+
+def keep(workspace: Workspace) -> None:
+    """Tell the store what is on the screen, where that has changed."""
+    recording, result, asked = workspace.recording, workspace.result, None
+    if recording is None and workspace.training is None:
+        return  # a snapshot alone is named by the address, and following a link writes nothing
+    with suppress(ConfigError):  # the page shows what is wrong with a setting
+        asked = workspace.analysis()
+    asked = asked or (result.analysis if result else None)
+    if asked is None:
+        return
+    key = result.id or result.analysis.key if result else ""
+    shown = Shown(asked, (recording and recording.campaign) or "", key)
+    document = msgspec.json.encode(dump(shown)[0])
+    if document != workspace.kept:
+        workspace.kept = document
+        store().keep_session(workspace.id, document)
+
+
+def resume(workspace: Workspace, document: bytes) -> None:
+    """Open again what the session had open, as far as the server has it."""
+    with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
+        shown = restore(Shown, msgspec.json.decode(document), {})
+        asked = shown.analysis
+        workspace.take_settings(asked)
+        with suppress(SnapshotError):
+            workspace.restore(result_of(shown.result or asked.key))
+        workspace.awaited = asked
+        source, campaign = asked.source, shown.campaign or None
+        if known := find_sample(source.name, source.sha256):
+            workspace.open(*known)
+        else:
+            workspace.open(find_recording(source.name, source.sha256, source.trajectory, campaign))
+
+
+def result_of(name: str) -> Result:
+    """The training of that key in the store, or the snapshot of that short name.
+
+    Raises:
+        SnapshotError: for an unknown name, or a damaged file.
+    """
+    return store().read(name) if store().has(name) else library().read(name)
 
 
 def _follow_link(workspace: Workspace) -> None:
@@ -142,12 +199,11 @@ def _follow_link(workspace: Workspace) -> None:
     asked = st.query_params.get(SNAPSHOT, "")
     st.session_state["snapshot_fault"] = ""
     followed: set[str] = st.session_state.setdefault(FOLLOWED, set())
-    shown = workspace.snapshot.id if workspace.snapshot else ""
+    shown = workspace.restored.id if workspace.restored else ""
     if asked and asked != shown and asked not in followed:
         try:
-            holder = workspace.runs if workspace.runs.has(asked) else library()
-            workspace.restore(holder.open(asked))
-            workspace.viewed = asked if holder is not workspace.runs else ""
+            workspace.restore(library().read(asked))
+            workspace.viewed = asked
         except SnapshotError as fault:
             st.session_state["snapshot_fault"] = str(fault)
             return

@@ -2,38 +2,26 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import msgspec
-from accpinn.inference.multistart import Trial
-from accpinn.results.snapshot import Snapshot, create
-from accpinn.results.snapshot.verification import recover
-
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
-from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.inference.model_adequacy import Adequacy, model_forms
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.pinn.config import PinnConfig, PresetName
-from accpinn.methods.pinn.request import TrainingRequest, WarmStart
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.results.tables.estimates import name_of
 from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
-from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.study.comparison import (
-    FitRecord,
-    MethodFailure,
-    MethodResult,
-    result_of,
-    results_among,
-)
+from accpinn.study.analysis import Analysis
+from accpinn.study.comparison import Refused, results_among
+from accpinn.study.result import Result
+from accpinn.study.snapshot import named
+from accpinn.study.store import Entry
 from accpinn.tasks.task import Task, comparison_task, starts_task, training_task
 from accpinn.units import Seconds
 from pages.ui.session.choices import (
@@ -45,13 +33,12 @@ from pages.ui.session.choices import (
     Source,
 )
 from pages.ui.session.resources import store, task_queue
-from pages.ui.session.runs import Runs
 
 DEFAULT_CASE: Case = "II"
 """Each follower with parameters of its own, as different cars have."""
 KEPT_RECORDINGS = 4
-KEPT_RECORDS = 3 * len(METHODS)
-"""Those of three comparisons."""
+KEPT_EARLIER = 3 * len(METHODS)
+"""Results of three comparisons."""
 
 
 @dataclass(frozen=True)
@@ -65,32 +52,9 @@ class PendingFile:
     mapping: CsvMapping | None = None
 
 
-class Opened(msgspec.Struct, frozen=True):
-    """What a session has open, by name."""
-
-    source: str
-    """File name of the recording."""
-    sha256: str
-    trajectory: str | None
-    campaign: str | None
-    vehicles: tuple[int, ...]
-    start: Seconds
-    end: Seconds
-    case: Case
-    excluded_regimes: tuple[str, ...]
-    preset: PresetName
-    run: str
-    """Short name of the finished run that is shown; empty for none."""
-
-    @property
-    def window(self) -> Window:
-        """Of the recording."""
-        return Window(self.start, self.end)
-
-
 @dataclass(eq=False)
 class Workspace:
-    """The steps of one user, first to last: recording, segment, training."""
+    """The steps of one user, first to last: recording, segment, result."""
 
     id: str
     recording: Recording | None = None
@@ -99,12 +63,12 @@ class Workspace:
     """Why the last attempt to open something failed."""
     pending: PendingFile | None = None
     """A file that cannot be read before something is known of it."""
-    awaited: Opened | None = None
-    """What was open before a restart of the server, as long as nothing else is."""
+    awaited: Analysis | None = None
+    """What was on the screen before a restart of the server, until a recording is opened."""
     vehicles: tuple[int, ...] = ()
     window: Window = field(default_factory=lambda: Window(0.0, DURATION))
     case: Case = DEFAULT_CASE
-    excluded_regimes: tuple[str, ...] = ()
+    excluded: tuple[str, ...] = ()
     """Regimes that the user leaves out of the model's equations."""
     segment: Segment | None = None
     fault: str = ""
@@ -113,21 +77,17 @@ class Workspace:
     """To begin with the one that disturbances do not bias."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Per preset, the settings that differ from it."""
-    training: Task[Fit] | None = None
-    comparison: Task[MethodResult | MethodFailure | Adequacy] | None = None
+    training: Task[Result] | None = None
+    comparison: Task[Result | Refused | Adequacy] | None = None
     """All methods on the segment, while they run and when they are done."""
-    starts: Task[Trial] | None = None
+    starts: Task[Result] | None = None
     """Trainings of the segment from several initial values."""
+    restored: Result | None = None
+    """The result shown while no newer training has one: a snapshot, or an earlier training."""
     validation: Segment | None = None
     """The window on which the learned parameters are validated."""
-    records: tuple[FitRecord, ...] = ()
-    """Fits that are no longer current, oldest first."""
-    snapshot: Snapshot | None = None
-    """The result that is shown as it was saved; without its data there may be no segment."""
-    run: str = ""
-    """Short name of the present result among the runs; empty where it is none of them."""
-    kept_open: Opened | None = None
-    """What was last written of what is open."""
+    earlier: tuple[Result, ...] = ()
+    """Results that are no longer current, as rows of a table, oldest first."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
     data_choice: DataChoice = field(default_factory=DataChoice)
@@ -143,58 +103,144 @@ class Workspace:
     """Whether each chart has one of its own, beside the key that serves a whole page."""
     opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
-    _kept: Fit | None = None
-    """The training that was last put among the runs."""
-    _uncertainty: tuple[Fit, Uncertainty] | None = None
-    """That of a fit, kept with it."""
-    _adequacy: tuple[Segment, Case, Adequacy] | None = None
-    """That of a segment, kept with it."""
-    _own: MethodResult | None = None
-    """The evaluated training, kept with its fit."""
+    kept: bytes = b""
+    """What the store was last told of this session; see `pages.ui.session.sessions`."""
+
+    # What is on the screen
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing was opened in it yet."""
-        return self.recording is None and self.snapshot is None and not self.opened
+        return self.recording is None and self.restored is None and not self.opened
 
-    @cached_property
-    def runs(self) -> Runs:
-        """The finished trainings of this session, on disk."""
-        return Runs(self.id, store().folder)
+    @property
+    def nbytes(self) -> int:
+        """Memory that its recordings take, and an upload that cannot be read yet, in bytes."""
+        waiting = self.pending.source if self.pending else b""
+        known = sum(recording.nbytes for recording, _ in self.opened.values())
+        return known + (len(waiting) if isinstance(waiting, bytes) else 0)
 
-    def keep_run(self) -> None:
-        """Put the training among the runs once it has finished; nothing happens before."""
-        training, segment = self.training, self.segment
-        fit = training.result if training else None
-        if fit is None or segment is None or fit is self._kept:
-            return
-        if fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED):
-            return
-        self._kept = fit
-        case = f", Case {fit.case}" if segment.followers > 1 else ""
-        with suppress(SnapshotError):
-            run = create(
-                segment, fit, recording=self.recording, uncertainty=self.uncertainty(),
-                name=f"{name_of(fit)}{case}",
+    @property
+    def config(self) -> PinnConfig:
+        """The preset with the user's changes.
+
+        Raises:
+            ConfigError: a setting outside its range, as one sentence.
+        """
+        changes = self.settings.get(self.preset, {})
+        return PinnConfig.from_json(PRESETS[self.preset].to_json() | changes)
+
+    def analysis(self, config: PinnConfig | None = None) -> Analysis | None:
+        """What a training with these settings would answer; None where no data are at hand.
+
+        Args:
+            config: by default as chosen on page Train.
+
+        Raises:
+            ConfigError: as `config` does.
+        """
+        config = config or self.config
+        if self.recording:
+            return Analysis.of(
+                self.recording, (self.window,), self.vehicles, case=self.case,
+                excluded=self.excluded, settings=config,
             )  # fmt: skip
-            self.run = self.runs.keep(run)
+        if self.segment is None or self.restored is None:
+            return None
+        asked = self.restored.analysis
+        # The key is that of the data at hand: what a file says of its recording is not checked.
+        source = replace(asked.source, data=sha256(self.segment.info.digest.encode()).hexdigest())
+        return replace(asked, source=source, windows=(self.window,)).with_method("pinn", config)
+
+    @property
+    def _data(self) -> tuple[Segment, ...]:
+        """The data of a task where there is no recording to cut them from."""
+        return (self.segment,) if self.segment and not self.recording else ()
+
+    @property
+    def result(self) -> Result | None:
+        """The result of the training, or the one that was restored; None before there is one."""
+        training = self.training
+        if training and (training.is_active or training.result):
+            return training.result
+        return self.restored
+
+    @property
+    def info(self) -> SegmentInfo | None:
+        """The segment; it is known also where a snapshot came without its data."""
+        if self.segment:
+            return self.segment.info
+        return self.restored.info if self.restored else None
+
+    @property
+    def true_parameters(self) -> Parameters | None:
+        """One entry a follower of the segment; None where the truth is not known."""
+        if self.truth is None:
+            return None
+        return self.truth.parameters[[number - 2 for number in self.vehicles[1:]]]
+
+    @property
+    def compared(self) -> tuple[Result, ...]:
+        """The results of the methods, as far as they were run."""
+        if self.comparison:
+            order = list(METHODS)
+            rows = results_among(self.comparison.results)
+            return tuple(sorted(rows, key=lambda row: order.index(row.analysis.method)))
+        return self.restored.compared if self.restored else ()
+
+    def compared_with_training(self) -> tuple[Result, ...]:
+        """The same, and the finished training where no method ran with its settings."""
+        rows, result = self.compared, self.result
+        if not rows or result is None or not METHODS[result.analysis.method].is_iterative:
+            return rows
+        asked = (result.analysis.method, result.analysis.settings)
+        known = any((row.analysis.method, row.analysis.settings) == asked for row in rows)
+        return rows if known or not result.is_finished else (*rows, result)
+
+    @property
+    def adequacy(self) -> Adequacy | None:
+        """The forms of the model on the segment, as far as they were compared."""
+        results = (*self.compared, self.result, self.restored)
+        return next((r.parts.adequacy for r in results if r and r.parts.adequacy), None)
+
+    @property
+    def runs(self) -> tuple[Entry, ...]:
+        """The finished trainings that this session has shown, the newest first."""
+        return tuple(entry for entry in store().entries(session=self.id) if not entry.fault)
+
+    def as_snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Result:
+        """The current result with all that the session knows of it.
+
+        Raises:
+            SnapshotError: where there is no result, or its data are not open.
+        """
+        result, restored = self.result, self.restored
+        if result is None or not result.segments:
+            raise SnapshotError("There is no result with its data to save; train on a window.")
+        facts = result.facts or (restored.facts if restored else {})
+        parts = replace(result.parts, adequacy=self.adequacy)
+        whole = replace(result, parts=parts, facts=facts, compared=self.compared)
+        return named(whole, name, note, with_data)
+
+    # Steps
 
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
 
-        If it is the one that the snapshot shown was learned from, it completes that instead.
+        If it is the one that the restored result was learned from, it completes that instead.
         """
         awaited, self.awaited = self.awaited, None
-        if self.snapshot and not self.recording and recover(self.snapshot, recording).segment:
-            self.restore(self.snapshot, recording, truth)
+        restored = self.restored
+        if restored and not self.recording and restored.found_in(recording).recording:
+            self.restore(restored, recording, truth)
             return
         vehicles = default_vehicles(recording)
-        self.archive_and_stop()
+        self._leave()
         self.recording, self.truth, self.refusal = recording, truth, ""
         self.validation = None
         self.remember(recording, truth)
-        if awaited and awaited.sha256 == recording.sha256:
-            self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded_regimes)
+        if awaited and awaited.source.sha256 == recording.sha256:
+            self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
         else:
             self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
 
@@ -204,48 +250,33 @@ class Workspace:
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
 
-    @property
-    def recording_bytes(self) -> int:
-        """What its recordings take in memory, and an upload that cannot be read yet."""
-        waiting = self.pending.source if self.pending else b""
-        known = sum(recording.nbytes for recording, _ in self.opened.values())
-        return known + (len(waiting) if isinstance(waiting, bytes) else 0)
-
-    def forget_other_recordings(self) -> None:
-        """Keep the open one, or else the last, alone."""
-        self.pending = None
-        kept = self.recording.sha256 if self.recording else ""
-        last = list(self.opened)[-1:]
-        shown = {key: one for key, one in self.opened.items() if key == kept}
-        self.opened = shown or {key: self.opened[key] for key in last}
-
     def restore(
-        self, snapshot: Snapshot, recording: Recording | None = None, truth: Truth | None = None
+        self, result: Result, recording: Recording | None = None, truth: Truth | None = None
     ) -> None:
-        """Show a snapshot on every page.
+        """Show a result on every page.
 
         Args:
-            snapshot: to be shown.
-            recording: in place of the open one; it stays open if the snapshot is of it.
+            result: a snapshot, or an earlier training.
+            recording: in place of the open one; it stays open if the result is of it.
             truth: of that recording, where it is known.
         """
-        self.archive_and_stop()
-        info = snapshot.info
+        self._leave()
         given, known = (recording, truth) if recording else (self.recording, self.truth)
-        segment = recover(snapshot, given).segment if given else None
-        self.recording, self.truth = (given, known) if segment else (None, None)
+        result = result.found_in(given)
+        self.recording, self.truth = (given, known) if result.recording else (None, None)
         if self.recording:
             self.remember(self.recording, self.truth)
-        self.segment = segment or snapshot.segment
-        self.vehicles, self.case = info.vehicles, snapshot.fit.case
-        self.window = info.window
-        self.excluded_regimes, self.fault, self.refusal = info.excluded_regimes, "", ""
-        self._uncertainty = (snapshot.fit, snapshot.uncertainty) if snapshot.uncertainty else None
+        asked = result.analysis
+        self.segment, self.vehicles, self.case = result.segment, asked.vehicles, asked.case
+        self.window, self.excluded, self.fault, self.refusal = asked.window, asked.excluded, "", ""
         self.choose_source("fit")
-        self.snapshot = snapshot
-        self.run = snapshot.id if self.runs.has(snapshot.id) else ""
-        with suppress(ConfigError):  # another method's result leaves the preset as it is
-            config = PinnConfig.from_json(snapshot.fit.config)
+        self.restored = result
+        self.take_settings(asked)
+
+    def take_settings(self, asked: Analysis) -> None:
+        """Choose the preset and the settings of an analysis; another method's change nothing."""
+        with suppress(ConfigError):
+            config = PinnConfig.from_json(asked.settings)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
 
     def choose(
@@ -253,27 +284,27 @@ class Workspace:
         vehicles: Sequence[int] | None = None,
         window: Window | None = None,
         case: Case | None = None,
-        excluded_regimes: tuple[str, ...] | None = None,
+        excluded: tuple[str, ...] | None = None,
     ) -> None:
-        """Change the segment or the case; earlier results become records.
+        """Change the segment or the case; earlier results become rows.
 
         Args:
             vehicles: numbers in the file, leader first.
             window: of the recording.
             case: "I" or "II".
-            excluded_regimes: left out of the model's equations.
+            excluded: regimes left out of the model's equations.
         """
-        self.archive_and_stop()
-        self.snapshot = None
+        self._leave()
+        self.restored = None
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
-        if excluded_regimes is not None:
-            self.excluded_regimes = excluded_regimes
+        self.excluded = self.excluded if excluded is None else excluded
         try:
-            whole = self.whole_segment()
-            if whole and self.recording:
-                labels = label_regimes(whole, self.recording)
-                self.segment = exclude_regimes(whole, labels, self.excluded_regimes)
+            if self.recording:
+                asked = Analysis.of(
+                    self.recording, (self.window,), self.vehicles, excluded=self.excluded
+                )
+                (self.segment,) = asked.segments(self.recording)
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
@@ -288,44 +319,35 @@ class Workspace:
             return None
         return cut(self.recording, self.window.start, self.window.duration, self.vehicles)
 
-    def request(self, config: PinnConfig, warm: WarmStart | None = None) -> TrainingRequest | None:
-        """The request for a training of the segment; None where there is no segment."""
-        return TrainingRequest(self.segment, self.case, config, warm) if self.segment else None
-
-    def train(self, config: PinnConfig, warm: WarmStart | None = None, anew: bool = False) -> None:
+    def train(self, config: PinnConfig, anew: bool = False) -> None:
         """Queue a training of the segment.
 
         Args:
             config: all settings.
-            warm: an earlier fit to begin with.
             anew: begin at the first iteration, also where an earlier training stopped later.
         """
-        if request := self.request(config, warm):
-            self._record([self.fit] if self.fit else [])
-            self.keep_run()
-            self.run = ""
+        asked = self.analysis(config)
+        if asked and self.segment:
+            if not (self.restored and self.restored.id):
+                self.restored = self.result
+            self._record([self.result])
             self.choose_source("fit")
-            self.training = task_queue().submit(training_task(self.id, request), anew)
-
-    @property
-    def warm(self) -> WarmStart | None:
-        """The network of the snapshot shown, if it has one."""
-        snapshot = self.snapshot
-        if snapshot is None or not snapshot.fit.arrays:
-            return None
-        return WarmStart.of(snapshot.fit, f"snapshot {snapshot.id}")
+            task = training_task(self.id, asked, self.recording, store(), self._data)
+            self.training = task_queue().submit(task, anew)
 
     def compare(self) -> None:
         """Queue all methods on the segment."""
-        if self.segment:
-            self._record([row.fit for row in self.compared])
-            task = comparison_task(self.id, self.segment, self.case, self.recording)
+        asked = self.analysis(PinnConfig())
+        if asked and self.segment:
+            self._record(self.compared)
+            task = comparison_task(self.id, asked, self.recording, self._data)
             self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training of the segment from each of five initial values."""
-        if self.segment:
-            task = starts_task(self.id, self.segment, self.case, config)
+        asked = self.analysis(config)
+        if asked and self.segment:
+            task = starts_task(self.id, asked, self.recording, store(), self._data)
             self.starts = task_queue().submit(task)
 
     @property
@@ -334,148 +356,50 @@ class Workspace:
         every = (self.training, self.comparison, self.starts)
         return tuple(task for task in every if task)
 
-    def archive_and_stop(self) -> None:
-        """Keep a record of the present fits, and end what still runs.
+    def _leave(self) -> None:
+        """Make rows of the present results, and end what still runs.
 
-        A training that is stopped leaves its checkpoint, from which the same request goes on.
+        A training that is stopped leaves its checkpoint, from which an equal one goes on.
         """
-        self._record([row.fit for row in self.compared] + ([self.fit] if self.fit else []))
-        self.keep_run()
-        self.run = ""
+        self._record([*self.compared, self.result])
         source = self.parameter_choice.source = self.parameter_source
         for task in self.tasks:
-            task_queue().stop(task)
+            task.stop()
         self.training = self.comparison = self.starts = None
         if source == "fit":
             self._forget_vehicles()
 
-    def _record(self, fits: Sequence[Fit]) -> None:
-        if self.segment is None:
-            return
-        for fit in fits:
-            record = FitRecord.of(self.segment, fit)
-            others = [other for other in self.records if not other.same_as(record)]
-            self.records = (*others, record)[-KEPT_RECORDS:]
+    def _record(self, results: Sequence[Result | None]) -> None:
+        """Keep results as rows, in place of earlier ones of equal analyses."""
+        for result in filter(None, results):
+            key = result.analysis.key
+            others = [row for row in self.earlier if row.analysis.key != key]
+            self.earlier = (*others, result.as_row())[-KEPT_EARLIER:]
 
-    @property
-    def compared(self) -> tuple[MethodResult, ...]:
-        """The results of the methods, as far as they were run."""
-        if self.comparison:
-            order = list(METHODS)
-            found = results_among(self.comparison.results)
-            return tuple(sorted(found, key=lambda row: order.index(row.fit.method)))
-        return self.snapshot.methods if self.snapshot else ()
-
-    def compared_with_training(self) -> tuple[MethodResult, ...]:
-        """The same, and the finished training where no method ran with its settings."""
-        rows, fit, segment = self.compared, self.fit, self.segment
-        if not rows or segment is None or fit is None or not METHODS[fit.method].is_iterative:
-            return rows
-        known = any((row.fit.method, row.fit.config) == (fit.method, fit.config) for row in rows)
-        if known or fit.outcome not in (Outcome.FINISHED, Outcome.CONVERGED):
-            return rows
-        if self._own is None or self._own.fit is not fit:
-            self._own = result_of(segment, fit, self.recording)
-        return (*rows, self._own)
-
-    @property
-    def fit(self) -> Fit | None:
-        """The result of the training, or else of the snapshot shown, if there is one yet."""
-        if self.training:
-            return self.training.result
-        return self.snapshot.fit if self.snapshot else None
+    # Parameters of pages Stability and Platoon
 
     @property
     def parameter_source(self) -> Source:
-        """Where the parameters on Stability and Platoon are from: as chosen, or a newer fit."""
+        """Where the parameters on Stability and Platoon are from: as chosen, or a newer result."""
         choice = self.parameter_choice
-        is_newer = self.fit is not None and self.fit is not choice.fit
+        is_newer = self.result is not None and self.result is not choice.result
         return "fit" if is_newer else choice.source
 
     def choose_source(self, source: Source) -> None:
-        """Choose where those parameters are from, until there is a newer fit."""
+        """Choose where those parameters are from, until there is a newer result."""
         if source != self.parameter_source:
             self._forget_vehicles()
-        self.parameter_choice.source, self.parameter_choice.fit = source, self.fit
+        self.parameter_choice.source, self.parameter_choice.result = source, self.result
 
     def _forget_vehicles(self) -> None:
         """Forget what was chosen among other vehicles."""
         self.platoon_choice.reset()
         self.map_choice.reset()
 
-    @property
-    def fit_info(self) -> SegmentInfo | None:
-        """The segment that the fit is of; it is known also where the data are not."""
-        if self.segment:
-            return self.segment.info
-        return self.snapshot.info if self.snapshot else None
 
-    def uncertainty(self) -> Uncertainty | None:
-        """That of the current fit; None where there is none, or its data are not here."""
-        # Read once, as another tab of the session may change them meanwhile.
-        fit, segment, kept = self.fit, self.segment, self._uncertainty
-        if fit and kept and kept[0] is fit:
-            return kept[1]
-        if fit is None or segment is None:
-            return None
-        self._uncertainty = (fit, intervals(segment, fit))
-        return self._uncertainty[1]
-
-    @property
-    def known_adequacy(self) -> Adequacy | None:
-        """The forms of the model for the segment, if they were compared before."""
-        found = self.comparison.results if self.comparison else ()
-        if compared := next((one for one in found if isinstance(one, Adequacy)), None):
-            return compared
-        kept = self._adequacy
-        if kept and kept[0] is self.segment and kept[1] == self.case:
-            return kept[2]
-        return self.snapshot.adequacy if self.snapshot else None
-
-    def compare_forms(self) -> Adequacy | None:
-        """Compare the forms of the model on the segment, which takes some seconds once."""
-        if self.segment is None:
-            return None
-        found = self.known_adequacy or model_forms(self.segment, self.case)
-        self._adequacy = (self.segment, self.case, found)
-        return found
-
-    def as_snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Snapshot:
-        """The current result with all that the session knows of it.
-
-        Raises:
-            SnapshotError: where there is no result, or its data are not open.
-        """
-        fit, segment, old = self.fit, self.segment, self.snapshot
-        if fit is None or segment is None:
-            raise SnapshotError("There is no result with its data to save; train on a window.")
-        return create(
-            segment,
-            fit,
-            recording=self.recording,
-            facts=old.facts if old else None,
-            uncertainty=self.uncertainty(),
-            evaluation=old.evaluation if old and old.fit is fit else None,
-            methods=self.compared,
-            adequacy=self.known_adequacy,
-            name=name,
-            note=note,
-            with_data=with_data,
-        )
-
-    @property
-    def recording_duration(self) -> Seconds | None:
-        """That of the recording which the window is of, as far as it is known."""
-        if self.recording:
-            return self.recording.duration
-        return self.snapshot.facts.get("duration") if self.snapshot else None
-
-    @property
-    def true_parameters(self) -> Parameters | None:
-        """One entry a follower of the segment; None where the truth is not known."""
-        if self.truth is None:
-            return None
-        return self.truth.parameters[[number - 2 for number in self.vehicles[1:]]]
+def recording_duration(result: Result) -> Seconds | None:
+    """The duration of the recording that a result was learned from, where it is known."""
+    return result.recording.duration if result.recording else result.facts.get("duration")
 
 
 def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:

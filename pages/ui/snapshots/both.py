@@ -2,37 +2,37 @@
 
 import html
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 import streamlit as st
-from accpinn.results.snapshot import Snapshot, stability
 
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.tables.estimates import PARAMETER_COLUMNS, learned_parameters
 from accpinn.results.tables.table import ABSENT, Column, Range, Table
+from accpinn.study.analysis import differences
+from accpinn.study.result import Result
 from pages.ui.components import show
+from pages.ui.snapshots.listing import title_of
 
 
-def show_both(one: Snapshot, other: Snapshot) -> None:
+def show_both(first: Result, second: Result) -> None:
     """Parameters with intervals, Bode magnitudes, and what differs in settings and data."""
-    show.messages(other_vehicles(one, other), "warning", "compare_arrows")
-    longer = max(one.info, other.info, key=lambda info: info.followers)
+    show.messages(other_vehicles(first, second), "warning", "compare_arrows")
+    longer = max(first.info, second.info, key=lambda info: info.followers)
     colours = [colour for colour in vehicle_colours(longer.vehicles)[1:] for _ in PARAMETER_COLUMNS]
-    show.table(parameter_differences(one, other), colours)
-    _show_responses(one, other)
-    changes = differing_settings(one, other)
-    if changes.rows:
-        show.table(changes)
+    show.table(parameter_differences(first, second), colours)
+    _show_responses(first, second)
+    if changes := what_differs(first, second):
+        st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
     else:
         st.caption("Both were made with the same settings, from the same window of one recording.")
 
 
-def other_vehicles(one: Snapshot, other: Snapshot) -> str:
+def other_vehicles(first: Result, second: Result) -> str:
     """A warning where followers in the same place are not the same; else empty."""
-    pairs = zip_longest(one.info.labels[1:], other.info.labels[1:], fillvalue="no vehicle")
-    unlike = [f"{first} stands beside {second}" for first, second in pairs if first != second]
+    pairs = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue="no vehicle")
+    unlike = [f"{label} stands beside {beside}" for label, beside in pairs if label != beside]
     if not unlike:
         return ""
     return (
@@ -41,7 +41,7 @@ def other_vehicles(one: Snapshot, other: Snapshot) -> str:
     )
 
 
-def parameter_differences(one: Snapshot, other: Snapshot) -> Table:
+def parameter_differences(first: Result, second: Result) -> Table:
     """One row a follower and parameter: both values with intervals, and the second less the first.
 
     Followers are matched in driving order.
@@ -52,23 +52,23 @@ def parameter_differences(one: Snapshot, other: Snapshot) -> Table:
         Column("Δ"), Column("Δ in %"),
     )  # fmt: skip
     rows = []
-    labels = zip_longest(one.info.labels[1:], other.info.labels[1:], fillvalue=ABSENT)
-    for k, (first, second) in enumerate(labels):
-        name = first if first == second else f"{first} / {second}"
+    labels = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue=ABSENT)
+    for k, (label, beside) in enumerate(labels):
+        name = label if label == beside else f"{label} / {beside}"
         for which, column in enumerate(PARAMETER_COLUMNS):
-            (a, *cells), (b, *others) = (_estimate(s, k, which) for s in (one, other))
+            (a, *cells), (b, *others) = (_estimate(s, k, which) for s in (first, second))
             change = 100 * (b - a) / a if a else np.nan
             cells += [*others, _signed(b - a, column.digits or 0), _signed(change, 1)]
             rows.append((name, column.heading, *cells))
     return Table("Parameters", columns, tuple(rows))
 
 
-def _estimate(snapshot: Snapshot, follower: int, which: int) -> tuple[float, str, str]:
+def _estimate(result: Result, follower: int, which: int) -> tuple[float, str, str]:
     """A parameter, and how it and its interval are printed; nan for no follower."""
-    known, column = snapshot.uncertainty, PARAMETER_COLUMNS[which]
-    if follower >= snapshot.info.followers:
+    known, column = result.parts.uncertainty, PARAMETER_COLUMNS[which]
+    if follower >= result.info.followers:
         return np.nan, ABSENT, ABSENT
-    value = float(snapshot.fit.parameters.values[follower, which])
+    value = float(result.parameters.values[follower, which])
     ends = (known.lower, known.upper) if known else ()
     interval = Range(*(float(end.values[follower, which]) for end in ends)) if ends else None
     return value, column.shown(value), column.shown(interval)
@@ -79,53 +79,34 @@ def _signed(value: float, digits: int) -> str:
     return f"{value:{sign}.{digits}f}" if np.isfinite(value) else ABSENT
 
 
-def _show_responses(one: Snapshot, other: Snapshot) -> None:
+def _show_responses(first: Result, second: Result) -> None:
     """Both Bode magnitudes in one chart; nothing where the parameters of either have none."""
     charts = []
-    for snapshot in (one, other):
-        report = stability(snapshot.fit)
-        if report is None:
+    for result in (first, second):
+        if result.stability is None:
             return
-        charts.append(bode(learned_parameters(snapshot.info, snapshot.fit), report))
-    chart, second = charts
-    for trace in second.data:
+        charts.append(bode(learned_parameters(result.info, result.fit), result.stability))
+    chart, added = charts
+    for trace in added.data:
         if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):
             # The whole platoon's line is left to the first alone: the chart stays readable.
             chart.add_scatter(
                 x=trace.x, y=trace.y, mode="lines",
-                name=f"{trace.name}, {html.escape(other.name or other.id)}",
+                name=f"{trace.name}, {html.escape(title_of(second))}",
                 line={**trace.line.to_plotly_json(), "dash": "dot"},
                 hovertemplate="%{y:.2f} dB at %{x:.3f} rad/s",
             )  # fmt: skip
-    whole = " Dashed: the first one's whole platoon." if one.info.followers > 1 else ""
+    whole = " Dashed: the first one's whole platoon." if first.info.followers > 1 else ""
     st.caption(f"Bode magnitude. Full lines: the first snapshot; dotted: the second.{whole}")
     show.chart(chart, "snapshots_bode")
 
 
-def differing_settings(one: Snapshot, other: Snapshot) -> Table:
-    """The settings and data that differ, a line each."""
-    first, second = _settings(one), _settings(other)
-    rows = tuple(
-        (name, first.get(name, ABSENT), second.get(name, ABSENT))
-        for name in first | second
-        if first.get(name) != second.get(name)
+def what_differs(first: Result, second: Result) -> tuple[str, ...]:
+    """What differs in data, settings and program, a few words each."""
+    asked = differences(first.analysis, second.analysis)
+    further = (
+        ("SHA-256", first.analysis.source.sha256[:16], second.analysis.source.sha256[:16]),
+        ("iterations done", f"{first.fit.iterations:,}", f"{second.fit.iterations:,}"),
+        ("accpinn", first.origin.accpinn, second.origin.accpinn),
     )
-    columns = (Column("Setting"), Column("First", prose=True), Column("Second", prose=True))
-    return Table("What differs", columns, rows)
-
-
-def _settings(snapshot: Snapshot) -> dict[str, str]:
-    info, fit = snapshot.info, snapshot.fit
-    found: dict[str, Any] = {
-        "recording": info.source,
-        "recording's SHA-256": info.sha256[:16],
-        "window": f"{info.window}",
-        "vehicles": ", ".join(info.labels),
-        "excluded": ", ".join(info.excluded_regimes) or "nothing",
-        "method": fit.method,
-        "case": fit.case,
-        "iterations done": fit.iterations,
-        "accpinn": snapshot.origin.accpinn,
-        **fit.config,
-    }
-    return {name: str(value) for name, value in found.items()}
+    return asked + tuple(f"{name}: {a} → {b}" for name, a, b in further if a != b)

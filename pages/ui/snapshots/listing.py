@@ -4,16 +4,24 @@ from collections.abc import Callable, Sequence
 from itertools import islice
 
 import streamlit as st
-from accpinn.results.snapshot.saved import Entry
 
-from accpinn.channels import PARAMETERS
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, TITLES
+from accpinn.methods.fit import Outcome
+from accpinn.results.tables.estimates import (
+    EVERY_FOLLOWER,
+    PARAMETER_COLUMNS,
+    TITLES,
+    method_name,
+    name_of,
+)
+from accpinn.results.tables.table import supported_digits
+from accpinn.study.result import Result
+from accpinn.study.store import Entry
 from pages.ui.components.show import escape_markdown
 
 LISTED = 20
 """Rows at most; a search finds the others."""
 WIDTHS = (3.2, 4.0, 2.6, 1.4)
-"""Of a row's cells: name, where it is from, parameters, what can be done with it."""
+"""Widths of a row's cells: name, where it is from, parameters, what can be done with it."""
 
 
 def show_entries(
@@ -32,14 +40,15 @@ def show_entries(
         action: draws what else can be done with an entry.
         help: what a click does.
     """
-    found = entries
+    matching = entries
     if len(entries) > LISTED // 4:
         asked = st.text_input(
             "Search", key=f"{key}_search", icon=":material/search:", width=420,
             placeholder="name, recording, vehicle or method",
         )  # fmt: skip
-        found = [entry for entry in entries if matches(entry, asked or "")]
-    for entry in islice(found, LISTED):
+        words = (asked or "").casefold().split()
+        matching = [entry for entry in entries if all(word in entry.words for word in words)]
+    for entry in islice(matching, LISTED):
         with st.container(key=f"{key}_row_{entry.id}"):
             cells = st.columns(WIDTHS, vertical_alignment="center")
             cells[0].button(
@@ -52,22 +61,23 @@ def show_entries(
             if action:
                 with cells[3]:
                     action(entry)
-    hidden = len(found) - LISTED
+    hidden = len(matching) - LISTED
     if hidden > 0:
         st.caption(f"{hidden} more: search for them.")
-    elif not found:
+    elif not matching:
         st.caption("Nothing has these words.")
 
 
-def matches(entry: Entry, words: str) -> bool:
-    """Whether each of the words stands somewhere in what the list shows of it."""
-    shown = " ".join((title_of(entry), *_lines(entry), *entry.vehicles, entry.note, entry.id))
-    return all(word in shown.casefold() for word in words.casefold().split())
-
-
-def title_of(entry: Entry) -> str:
-    """What it is called: its name, or else its short name."""
-    return entry.name.strip() or entry.id
+def title_of(saved: Entry | Result) -> str:
+    """What a saved result is called: its name, or else method and Case."""
+    if saved.name.strip():
+        return saved.name.strip()
+    if isinstance(saved, Result):
+        title, case = name_of(saved.fit), f", Case {saved.fit.case}"
+    else:
+        title = method_name(saved.method, {"preset": saved.preset}, Outcome.FINISHED)
+        case = f", Case {saved.case}"
+    return (title + case * (len(saved.parameters) > 1)) or saved.id
 
 
 def _lines(entry: Entry) -> tuple[str, ...]:
@@ -85,6 +95,23 @@ def _lines(entry: Entry) -> tuple[str, ...]:
 def first_estimate(entry: Entry) -> str:
     """The first follower's parameters, with the digits that their intervals support."""
     shared = entry.case == "I" and len(entry.parameters) > 1
-    values = zip(PARAMETERS, entry.parameters[0], entry.digits, strict=True)
-    shown = (f"{one.symbol} {value:.{digits}f} {one.unit}" for one, value, digits in values)
+    unknown = ((float("nan"),) * 3,)
+    ends = zip((entry.lower or unknown)[0], (entry.upper or unknown)[0], strict=True)
+    shown = []
+    for column, value, (low, high) in zip(PARAMETER_COLUMNS, entry.parameters[0], ends,
+                                          strict=True):  # fmt: skip
+        digits = supported_digits(low, high, column.digits or 0)
+        shown.append(f"{column.title} {value:.{digits}f} {column.unit}")
     return f"{EVERY_FOLLOWER if shared else entry.vehicles[1]}: {', '.join(shown)}"
+
+
+def choose_entry(label: str, key: str, entries: Sequence[Entry]) -> Entry:
+    """One of them, by name; at first the newest."""
+    known = {entry.id: entry for entry in entries}
+    if st.session_state.get(key) not in known:
+        st.session_state[key] = next(iter(known))
+    chosen = st.selectbox(
+        label, list(known), key=key, width=520,
+        format_func=lambda name: f"{title_of(known[name])} · {known[name].source} · {name[:6]}",
+    )  # fmt: skip
+    return known[chosen]

@@ -1,15 +1,15 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
 import streamlit as st
-from accpinn.results.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
-from accpinn.results.snapshot.saved import Entry
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.results.messages.summary import unfinished
+from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
+from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.result.saved import banner
-from pages.ui.session import owners
+from pages.ui.session.identity import may_delete, owner_mark
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_entries, title_of
@@ -57,16 +57,16 @@ def _view(workspace: Workspace, name: str) -> None:
 
 def _save_form(workspace: Workspace) -> None:
     """Name, note and the question about the data, for the current result."""
-    fit, segment = workspace.fit, workspace.segment
+    result = workspace.result
     st.subheader("Save the current result", anchor=False)
-    if fit is None or fit.outcome is Outcome.DIVERGED:
+    if result is None or result.fit.outcome is Outcome.DIVERGED:
         st.caption("There is no result to save yet: train on a window first.")
         frame.link(frame.TRAIN, "Go to Train", workspace)
         return
-    if segment is None:
+    if not result.segments:
         st.caption("The result shown is a snapshot already, and its data are not open.")
         return
-    show.messages(unfinished(fit), "warning", "pause_circle")
+    show.messages(unfinished(result.fit), "warning", "pause_circle")
     with st.form("snapshots_form", border=False):
         name, note = st.columns((1, 1.4))
         name.text_input(
@@ -89,7 +89,7 @@ def _save_form(workspace: Workspace) -> None:
 
 def suggested_name(workspace: Workspace) -> str:
     """Which vehicle or platoon, in which recording and window."""
-    info = workspace.fit_info
+    info = workspace.info
     if info is None:
         return ""
     who = info.labels[1] if info.followers == 1 else f"{info.labels[1]} to {info.labels[-1]}"
@@ -104,7 +104,7 @@ def _save(workspace: Workspace) -> None:
             note=st.session_state["snapshots_note"].strip(),
             with_data=st.session_state["snapshots_with_data"],
         )
-        workspace.viewed = owners.save(workspace, snapshot)
+        workspace.viewed = library().add(snapshot, owner_mark(workspace.id))
         show.flash("success", f"Saved as “{snapshot.name}”.")
 
 
@@ -116,7 +116,7 @@ def _upload_form(workspace: Workspace) -> None:
         if upload is None:
             return
         with show.flashing(f"{upload.name}: "):
-            workspace.viewed = owners.save(workspace, upload.getvalue())
+            workspace.viewed = library().add(upload.getvalue(), owner_mark(workspace.id))
             show.flash("success", f"{upload.name} is whole and now kept as {workspace.viewed}.")
 
     st.subheader("Import a snapshot", anchor=False)
@@ -131,7 +131,7 @@ def _upload_form(workspace: Workspace) -> None:
 
 def _delete_button(workspace: Workspace, entry: Entry) -> None:
     """For those who may delete it."""
-    if not owners.may_delete(workspace, entry.id):
+    if not may_delete(workspace.id, entry.id):
         return
 
     def delete() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.model_adequacy import Adequacy
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import cloud_caption
@@ -35,7 +36,7 @@ class ShownVehicles:
     source: Chosen
     """Where the parameters are from, and what is known of them."""
     report: StabilityReport
-    """Of the parameters."""
+    """The stability report on the parameters."""
 
     @property
     def chosen(self) -> ParameterSet:
@@ -51,6 +52,13 @@ class ShownVehicles:
     def uncertainty(self) -> Uncertainty | None:
         """The same where the user wants to see it in charts."""
         return self.known if self.workspace.map_choice.uncertainty else None
+
+    @property
+    def adequacy(self) -> Adequacy | None:
+        """The forms of the model on the data that the parameters are from, where compared."""
+        if self.source.source == "fit":
+            return self.workspace.adequacy
+        return self.source.result.parts.adequacy if self.source.result else None
 
 
 def show_criteria(shown: ShownVehicles) -> None:
@@ -131,7 +139,7 @@ def show_reasons(shown: ShownVehicles) -> None:
 
 def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
     """The intervals of the measures of stability."""
-    source, chosen = shown.source, shown.chosen
+    chosen, result = shown.chosen, shown.source.result
     table = stability_interval_table(chosen, known)
     show.table(table, figures.colours(chosen))
     st.caption(
@@ -139,8 +147,8 @@ def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
         " of string stability: the share of samples that are stable."
     )
     show.downloads(table, f"uncertainty_{chosen.title}".lower(), "intervals")
-    if source.info:
-        show.messages(messages(known.findings, source.info))
+    if result:
+        show.messages(messages(known.findings, result.info))
 
 
 def _listed(

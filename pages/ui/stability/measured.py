@@ -36,7 +36,8 @@ def _model(chosen: ParameterSet, which: int, uncertainty: Uncertainty | None) ->
 def show_measured(shown: ShownVehicles) -> None:
     """The gain of one follower by Welch's method, beside the model's curve."""
     chosen, choice = shown.chosen, shown.workspace.map_choice
-    segment = shown.source.segment or shown.workspace.segment
+    result = shown.source.result
+    segment = (result.segment if result else None) or shown.workspace.segment
     if segment is None:
         show.messages(NO_DATA)
         return

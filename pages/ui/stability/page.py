@@ -32,7 +32,7 @@ from pages.ui.stability.measured import show_measured
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
 HEIGHT = 370
-"""Of the Bode magnitude, in pixels: the table's head is above the fold then."""
+"""Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 
@@ -84,14 +84,15 @@ def _show_answer(shown: ShownVehicles) -> None:
             lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
                      for name, l2, linf in verdicts]  # fmt: skip
             why = escape_markdown(reason(platoon.l2_weak, report))
-            of = "estimates" if source.fit else "parameters"
+            of = "estimates" if source.result else "parameters"
             st.markdown(
                 f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
                 help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
                 " last one.",
             )
-        given = GIVEN_PARAMETERS
-        assumed = conditional(source.adequacy, source.info) if source.info else given
+        result, assumed = source.result, GIVEN_PARAMETERS
+        if result:
+            assumed = conditional(shown.adequacy, result.info)
         st.caption(escape_markdown(assumed))
 
 

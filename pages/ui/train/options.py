@@ -6,7 +6,7 @@ from typing import Any
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
+from accpinn.methods.pinn.config import PRESETS, STARTS
 from pages.ui.components.widgets import bound, select
 from pages.ui.session.workspace import Workspace
 
@@ -16,35 +16,25 @@ START_HELP = (
 )
 
 
-def chosen_config(workspace: Workspace) -> PinnConfig:
-    """The preset with the user's changes.
-
-    Raises:
-        ConfigError: a setting outside its range, as one sentence.
-    """
-    changes = workspace.settings.get(workspace.preset, {})
-    return PinnConfig.from_json(PRESETS[workspace.preset].to_json() | changes)
-
-
 def show_options(workspace: Workspace) -> None:
     """All settings of the preset."""
     fields = _Fields(workspace)
     rows = [st.columns(4) for _ in range(5)]
-    fields.one(
+    fields.number(
         "iterations", "Iterations, at most", rows[0][0], step=100,
         help="Of the optimiser Adam. The fast and calibrated presets end earlier once α, β and τ"
         " stand still.",
     )  # fmt: skip
-    fields.one(
+    fields.number(
         "seed", "Seed", rows[0][1], step=1,
         help="Of the network's random initial weights and of the instants drawn at random. The same"
         " seed gives the same result.",
     )  # fmt: skip
-    fields.one(
+    fields.number(
         "learning_rate", "Learning rate", rows[0][2], step=0.001, format="%g",
         help="Adam's step. Larger is faster, until the loss no longer falls; the paper's is 0.001.",
     )  # fmt: skip
-    fields.one(
+    fields.number(
         "weight_initial", "R, weight of the first instant (Ψ_R)", rows[0][3], step=0.1, format="%g",
         help="Of the squared error at the first instant; 0 leaves the term out, the authors'"
         " notebooks use 1.",
@@ -59,12 +49,12 @@ def show_options(workspace: Workspace) -> None:
         "weight_data", ("S, weight of gaps in Ψ_D", "S, weight of speeds in Ψ_D"), rows[2][2:],
         "Of the squared distance of the network's curves from the data.",
     )  # fmt: skip
-    fields.one(
+    fields.number(
         "layers", "Hidden layers", rows[3][0], step=1,
         help="Of the network; the paper's has three. A smaller network is quicker, and the curves"
         " follow the data less closely.",
     )  # fmt: skip
-    fields.one("width", "Neurons per layer", rows[3][1], step=10, help="The paper's have sixty.")
+    fields.number("width", "Neurons per layer", rows[3][1], step=10, help="The paper's have sixty.")
     _special(workspace, fields, rows[3][2:])
     with rows[4][3]:
         st.space("stretch")
@@ -78,21 +68,21 @@ def _special(workspace: Workspace, fields: "_Fields", columns: Sequence[Any]) ->
     """What only some presets have."""
     left, right = columns
     if workspace.preset == "paper":
-        fields.one(
+        fields.number(
             "lbfgs_iterations", "L-BFGS iterations after Adam", left, step=100,
             help="The paper suggests them for the last digits, but reports none.",
         )  # fmt: skip
-        fields.one(
+        fields.number(
             "test_share", "Share kept for testing", right, step=0.05, format="%g",
             help="Instants drawn at random that the loss does not see; their loss is reported.",
         )  # fmt: skip
         return
-    fields.one(
+    fields.number(
         "highest_frequency", "Highest frequency [Hz]", left, step=0.05, format="%g",
         help="The network's curves cannot move faster than this. Platoons move below 0.1 Hz; the"
         " calibrated preset resolves 0.5 Hz to tell noise from motion.",
     )  # fmt: skip
-    fields.one(
+    fields.number(
         "batch", "Instants per iteration", right, step=100,
         help="Drawn at random for each step of Adam.",
     )  # fmt: skip
@@ -109,7 +99,7 @@ class _Fields:
     def _value(self, name: str) -> Any:
         return self.changes.get(name, self._default[name])
 
-    def one(self, name: str, label: str, column: Any, **look: Any) -> None:
+    def number(self, name: str, label: str, column: Any, **look: Any) -> None:
         """One number, whole or not as the preset has it."""
 
         def changed(value: float) -> None:

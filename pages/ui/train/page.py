@@ -9,16 +9,16 @@ import streamlit as st
 
 from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.request import WarmStart
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Case, Parameters
 from accpinn.results.figures.training import (
     loss_history,
     parameter_history,
     thinned_history,
     tracking,
 )
+from accpinn.segment.segment import Segment
+from accpinn.study.result import Result
 from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
@@ -26,14 +26,12 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments
 from pages.ui.data.validation import show_validation
-from pages.ui.result.evaluated import of_training
-from pages.ui.result.saved import banner, show_saved_result
-from pages.ui.result.view import show_evaluated
+from pages.ui.result.saved import banner, recording_needed
+from pages.ui.result.view import show_result
 from pages.ui.runs import show_runs
 from pages.ui.session.resources import store
-from pages.ui.session.resume import keep
 from pages.ui.session.workspace import Workspace
-from pages.ui.train.options import chosen_config, show_options
+from pages.ui.train.options import show_options
 
 PRESET_LINES = {
     "calibrated": "A few seconds: the network's evidence, not its loss, is maximised: no bias.",
@@ -63,55 +61,62 @@ def show_page() -> None:
 
 def _show_page(workspace: Workspace) -> None:
     """All but the list of runs."""
-    segment, snapshot = workspace.segment, workspace.snapshot
-    if segment is None:
-        if snapshot:
-            banner(workspace)
-            show_saved_result(workspace, snapshot)
-        else:
-            frame.empty_state(workspace, "Nothing to train on")
+    segment, result, training = workspace.segment, workspace.result, workspace.training
+    if segment is None and result is None:
+        frame.empty_state(workspace, "Nothing to train on")
         return
     banner(workspace)
-    st.caption(frame.segment_line(segment, workspace.case))
-    show.not_acc(segment)
-    # On a narrow screen a result comes before what led to it, while a training can be stopped.
-    done = workspace.fit is not None and not (workspace.training and workspace.training.is_active)
-    with st.container(key="later_1_train" if done else "train_controls"):
-        _controls(workspace)
-        _continue_button(workspace)
-    if training := workspace.training:
-        monitor(workspace, training, lambda running: _show_run(workspace, training, running))
-    elif snapshot:
-        show_saved_result(workspace, snapshot, lambda: _next_button(workspace))
+    if about := workspace.info:
+        st.caption(frame.segment_line(about, workspace.case))
+        show.not_acc(about)
+    if segment:
+        # On a narrow screen a result comes before what led to it, while a training can be stopped.
+        done = result is not None and not (training and training.is_active)
+        with st.container(key="later_1_train" if done else "train_controls"):
+            _controls(workspace)
+    else:
+        recording_needed(workspace, "To train on, the page needs")
+    if training and segment:
+        monitor(workspace, training, lambda running: _show_run(workspace, segment, running))
+    elif result:
+        _show_result(workspace, result)
 
 
-def _show_run(workspace: Workspace, training: Task[Fit], running: bool) -> None:
+def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
     """The training, or what was learned once it is over."""
-    if running:
-        _show_live(training, workspace.true_parameters)
-    elif result := of_training(workspace):
-        workspace.keep_run()
-        keep(workspace)
-        show_evaluated(
-            workspace, result, "train", workspace.as_snapshot, lambda: _next_button(workspace),
-            {"Validation": lambda: _show_validation(workspace)},
-        )  # fmt: skip
+    result, training = workspace.result, workspace.training
+    if running and training:
+        _show_live(training, segment, workspace.case, workspace.true_parameters)
+    elif result:
+        _show_result(workspace, result)
 
 
-def _show_live(training: Task[Fit], truth: Parameters | None) -> None:
+def _show_result(workspace: Workspace, result: Result) -> None:
+    is_saved = result is workspace.restored
+    show_result(
+        workspace, result, "train", lambda: result if is_saved else workspace.as_snapshot(),
+        (lambda: _next_button(workspace)) if workspace.segment else None,
+        {"Validation": lambda: _show_validation(workspace)} if workspace.segment else {},
+    )  # fmt: skip
+
+
+def _show_live(
+    training: Task[Result], segment: Segment, case: Case, truth: Parameters | None
+) -> None:
     """What is known so far of a training that runs.
 
     Args:
         training: whose history is shown as far as it is known.
+        segment: its data.
+        case: "I" or "II".
         truth: the true parameters, where they are known.
     """
-    history, request = training.history(), training.request
-    if history is None or request is None or history.seconds[-1] <= FIRST_DRAWING:
+    history = training.history()
+    if history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
-    segment = request.segment
-    show.vehicle_key(segment, bool(truth), segment.shares(request.case), with_solved=True)
+    show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
-    loss, alpha, beta, tau, *curves = _live_figures(training, truth, step)
+    loss, alpha, beta, tau, *curves = _live_figures(training, segment, case, truth, step)
     _show_row(("loss", loss), ("alpha", alpha))
     _show_row(("beta", beta), ("tau", tau))
     for figure in curves:
@@ -122,15 +127,12 @@ def _show_live(training: Task[Fit], truth: Parameters | None) -> None:
 
 @lru_cache(maxsize=8)  # each training at one time needs one
 def _live_figures(
-    training: Task[Fit], truth: Parameters | None, step: int
+    training: Task[Result], segment: Segment, case: Case, truth: Parameters | None, step: int
 ) -> tuple[go.Figure, ...]:
     """The figures of a training at a ``step``: loss, α, β, τ and, if known, the curves."""
-    history, request = training.history(), training.request
-    assert history is not None  # a training that has begun to draw has both
-    assert request is not None
-    segment = request.segment
-    drawn, solved = thinned_history(history, POINTS), least_squares.fit(segment, request.case)
-    curves = training.surrogate
+    history, curves = training.history(), training.surrogate
+    assert history is not None  # a training that has begun to draw has one
+    drawn, solved = thinned_history(history, POINTS), least_squares.fit(segment, case)
     return (
         loss_history(drawn),
         *(parameter_history(drawn, k, segment.info, truth, solved.parameters) for k in range(3)),
@@ -180,7 +182,7 @@ def _controls(workspace: Workspace) -> None:
     if st.session_state.get("train_options"):
         with st.container(border=True):
             show_options(workspace)
-    config = show.attempt(lambda: chosen_config(workspace))
+    config = show.attempt(lambda: workspace.config)
     with place:
         _buttons(workspace, config)
 
@@ -191,16 +193,16 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
         return
-    # From here an earlier training would go on; None where there is none.
-    asked = workspace.request(config, _stopped_warm(workspace, config)) if config else None
-    at = asked.resume_iteration(store()) if asked else None
+    asked = workspace.analysis(config) if config else None
+    at = store().stopped_at(asked) if asked else None
     label, icon = ("Start training", "play_arrow")
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
-    done = training and training.status is Status.DONE and training.request
+    answered = training.analysis if training and training.status is Status.DONE else None
+    done = answered and asked and answered.key == asked.key
     st.button(
         label,
-        type="secondary" if done and done.config == config else "primary",
+        type="secondary" if done else "primary",
         icon=f":material/{icon}:",
         key="train_start",
         disabled=config is None,
@@ -211,43 +213,16 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     if at is not None:
         st.button(
             "Start anew", icon=":material/restart_alt:", key="train_anew", on_click=_start,
-            args=(workspace, False, True),
+            args=(workspace, True),
         )  # fmt: skip
 
 
-def _continue_button(workspace: Workspace) -> None:
-    """Train on from the weights of the snapshot shown, where it has some and the data are here."""
-    training = workspace.training
-    if workspace.warm is None or (training and training.is_active):
-        return
-    st.button(
-        "Continue from these weights", icon=":material/resume:", key="train_warm", on_click=_start,
-        args=(workspace, True),
-        help="Trains this window with the preset above; in place of random weights it begins with"
-        " those of the snapshot.",
-    )  # fmt: skip
-
-
-def _start(workspace: Workspace, from_snapshot: bool = False, anew: bool = False) -> None:
+def _start(workspace: Workspace, anew: bool = False) -> None:
     """Train with the settings at the moment of the click, also when they were not drawn yet.
 
     Args:
         workspace: the session.
-        from_snapshot: begin with the weights of the snapshot shown.
         anew: begin at the first iteration, also where an earlier training stopped later.
     """
     with suppress(ConfigError):  # the page shows what is wrong with a setting
-        config = chosen_config(workspace)
-        warm = workspace.warm if from_snapshot else None
-        if not (from_snapshot or anew):
-            warm = _stopped_warm(workspace, config)
-        workspace.train(config, warm, anew)
-
-
-def _stopped_warm(workspace: Workspace, config: PinnConfig) -> WarmStart | None:
-    """The weights with which the stopped training began: going on is the same request."""
-    training = workspace.training
-    asked = training.request if training and training.status is Status.STOPPED else None
-    if asked is None or asked.config != config or asked.resume_iteration(store()) is None:
-        return None
-    return asked.warm
+        workspace.train(workspace.config, anew)
