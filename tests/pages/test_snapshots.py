@@ -119,7 +119,7 @@ class TestList:
         assert agreed in page.plain()
         page.press("snapshots_again")
         assert "Reproduced: Estimate" in page.plain()
-        assert "Estimate, Recursive" in page.plain()
+        assert "Estimate (Recursive" in page.plain()
         page.press("snapshots_open")
         assert page.workspace().restored is not None
         assert not [b.key for b in page.button if b.key == "snapshots_open"]

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from accpinn.methods.store import Store
 
 from accpinn.errors import ConfigError
 from accpinn.methods.fit import Fit, History, Outcome, Progress
