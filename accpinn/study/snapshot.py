@@ -300,14 +300,10 @@ def read(data: bytes, is_complete: bool = True) -> Result:
             arrays = _arrays(archive.read(ARRAYS))
     except SnapshotError:
         raise
-    except KeyError:
-        raise SnapshotError(
-            f"This is not an accpinn snapshot; choose a file that ends in {SUFFIX}."
-        ) from None
     except Exception:  # zip, JSON and array parsers raise many kinds for foreign bytes
         raise SnapshotError(
-            "This is not a snapshot, or it is damaged; choose a file that ends in"
-            f" {SUFFIX}, or get the file anew."
+            f"This is no whole accpinn snapshot; choose a file that ends in {SUFFIX}, or get the"
+            " file anew."
         ) from None
     if len(document) > LARGEST_DOCUMENT:
         raise SnapshotError(f"The snapshot is refused: its {DOCUMENT} is too large.")
