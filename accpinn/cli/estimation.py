@@ -50,7 +50,7 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     starts_table,
 )
-from accpinn.results.tables.stability import stability_interval_table
+from accpinn.results.tables.stability import verdict_table
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     Refused,
@@ -360,11 +360,12 @@ def _comparison_text(
 ) -> str:
     info, segment, uncertainty = results[0].info, results[0].segments[0], results[0].uncertainty
     followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
-    adequacy, each = results[0].adequacy, range(segment.followers)
+    stability, adequacy = results[0].stability, results[0].adequacy
+    each = range(segment.followers)
     tables = [
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, uncertainty),
-        stability_interval_table(followers, uncertainty),
+        *([verdict_table(followers, stability, uncertainty)] if stability else ()),
         *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
     said = [

@@ -8,7 +8,7 @@ import pandas as pd
 from accpinn.results.snapshot.archive import load
 
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.results.bundle import bundle
+from accpinn.results.report import bundle
 from tests.support.snapshots import small, whole
 
 

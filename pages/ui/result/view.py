@@ -13,7 +13,7 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case
-from accpinn.results.bundle import bundle
+from accpinn.results.report import bundle
 from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.style import vehicle_colours
