@@ -231,8 +231,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     """The result as a table and sentences; with intervals, and what lies outside."""
     fit, segment = result.fit, result.segments[0]
     uncertainty = result.uncertainty if with_intervals else None
-    errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    table = parameter_table(result.info, fit, result.quality, *errors, uncertainty)
+    table = parameter_table(result, with_intervals)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{fit.outcome.value} ({effort})", *incidents(segment, fit)]

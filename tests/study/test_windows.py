@@ -8,7 +8,7 @@ import pytest
 from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters
-from accpinn.results.tables.windows import between_table, joint_table, windows_table
+from accpinn.results.tables.estimates import between_table, joint_table, windows_table
 from accpinn.segment.segment import Segment
 from accpinn.study.windows import JointFit, fit_windows, random_effects
 from bench.disturbed import Disturbance, disturbed

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.findings import Finding, Labelled, joined, percent, who
+from accpinn.findings import Labelled, joined, percent, who
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
@@ -216,23 +216,17 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
 
 def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
-    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    info, quality, uncertainty = snapshot.info, snapshot.quality, snapshot.uncertainty
+    wide = weakly_identified(info, quality, uncertainty, snapshot.fit.case)
     on_parameters = (
         *snapshot.fit.findings,
-        *(uncertainty.findings if uncertainty else ()),
-        *(_wide_intervals(snapshot, uncertainty) if uncertainty else ()),
-        *(evaluation.whiteness.findings if evaluation else ()),
+        *uncertainty.findings,
+        *wide,
+        *narrower_intervals(info, uncertainty, wide, snapshot.facts.get("duration")),
+        *snapshot.evaluation.whiteness.findings,
     )
     return {
-        "data": messages((*info.findings, *snapshot.quality.findings), info),
+        "data": messages((*info.findings, *quality.findings), info),
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
-        "closed_loop": messages(evaluation.all_findings if evaluation else (), info),
+        "closed_loop": messages(snapshot.evaluation.all_findings, info),
     }
-
-
-def _wide_intervals(snapshot: Result, uncertainty: Uncertainty) -> tuple[Finding, ...]:
-    """The wide intervals, and what would narrow them."""
-    info = snapshot.info
-    wide = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)
-    cure = narrower_intervals(info, uncertainty, wide, snapshot.facts.get("duration"))
-    return (*wide, *cure)

@@ -130,13 +130,11 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
 
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
-    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.parts.adequacy
-    errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
+    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
+    report, adequacy = snapshot.stability, snapshot.parts.adequacy
     paints = vehicle_colours(info.vehicles)
-    first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
-    tables = {"parameters": first.coloured(rows)}
+    tables = {"parameters": parameter_table(snapshot).coloured(rows)}
     forms = adequacy.forms if adequacy else ()
     for k in range(info.followers if forms else 0):
         tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
@@ -149,7 +147,7 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 
 
 def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
-    info, uncertainty, fit = snapshot.info, snapshot.uncertainty, snapshot.fit
+    info, fit = snapshot.info, snapshot.fit
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     adequacy = snapshot.parts.adequacy
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
@@ -164,13 +162,12 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "cautions": words.cautions(snapshot),
         "motion": _placed([motion] if motion else [], shown),
         "sheets": sheets,
-        "uncertainty": uncertainty,
         "conditional": words.conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "fits": _placed(fits[1:], shown),
-        "band": words.BAND if snapshot.segment and uncertainty else "",
+        "band": words.BAND if snapshot.segment else "",
         "training": _placed(training_pictures(snapshot), shown),
-        "by_estimates": BY_ESTIMATES if uncertainty else "",
+        "by_estimates": BY_ESTIMATES,
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
@@ -293,12 +290,12 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
     if segment is None and fit.surrogate is None:
         return
-    predicted = gap_band(segment, uncertainty, fit.case) if segment and uncertainty else None
+    predicted = gap_band(segment, uncertainty, fit.case) if segment else None
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(
-            segment or info, k, fit.surrogate, snapshot.simulated, name_of(fit), predicted=predicted,
-            disturbance=disturbance,
+            segment or info, k, fit.surrogate, snapshot.simulated, name_of(fit),
+            predicted=predicted, disturbance=disturbance,
         )  # fmt: skip
         said = words.about_curves(info, fit, k, predicted)
         caption = " ".join(said) or f"{label}: space-gap and speed."
@@ -325,7 +322,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     words = (
         "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
         " Rings: below that frequency the vehicle amplifies."
-        + (f" Shaded: {100 * uncertainty.level:.0f} % intervals." if uncertainty else "")
+        f" Shaded: {100 * uncertainty.level:.0f} % intervals."
     )
     yield Picture("bode", with_legend(bode), words)
     if len(vehicles) > 1:
@@ -340,7 +337,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     words = (
         f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
         " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
-        + (f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
+        f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     )
     yield Picture("map", with_legend(chart), words)
 

@@ -3,12 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
-from math import nan
-from typing import Any
+from math import isnan, nan
 
 import numpy as np
 
-from accpinn.channels import GAP, PARAMETERS, SPEED
+from accpinn.channels import GAP, PARAMETERS, SPEED, Quantity
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -19,24 +18,27 @@ from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import (
+    ABSENT,
     Cell,
     Column,
     Estimate,
     Filled,
+    Range,
     Table,
     estimate_cells,
     percent_cells,
     range_cells,
     supported_digits,
 )
-from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
 from accpinn.study.result import Result
 from accpinn.study.starts import Spread
+from accpinn.study.windows import BetweenWindows
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP_MAE = "MAE of the space-gap"
+TOGETHER = "all together"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
 DRIVER = "Driver"
@@ -46,19 +48,14 @@ TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
 
-def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
-    """The title of a method, and in brackets what distinguishes the fit from others of it."""
-    method = METHODS.get(key)
-    if method is None:
-        return key
-    said = [method.variant(config)] if method.variant else []
-    said += ["stopped"] if outcome is Outcome.STOPPED else []
-    return f"{method.title} ({', '.join(said)})" if said else method.title
-
-
 def name_of(fit: Fit) -> str:
-    """The title of a fit's method, as `method_name` has it."""
-    return method_name(fit.method, fit.config, fit.outcome)
+    """The title of a fit's method, and in brackets what distinguishes it from others of it."""
+    method = METHODS.get(fit.method)
+    if method is None:
+        return fit.method
+    said = [method.variant(fit.config)] if method.variant else []
+    said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
+    return f"{method.title} ({', '.join(said)})" if said else method.title
 
 
 def where(info: SegmentInfo, case: Case | None = None) -> str:
@@ -93,38 +90,27 @@ def driver_cells(who: Sequence[str]) -> Iterator[Filled]:
         yield Column(DRIVER), [name or None for name in who]
 
 
-def parameter_table(
-    info: SegmentInfo,
-    fit: Fit,
-    quality: Quality,
-    surrogate: TrackingErrors | None,
-    closed_loop: TrackingErrors | None,
-    uncertainty: Uncertainty | None = None,
-) -> Table:
+def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds.
 
-    Parameters that all followers share (Case I) have a row of their own, the second.
-
-    Args:
-        info: names the leader and M followers.
-        fit: of any method.
-        quality: of the segment.
-        surrogate: errors of the method's own trajectories.
-        closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
-        uncertainty: adds intervals to the parameters, and the probability of string stability.
+    Parameters that all followers share (Case I) have a row of their own, the second. The leader of
+    the closed-loop simulation is given, so it has no error. Intervals come with the probability of
+    string stability.
     """
+    info, fit, evaluation = result.info, result.fit, result.evaluation
     numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
     estimated = [*parameter_cells(fit.parameters)]
-    if uncertainty:
-        estimated = [*_estimate_cells(fit.parameters, uncertainty), *probability_cells(uncertainty)]
+    if with_intervals:
+        known = result.uncertainty
+        estimated = [*_estimate_cells(fit.parameters, known), *probability_cells(known)]
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
         (followers, driver_cells(drivers(info))),
         (parameter_rows(info, fit.case), estimated),
-        (followers, [(Column("Mean time gap", "s", 2), quality.mean_time_gap)]),
+        (followers, [(Column("Mean time gap", "s", 2), result.quality.mean_time_gap)]),
     ]
     for group, errors, digits, driving in (
-        ("Surrogate fit, MAE", surrogate, 3, info.vehicles),
-        ("Closed-loop simulation, MAE", closed_loop, 2, followers),
+        ("Surrogate fit, MAE", evaluation.surrogate, 3, info.vehicles),
+        ("Closed-loop simulation, MAE", evaluation.closed_loop, 2, followers),
     ):
         gaps, speeds = (errors.gap_mae, errors.speed_mae[-len(driving) :]) if errors else ((), ())
         parts.append((followers, [(Column("p", "m", digits, group), gaps)]))
@@ -132,8 +118,8 @@ def parameter_table(
     columns: list[Filled] = [(Column("Vehicle"), _labels(info, numbers))]
     for vehicles, filled in parts:
         for column, cells in filled:
-            known = dict(zip(vehicles, cells, strict=False))
-            columns.append((column, [known.get(number) for number in numbers]))
+            known_cells = dict(zip(vehicles, cells, strict=False))
+            columns.append((column, [known_cells.get(number) for number in numbers]))
     return Table.of(f"{name_of(fit)}, {where(info, fit.case)}", columns)
 
 
@@ -428,5 +414,63 @@ def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
     return [float(one.gap_mae[follower]) if one else None for one in errors]
 
 
-def _absent(above: int, values: Iterable[Cell]) -> list[Cell]:
-    return [None] * above + list(values)
+def joint_table(result: Result) -> Table:
+    """One row a follower: the parameters that all windows share, and their intervals."""
+    info, seconds = result.info, sum(each.window.duration for each in result.infos)
+    case = f", Case {result.fit.case}" if info.followers > 1 else ""
+    return Table.of(
+        f"{name_of(result.fit)}, {info.source}, {len(result.infos)} windows,"
+        f" {seconds:g} s together{case}",
+        [
+            (Column("Vehicle"), info.labels[1:]),
+            *parameter_cells(result.parameters),
+            *interval_cells(result.uncertainty),
+        ],
+    )
+
+
+def windows_table(result: Result, follower: int) -> Table:
+    """One row a window for one follower (0 for the first); the joint estimate in the last."""
+    rows = [*result.windows, result]
+    known = [row.uncertainty for row in rows]
+    return Table.of(
+        result.info.labels[follower + 1],
+        [
+            (Column("Window"), [*(str(info.window) for info in result.infos), TOGETHER]),
+            *parameter_cells(Parameters.stack(row.parameters[follower] for row in rows)),
+            *interval_cells(
+                replace(
+                    result.uncertainty,
+                    lower=Parameters.stack(intervals.lower[follower] for intervals in known),
+                    upper=Parameters.stack(intervals.upper[follower] for intervals in known),
+                )
+            ),
+        ],
+    )
+
+
+def between_table(result: Result, between: BetweenWindows) -> Table:
+    """One row a parameter of one follower: how far it differs between windows."""
+    effects = between.effects
+    percent = f"{100 * result.uncertainty.level:.0f} % interval"
+    pairs = list(zip(PARAMETERS, effects, strict=True))
+    return Table.of(
+        f"{result.info.label(between.vehicle)}, differences between windows",
+        [
+            (Column("Parameter"), [quantity.heading for quantity in PARAMETERS]),
+            (Column("Median"), [_text(quantity, effect.typical) for quantity, effect in pairs]),
+            (Column("further window", group=percent),
+             [_text(quantity, *effect.further) for quantity, effect in pairs]),
+            (Column("Deviation", "%", 0), percent_cells([e.deviation for e in effects])),
+            (Column("Deviation", "%", 0, percent),
+             [Range(100.0 * effect.lower, 100.0 * effect.upper) for effect in effects]),
+            (Column("Q", "", 1), [effect.q for effect in effects]),
+            (Column("Probability", "", 3), [effect.probability for effect in effects]),
+            (Column("I²", "%", 0), percent_cells([effect.i_squared for effect in effects])),
+        ],
+    )  # fmt: skip
+
+
+def _text(quantity: Quantity, *values: float) -> str:
+    """A value, or the ends of an interval, with the digits of the quantity."""
+    return ABSENT if isnan(values[0]) else " to ".join(map(quantity.text, values))

@@ -102,7 +102,7 @@ def _show_checks(result: Evaluated) -> None:
         "collision-free": messages(events or (), info),
         "explained": messages(residual.findings if residual else (), info),
     }
-    found = checks(info, fit, uncertainty, events, residual)
+    found = checks(result)
     with st.container(horizontal=True, gap="small", key="checks"):
         for name, each in groupby(found, lambda check: check.name):
             _show_check(info, name, [*each], evidence[name])
@@ -123,9 +123,7 @@ def _show_check(
 
 def _parameter_table(result: Evaluated) -> Table:
     """All that is known of each vehicle."""
-    info, fit, found = result.info, result.fit, result.evaluation
-    errors = (found.surrogate, found.closed_loop) if found else (None, None)
-    table = tables.parameter_table(info, fit, result.quality, *errors, result.uncertainty)
+    info, fit, table = result.info, result.fit, tables.parameter_table(result)
     return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 

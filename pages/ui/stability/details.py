@@ -64,8 +64,8 @@ def show_criteria(shown: ShownVehicles) -> None:
     table = stability_table(shown.chosen, shown.report, shown.known)
     show.table(without_parameters(table), figures.colours(shown.chosen))
     posterior = (
-        " Probability, verdict and the intervals in brackets: from posterior samples of a model with"
-        " disturbances that last for seconds."
+        " Probability and intervals: from posterior samples of a model with disturbances that last"
+        " for seconds."
     )
     st.caption(
         "Stable and the criteria: by the estimates. Smallest stable time headway: that of this"

@@ -3,7 +3,7 @@
 import numpy as np
 
 from accpinn.model.published import ASTAZERO
-from accpinn.results.figures.measured_gain import Model, measured_bode
+from accpinn.results.figures.stability import Model, measured_bode
 from accpinn.stability.frequency import response
 from accpinn.stability.measured_gain import measured_gain
 from tests.support.figures import legend, named

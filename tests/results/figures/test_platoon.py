@@ -13,7 +13,7 @@ from accpinn.platoon.leader import Brake, Recorded, Sinusoid, SpeedStep
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation
-from accpinn.results.figures.paper_panels import PANELS, paper_panels
+from accpinn.results.figures.platoon import PANELS, paper_panels
 from accpinn.results.figures.style import FOLLOWERS, LEADER
 from accpinn.stability.frequency import response
 from tests.support.driving import MIXED, driven
