@@ -153,14 +153,9 @@ def profiles(
     run: PlatoonRun, cast: Cast, span: Span | None = None, measured: Segment | None = None,
     height: int = 540,
 ) -> go.Figure:  # fmt: skip
-    """Speeds of all vehicles, and the gaps of the followers, over time.
+    """Speeds of all vehicles, and the gaps of the followers, over a part of a run (by default all).
 
-    Args:
-        run: the simulated platoon.
-        cast: its labels and colours.
-        span: the part to draw; by default all.
-        measured: the recording whose leader drives, to draw its followers, dashed.
-        height: in pixels.
+    Followers that were measured behind the same leader are drawn dashed. The height is in pixels.
     """
     driven = run.valid
     rows = _within(driven.time, span)
@@ -257,12 +252,7 @@ def time_space(
 ) -> go.Figure:  # fmt: skip
     """The time-space diagram: each vehicle's position over time, coloured by its speed.
 
-    Args:
-        run: the simulated platoon.
-        cast: its labels and colours.
-        span: the part to draw; by default all.
-        view: where it is seen from.
-        height: in pixels.
+    It shows a part of a run (by default all) as seen from somewhere. The height is in pixels.
     """
     driven = run.valid
     inside = _within(driven.time, span)

@@ -105,14 +105,9 @@ def bode(
 ) -> go.Figure:  # fmt: skip
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
-    Every point carries the vehicle's index as its custom data, -1 for the whole platoon.
-
-    Args:
-        vehicles: their names and parameters.
-        report: their peaks and crossovers.
-        uncertainty: adds the interval of |H| under the curve of every vehicle whose parameters are
-            determined.
-        height: in pixels.
+    Every point carries the vehicle's index as its custom data, -1 for the whole platoon. The
+    uncertainty adds the interval of |H| under the curve of every vehicle whose parameters are
+    determined. The height is in pixels.
     """
     omega = _frequencies(report)
     gains = np.abs(response(vehicles.parameters, omega))
@@ -240,13 +235,9 @@ def stability_map(
 ) -> go.Figure:  # fmt: skip
     """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
 
-    Args:
-        vehicles: the vehicles.
-        report: about them.
-        held: index of the vehicle whose third parameter the map keeps.
-        plane: "beta" keeps that vehicle's α, "alpha" its β.
-        uncertainty: adds parameter sets consistent with the data; one with α = 0 has no time
-            headway, hence no place on the map.
+    The map keeps the third parameter of the vehicle of index ``held``: the plane "beta" its α,
+    "alpha" its β. The uncertainty adds parameter sets consistent with the data; one with α = 0 has
+    no time headway, hence no place on the map.
     """
     kept, along_beta = vehicles.parameters[held], plane == "beta"
     own = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
@@ -369,14 +360,7 @@ class Model:
 def measured_bode(
     measured: MeasuredGain, name: str, colour: str, model: Model | None = None
 ) -> go.Figure:
-    """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below.
-
-    Args:
-        measured: the measured gain.
-        name: of the vehicle that was measured.
-        colour: of the vehicle.
-        model: whose curve is drawn as well.
-    """
+    """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below."""
     low, high = min(SPAN[0], float(measured.omega[0])), max(SPAN[1], float(measured.omega[-1]))
     traces = [*_model_curve(model, low, high, colour, measured.level)] if model else []
     levels = decibels(measured.gain)

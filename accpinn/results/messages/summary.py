@@ -66,12 +66,7 @@ def unfinished(fit: Fit) -> str:
 
 
 def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
-    """What estimates and intervals assume, and for whom another form of the model is better.
-
-    Args:
-        adequacy: the comparison of the forms on the segment, if there is one.
-        about: names the vehicles.
-    """
+    """What estimates and intervals assume, and for whom another form of the model is better."""
     assumption = "Estimates and intervals assume the CTHP."
     if adequacy is None or not adequacy.forms:
         return (
@@ -88,12 +83,7 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:
-    """The methods whose estimates lie outside the intervals, by parameter.
-
-    Args:
-        rows: the results of the methods.
-        follower: index of the follower, from 0.
-    """
+    """The methods whose estimates for a follower (0 for the first) lie outside the intervals."""
     uncertainty = rows[0].uncertainty
     if np.isnan(uncertainty.lower[follower].values).all():
         return "These data determine none of α, β and τ, so the methods cannot be compared."
@@ -117,14 +107,7 @@ def _is_outside(row: Result, follower: int, which: int) -> bool:
 def about_curves(
     info: SegmentInfo, fit: Fit, follower: int, band: GapBand | None = None
 ) -> tuple[str, ...]:
-    """The coverage of a follower's band and the size of its disturbance.
-
-    Args:
-        info: names the vehicles.
-        fit: the fit of any method.
-        follower: index of the follower, from 0.
-        band: the band, if there is one.
-    """
+    """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
     vehicles = (0, info.vehicles[follower + 1])
     coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
     sizes = [size for size in disturbance_sizes(info.vehicles, fit) if size.vehicle in vehicles]

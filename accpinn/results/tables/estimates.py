@@ -176,11 +176,8 @@ def comparison_table(
 ) -> Table:
     """One row a follower: for each parameter, what each method finds, or the truth.
 
-    Args:
-        info: of the segment with M followers.
-        estimates: (M,) by method.
-        case: in Case I all followers share one row.
-        uncertainty: limits the digits to those that the intervals support.
+    Estimates are (M,) by method; in Case I all followers share one row. The uncertainty limits the
+    digits to those that the intervals support.
     """
     numbers, columns = parameter_rows(info, case), supported_columns(uncertainty)
     filled = [
@@ -240,13 +237,7 @@ def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
-    """One row a training of one follower (0 for the first), and the spread in the last.
-
-    Args:
-        results: of analyses that differ in initial values and seed.
-        spread: how far apart they end.
-        follower: 0 for the first.
-    """
+    """One row a training of one follower (0 for the first), and the spread in the last."""
     info, fits = results[0].info, [result.fit for result in results]
     starts = [", ".join(f"{value:g}" for value in fit.config["initial"]) for fit in fits]
     evaluations = [result.evaluation for result in results]
@@ -321,29 +312,31 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         now: the present result of each method; where there is none, no differences are shown.
         vehicle: its number in the file.
     """
-    rows = [result for result in earlier if vehicle in result.info.vehicles[1:]]
-    then = Parameters.stack(_of_vehicle(result, vehicle) for result in rows)
+    rows = [result for result in earlier if _has_follower(result, vehicle)]
+    then = [_of_vehicle(result, vehicle) for result in rows]
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [earlier_title(result) for result in rows]),
-        *parameter_cells(then),
+        *parameter_cells(Parameters.stack(then)),
         (Column("Closed loop", "m", 2, GAP_MAE), [_gap_error(row, vehicle) for row in rows]),
     ]
     if now:
-        present = [now.get(result.fit.method) for result in rows]
-        known = [other and vehicle in other.info.vehicles[1:] for other in present]
-        change = [
-            _of_vehicle(other, vehicle).values if other and is_known else np.full(3, np.nan)
-            for other, is_known in zip(present, known, strict=True)
-        ] - then.values
-        differs = [
-            "; ".join(differences(row.analysis, other.analysis)) or "nothing"
-            if other and is_known
-            else None
-            for row, other, is_known in zip(rows, present, known, strict=True)
-        ]
+        change, differs = [], list[str | None]()
+        for row, before in zip(rows, then, strict=True):
+            present = now.get(row.fit.method)
+            if present and _has_follower(present, vehicle):
+                change.append(_of_vehicle(present, vehicle).values - before.values)
+                asked = differences(row.analysis, present.analysis)
+                differs.append("; ".join(asked) or "nothing")
+            else:
+                change.append(np.full(3, nan))
+                differs.append(None)
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
+
+
+def _has_follower(result: Result, vehicle: int) -> bool:
+    return vehicle in result.info.vehicles[1:]
 
 
 def _of_vehicle(result: Result, vehicle: int) -> Parameters:
@@ -353,8 +346,7 @@ def _of_vehicle(result: Result, vehicle: int) -> Parameters:
 def _gap_error(result: Result, vehicle: int) -> float:
     """The closed-loop MAE of a vehicle's space-gap in m; nan where it was not computed."""
     errors = result.parts.evaluation and result.parts.evaluation.closed_loop
-    follower = result.info.vehicles[1:].index(vehicle)
-    return float(errors.gap_mae[follower]) if errors else float("nan")
+    return float(errors.gap_mae[result.info.vehicles[1:].index(vehicle)]) if errors else nan
 
 
 def earlier_title(result: Result) -> str:
@@ -390,13 +382,7 @@ def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
 
 
 def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
-    """A row a follower: MAE of space-gap and speed in closed loop, on both windows.
-
-    Args:
-        info: of the segment learned from.
-        other: of the one validated on.
-        validation: the errors.
-    """
+    """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another."""
     source = "" if info.source == other.source else f"{other.source}, "
     filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
     for group, key, errors in (
@@ -411,12 +397,12 @@ def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validati
 
 
 def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
-    return [float(one.gap_mae[follower]) if one else None for one in errors]
+    return [float(error.gap_mae[follower]) if error else None for error in errors]
 
 
 def joint_table(result: Result) -> Table:
     """One row a follower: the parameters that all windows share, and their intervals."""
-    info, seconds = result.info, sum(each.window.duration for each in result.infos)
+    info, seconds = result.info, sum(part.window.duration for part in result.infos)
     case = f", Case {result.fit.case}" if info.followers > 1 else ""
     return Table.of(
         f"{name_of(result.fit)}, {info.source}, {len(result.infos)} windows,"

@@ -37,9 +37,7 @@ def verification_table(verification: Verification) -> Table:
 def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
     """A row a follower: printed parameters and verdicts, and what follows from the parameters.
 
-    Args:
-        printed: what the paper says.
-        learned: (M,) what was learned here from the same data; adds its columns.
+    Parameters (M,) that were learned here from the same data stand beside the printed ones.
     """
     assessed = printed.report.vehicles
     return Table.of(
