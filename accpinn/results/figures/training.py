@@ -114,14 +114,11 @@ def parameter_history(
     names, colours = segment.labels[1:], vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [SHARED]
-    x, ends, traces = _counted(history), _interval(history, which), []
+    ends, traces = _interval(history, which), list[Part]()
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
-            traces.append({
-                "x": np.concatenate([x, x[::-1]]), "fill": "toself", "opacity": 0.25,
-                "y": np.concatenate([ends[0][:, k], ends[1][::-1, k]]), "mode": "lines",
-                "line": {"width": 0, "color": colour}, "hoverinfo": "skip", "showlegend": False,
-            })  # fmt: skip
+            low, high = (end[:, k] for end in ends)
+            traces.append(band(_counted(history), low, high, colour, 0.125))
         traces.append(
             _line(history, values[:, k], html.escape(name), {"color": colour, "width": 2})
         )
