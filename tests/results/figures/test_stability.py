@@ -1,4 +1,4 @@
-"""Bode magnitude, criteria along the platoon and maps: what they draw."""
+"""Bode magnitude, computed and measured, criteria along the platoon and maps: what they draw."""
 
 from dataclasses import replace
 
@@ -13,6 +13,7 @@ from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.style import FOLLOWERS, SERIES
 from accpinn.stability.frequency import response
+from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
 from accpinn.units import FloatArray
 from tests.support import draws
@@ -248,3 +249,25 @@ class TestUncertainty:
         draws[: count // 10, 0, 2] = 99.0
         assert f"{10 / len(vehicles):.0f} % of them lie beyond" in caption(draws)
         assert "%" not in caption(np.full_like(draws, np.nan))
+
+
+def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> None:
+    measured, audi = measured_gain(sample(PLATOON).segment, 0), ASTAZERO.parameters[0]
+    model = figures.Model("Audi", audi, ASTAZERO.parameters)
+    figure = figures.measured_bode(measured, "<2> Audi", "#0c7eae", model)
+    points, clear = named(figure, "&lt;2&gt; Audi, measured"), measured.coherent
+    np.testing.assert_array_equal(points.x, measured.omega[clear])
+    np.testing.assert_allclose(points.y, 20 * np.log10(measured.gain[clear]))
+    upper = 10 ** ((np.asarray(points.y) + points.error_y.array) / 20)
+    np.testing.assert_allclose(upper, measured.upper[clear])
+    faint = named(figure, "&lt;2&gt; Audi, measured, not coherent")
+    assert len(faint.x) == (~clear).sum()
+    assert faint.opacity < points.opacity
+    curve = named(figure, "Audi, model")
+    gain = np.abs(response(ASTAZERO.parameters[:1], np.asarray(curve.x)))[0]
+    np.testing.assert_allclose(curve.y, 20 * np.log10(gain))
+    assert len(legend(figure)) == 3
+    (area,) = (trace for trace in figure.data if trace.fill == "toself")
+    assert np.isfinite(area.y).all()
+    alone = figures.measured_bode(measured, "BMW", "#d8660c")
+    assert not any(trace.fill or "model" in trace.name for trace in alone.data)
