@@ -430,24 +430,18 @@ def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
     reach: dict[int, float] = {}
     for (k, _), run in zip(PANELS, runs, strict=True):
         reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
-    return tuple(
-        (
-            f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}",
-            _panel(run, k, letter, reach[k]),
-        )
-        for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True)
-    )
-
-
-def _panel(run: PlatoonRun, k: int, letter: str, reach: float) -> go.Figure:
-    cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
-    lines = [
-        line_of(driven.time, driven.speeds[:, vehicle], cast, vehicle, points=PANEL_POINTS)
-        for vehicle in [*range(1, PANEL_FOLLOWERS + 1), 0]
-    ]
-    speed = run.leader.speed
-    axes = {"y": {"range": [speed - reach, speed + reach]}}
-    return composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
+    panels = []
+    for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True):
+        cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
+        lines = [
+            line_of(driven.time, driven.speeds[:, vehicle], cast, vehicle, points=PANEL_POINTS)
+            for vehicle in [*range(1, PANEL_FOLLOWERS + 1), 0]
+        ]
+        axes = {"y": {"range": [run.leader.speed - reach[k], run.leader.speed + reach[k]]}}
+        figure = composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
+        title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
+        panels.append((title, figure))
+    return tuple(panels)
 
 
 def _fate(run: PlatoonRun) -> str:
