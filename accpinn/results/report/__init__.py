@@ -56,7 +56,7 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
-from accpinn.results.tables.stability import stability_table, without_parameters
+from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.tables.verification import verification_table
 from accpinn.segment.segment import SegmentInfo
@@ -222,7 +222,7 @@ def _sheet(table: Table, name: str) -> dict[str, Any]:
     )
     return {
         # The first page has α, β and τ; they would not leave the verdicts room.
-        "html": Markup((without_parameters(table) if name == "stability" else table).to_html()),
+        "html": Markup((criteria_part(table) if name == "stability" else table).to_html()),
         "wide": len(table.columns) > WIDE,
         "files": [
             (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")

@@ -34,7 +34,7 @@ PEAK_AT = Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2)
 BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
 STABLE, EXACT = "Stable", Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
-VERDICT = "Verdict"
+PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
 WORDS: Mapping[Assessment, str] = {
     "unstable": "unstable",
@@ -78,9 +78,10 @@ def stability_table(
     )
 
 
-def without_parameters(table: Table) -> Table:
-    """A `stability_table` without what `verdict_table` shows: α, β, τ, the posterior's verdicts."""
-    return table.only(lambda column: column.key not in PARAMETER_KEYS and column.title != VERDICT)
+def criteria_part(table: Table) -> Table:
+    """A `stability_table` without parameters and probabilities, where these stand elsewhere."""
+    aside = (PROBABILITY, VERDICT)
+    return table.only(lambda column: column.key not in PARAMETER_KEYS and column.title not in aside)
 
 
 def verdict_table(
@@ -108,7 +109,7 @@ def _decibels(gain: Interval) -> Interval:
 def _posterior(group: str, shares: FloatArray | None) -> Iterator[Filled]:
     """The probability of string stability, and what it amounts to."""
     if shares is not None:
-        yield Column("Probability", "%", 0, group), percent_cells(shares)
+        yield Column(PROBABILITY, "%", 0, group), percent_cells(shares)
         yield Column(VERDICT, group=group), [WORDS[assessment(share)] for share in shares]
 
 

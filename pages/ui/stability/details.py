@@ -13,8 +13,8 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
 from accpinn.results.tables.stability import (
     answer,
+    criteria_part,
     stability_table,
-    without_parameters,
 )
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
 from pages.ui.components import show
@@ -62,10 +62,10 @@ def show_criteria(shown: ShownVehicles) -> None:
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
     table = stability_table(shown.chosen, shown.report, shown.known)
-    show.table(without_parameters(table), figures.colours(shown.chosen))
+    show.table(criteria_part(table), figures.colours(shown.chosen))
     posterior = (
-        " Probability and intervals: from posterior samples of a model with disturbances that last"
-        " for seconds."
+        " In brackets: intervals from posterior samples of a model with disturbances that last for"
+        " seconds."
     )
     st.caption(
         "Stable and the criteria: by the estimates. Smallest stable time headway: that of this"

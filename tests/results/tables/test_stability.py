@@ -14,10 +14,10 @@ from accpinn.platoon.simulation import simulate_platoon
 from accpinn.results.tables.stability import (
     WORDS,
     amplitude_table,
+    criteria_part,
     measured_gain_table,
     stability_table,
     verdict_table,
-    without_parameters,
 )
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import assessment, stability_report
@@ -85,7 +85,7 @@ def test_given_parameters_have_verdicts_by_the_criteria() -> None:
     assert [tesla[head] for head in verdicts] == ["NO", "NO"]
     assert [calm[head] for head in verdicts] == ["YES", "YES"]
     assert tesla[L2, "Peak"] == pytest.approx(0.3395, abs=5e-5)
-    short = without_parameters(stability_table(pair, stability_report(pair.parameters)))
+    short = criteria_part(stability_table(pair, stability_report(pair.parameters)))
     assert "α" not in [column.title for column in short.columns]
 
 
