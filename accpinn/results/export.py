@@ -28,7 +28,7 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
 
 SAMPLES = 100
-"""Of the posterior in a distribution of vehicle types."""
+"""Number of posterior draws in a distribution of vehicle types."""
 GAP_REGIMES = ("gapControl", "gapClosingControl", "collisionAvoidance")
 NOT_BINDING = {
     "minGap": "0",

@@ -240,8 +240,8 @@ def stability_map(
     no time headway, hence no place on the map.
     """
     kept, along_beta = vehicles.parameters[held], plane == "beta"
-    own = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
-    right = max(1.35 * max(own), 0.6 if along_beta else 0.15)
+    across_map = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
+    right = max(1.35 * max(across_map), 0.6 if along_beta else 0.15)
     along = np.linspace(right / ALONG, right, ALONG)
     grid = Parameters(kept.alpha, along, 0.0) if along_beta else Parameters(along, kept.beta, 0.0)
     edges = {name: headway(grid) for name, (headway, _, _) in BOUNDARIES.items()}
@@ -255,7 +255,7 @@ def stability_map(
         for name, (_, colour, dash) in BOUNDARIES.items()
     ]  # fmt: skip
     traces.append({
-        "x": own, "y": vehicles.parameters.tau, "mode": "markers", "showlegend": False,
+        "x": across_map, "y": vehicles.parameters.tau, "mode": "markers", "showlegend": False,
         "text": [
             f"{html.escape(label)}<br>α {p.alpha:.4g}, β {p.beta:.4g}, τ {p.tau:.4g}"
             for label, p in zip(vehicles.labels, vehicles.parameters, strict=True)
