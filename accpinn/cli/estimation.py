@@ -50,7 +50,7 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     starts_table,
 )
-from accpinn.results.tables.stability import stability_interval_table
+from accpinn.results.tables.stability import verdict_table
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     Refused,
@@ -230,8 +230,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     """The result as a table and sentences; with intervals, and what lies outside."""
     fit, segment = result.fit, result.segments[0]
     uncertainty = result.uncertainty if with_intervals else None
-    errors = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    table = parameter_table(result.info, fit, result.quality, *errors, uncertainty)
+    table = parameter_table(result, with_intervals)
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{fit.outcome.value} ({effort})", *incidents(segment, fit)]
@@ -359,11 +358,12 @@ def _comparison_text(
 ) -> str:
     info, segment, uncertainty = results[0].info, results[0].segments[0], results[0].uncertainty
     followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
-    adequacy, each = results[0].adequacy, range(segment.followers)
+    stability, adequacy = results[0].stability, results[0].adequacy
+    each = range(segment.followers)
     tables = [
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, uncertainty),
-        stability_interval_table(followers, uncertainty),
+        *([verdict_table(followers, stability, uncertainty)] if stability else ()),
         *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
     ]
     said = [

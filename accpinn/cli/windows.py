@@ -26,7 +26,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
-from accpinn.results.tables.windows import between_table, joint_table, windows_table
+from accpinn.results.tables.estimates import between_table, joint_table, windows_table
 from accpinn.segment.cut import DURATION, disjoint_windows
 from accpinn.segment.quality import assess_quality
 from accpinn.study.result import Result

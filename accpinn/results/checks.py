@@ -2,18 +2,18 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import Literal
 
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.evaluation.closed_loop import ClosedLoopFinding
-from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual, Whiteness
+from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual, WhitenessFinding
 from accpinn.findings import Labelled
 from accpinn.inference.identifiability import WIDE, wide_intervals
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit, IterationsExhausted, Outcome
-from accpinn.segment.segment import SegmentInfo
+from accpinn.study.result import Result
 
 SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 CheckName = Literal["converged", "inside", "identified", "collision-free", "explained"]
@@ -79,69 +79,49 @@ def label_of(group: Sequence[Check]) -> str:
     return f"{TITLES[group[0].name]}: {', '.join(check.answer for check in group)}"
 
 
-def checks(
-    info: SegmentInfo,
-    fit: Fit,
-    uncertainty: Uncertainty | None,
-    events: Sequence[ClosedLoopFinding] | None,
-    residual: Whiteness | None,
-) -> tuple[Check, ...]:
-    """All checks of a fit, in the order in which they are shown; three are on identifiability.
-
-    Args:
-        info: the description of the segment with M followers.
-        fit: the fit of any method.
-        uncertainty: the uncertainty of its parameters.
-        events: the findings of its closed-loop simulation; None where nothing was simulated.
-        residual: the residual of the model with its parameters.
-    """
-    colliding = [event.vehicle for event in events or ()]
+def checks(result: Result) -> tuple[Check, ...]:
+    """All checks of a result, in the order in which they are shown; three on identifiability."""
+    vehicles, uncertainty = result.info.vehicles[1:], result.uncertainty
+    evaluation = result.evaluation
+    outside = np.logical_not(uncertainty.inside.all(axis=1)).tolist()
+    is_determined = bool(np.isfinite(uncertainty.centre.alpha).all())
+    colliding = [event.vehicle for event in evaluation.all_findings]
     return (
-        Check("converged", _converged(fit)),
-        _inside(info, uncertainty),
-        *_identified(info, uncertainty),
-        _check("collision-free", events is not None, colliding),
-        _explained(residual),
+        Check("converged", _has_converged(result.fit)),
+        _check("inside", compress(vehicles, outside), is_determined),
+        *_identified(vehicles, uncertainty),
+        _check("collision-free", colliding),
+        _explained(evaluation.whiteness.findings),
     )
 
 
-def _check(name: CheckName, is_known: bool, failing: Iterable[int], symbol: str = "") -> Check:
+def _check(
+    name: CheckName, failing: Iterable[int], is_known: bool = True, symbol: str = ""
+) -> Check:
+    """A check that some vehicles fail; without any it passes where the answer is known."""
     vehicles = tuple(sorted({*failing}))
-    return Check(name, not vehicles if is_known else None, vehicles, symbol)
+    return Check(name, not vehicles if is_known or vehicles else None, vehicles, symbol)
 
 
-def _converged(fit: Fit) -> bool:
+def _has_converged(fit: Fit) -> bool:
     if fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED):
         return False
     return not any(isinstance(finding, IterationsExhausted) for finding in fit.findings)
 
 
-def _inside(info: SegmentInfo, uncertainty: Uncertainty | None) -> Check:
-    if uncertainty is None:
-        return Check("inside", None)
-    outside = ~uncertainty.inside.all(axis=1)
-    is_known = bool(np.isfinite(uncertainty.centre.alpha).all())
-    failing = np.array(info.vehicles[1:])[outside].tolist()
-    return _check("inside", is_known or bool(failing), failing)
-
-
-def _identified(info: SegmentInfo, uncertainty: Uncertainty | None) -> Iterator[Check]:
-    wide = [_wide(uncertainty, k) for k in range(info.followers)] if uncertainty else []
+def _identified(vehicles: Sequence[int], uncertainty: Uncertainty) -> Iterator[Check]:
+    """For each parameter: its intervals are wide, or the data determine none of a follower's."""
+    wide = dict[int, Sequence[str]]()
+    for k, vehicle in enumerate(vehicles):
+        wide[vehicle] = [interval.symbol for interval in wide_intervals(uncertainty, k)]
+        if np.isnan(uncertainty.centre[k].alpha):
+            wide[vehicle] = SYMBOLS
     for symbol in SYMBOLS:
-        pairs = zip(info.vehicles[1:], wide, strict=False)
-        failing = [vehicle for vehicle, symbols in pairs if symbol in symbols]
-        yield _check("identified", uncertainty is not None, failing, symbol)
+        failing = (vehicle for vehicle, symbols in wide.items() if symbol in symbols)
+        yield _check("identified", failing, symbol=symbol)
 
 
-def _wide(uncertainty: Uncertainty, follower: int) -> Sequence[str]:
-    """The symbols of parameters with wide intervals; all if the data determine none."""
-    if np.isnan(uncertainty.centre[follower].alpha):
-        return SYMBOLS
-    return [interval.symbol for interval in wide_intervals(uncertainty, follower)]
-
-
-def _explained(residual: Whiteness | None) -> Check:
-    findings = residual.findings if residual else ()
+def _explained(findings: Sequence[WhitenessFinding]) -> Check:
     failing = [finding.vehicle for finding in findings if isinstance(finding, CorrelatedResidual)]
     is_known = bool(findings) and not any(isinstance(f, ShortResidual) for f in findings)
-    return _check("explained", is_known or bool(failing), failing)
+    return _check("explained", failing, is_known)

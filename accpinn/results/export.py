@@ -28,7 +28,7 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
 
 SAMPLES = 100
-"""Of the posterior in a distribution of vehicle types."""
+"""Number of posterior draws in a distribution of vehicle types."""
 GAP_REGIMES = ("gapControl", "gapClosingControl", "collisionAvoidance")
 NOT_BINDING = {
     "minGap": "0",
@@ -65,18 +65,18 @@ def sumo_types(
         )
     )
     for k, name in enumerate(names):
-        own, label = parameters[k].values, _identifier(name, k)
-        if not np.isfinite(own).all():
+        values, label = parameters[k].values, _identifier(name, k)
+        if not np.isfinite(values).all():
             raise ParameterError(f"{name}: τ is undetermined, so SUMO cannot use the parameters.")
-        root.append(_type(label, own))
+        root.append(_type(label, values))
         if draws is None or not np.isfinite(draws[:, k].values).all():
             continue
         mixture = ElementTree.SubElement(root, "vTypeDistribution", id=f"{label}_samples")
         count = len(draws.alpha)
         for i in range(count):
-            one = _type(f"{label}_{i}", draws.values[i, k])
-            one.set("probability", f"{1 / count:.12g}")
-            mixture.append(one)
+            member = _type(f"{label}_{i}", draws.values[i, k])
+            member.set("probability", f"{1 / count:.12g}")
+            mixture.append(member)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
@@ -96,35 +96,30 @@ def _identifier(name: str, follower: int) -> str:
     return f"F{follower + 1}_{re.sub(r'[^A-Za-z0-9.-]+', '_', name).strip('_') or 'vehicle'}"
 
 
-def _some(draws: Parameters, count: int) -> Parameters:
-    """So many of the draws (n, M), evenly chosen; all where there are no more."""
-    if count < 1:
-        raise ConfigError(f"samples: {count} is not allowed; choose 0 or more.")
-    most = len(draws.alpha)
-    count = min(count, most)
-    rows = ((np.arange(count) + 0.5) * most / count).astype(int)
-    return Parameters.of(draws.values[rows])
-
-
 def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
     """The additional file for SUMO of a snapshot.
 
     Args:
-        snapshot: with the parameters, and draws of the posterior where it holds some.
-        samples: how many of these a distribution holds; 0 for none.
+        snapshot: the parameters and the draws of their posterior.
+        samples: number of draws in a distribution, evenly chosen; 0 for no distribution.
 
     Raises:
         ParameterError: where a follower's τ is undetermined.
         ConfigError: for a number of samples that is not allowed.
     """
-    known = snapshot.uncertainty
-    draws = _some(known.draws, samples) if known and samples else None
-    return sumo_types(snapshot.info.names[1:], snapshot.fit.parameters, draws)
+    if samples < 0:
+        raise ConfigError(f"samples: {samples} is not allowed; choose 0 or more.")
+    draws = snapshot.uncertainty.draws if samples else None
+    if draws:
+        most = len(draws.alpha)
+        count = min(samples, most)
+        draws = draws[((np.arange(count) + 0.5) * most / count).astype(int)]
+    return sumo_types(snapshot.info.names[1:], snapshot.parameters, draws)
 
 
 def parameter_card(snapshot: Result) -> dict[str, Any]:
     """The parameters of a snapshot with intervals, provenance and attribution, ready for JSON."""
-    info, fit, known = snapshot.info, snapshot.fit, snapshot.uncertainty
+    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
     return {
         "format": CARD_FORMAT,
         "model": {
@@ -132,8 +127,8 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
             "equations": ["dp/dt = Δv", "dv/dt = α (p - τ v) + β Δv"],
             "units": {quantity.key: quantity.unit for quantity in PARAMETERS},
         },
-        "level": known.level if known else None,
-        "interval_method": known.method if known else None,
+        "level": uncertainty.level,
+        "interval_method": uncertainty.method,
         "vehicles": [_card_of(snapshot, k) for k in range(info.followers)],
         "provenance": {
             "source": info.source,
@@ -155,21 +150,18 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
 
 
 def _card_of(snapshot: Result, k: int) -> dict[str, Any]:
-    known, name = snapshot.uncertainty, snapshot.info.names[k + 1]
+    uncertainty, name = snapshot.uncertainty, snapshot.info.names[k + 1]
     make, model = make_and_model(name)
-    own = snapshot.fit.parameters[k].values.tolist()
-    ends = [one[k].values.tolist() for one in (known.lower, known.upper)] if known else [
-        3 * [None], 3 * [None]
-    ]  # fmt: skip
     card: dict[str, Any] = {
         "vehicle": snapshot.info.vehicles[k + 1],
         "name": name,
         "make": make,
         "model": model,
     }
-    for quantity, value, low, high in zip(PARAMETERS, own, *ends, strict=True):
+    sets = (snapshot.parameters, uncertainty.lower, uncertainty.upper)
+    ends = (parameters[k].values.tolist() for parameters in sets)
+    for quantity, value, low, high in zip(PARAMETERS, *ends, strict=True):
         card[quantity.key] = {"value": value, "low": low, "high": high, "unit": quantity.unit}
-    if known:
-        card["probability_l2_stable"] = float(known.probability_l2[k])
-        card["probability_linf_stable"] = float(known.probability_linf[k])
+    card["probability_l2_stable"] = float(uncertainty.probability_l2[k])
+    card["probability_linf_stable"] = float(uncertainty.probability_linf[k])
     return card

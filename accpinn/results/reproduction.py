@@ -42,15 +42,13 @@ class PrintedVerdicts:
     def agreeing(self) -> int:
         """How many of the printed verdicts come out the same, by the paper's own criteria."""
         pairs = zip(self.report.vehicles, self.l2, self.linf, strict=True)
-        return sum(
-            (one.l2.stable == l2) + (one.linf_paper.stable == linf) for one, l2, linf in pairs
-        )
+        return sum((v.l2.stable == l2) + (v.linf_paper.stable == linf) for v, l2, linf in pairs)
 
     @property
     def refuted(self) -> tuple[str, ...]:
         """Followers whose printed verdict on L∞ differs from that of the exact criterion."""
         pairs = zip(self.report.vehicles, self.linf, self.vehicles.labels, strict=True)
-        return tuple(name for one, linf, name in pairs if one.linf_exact.stable != linf)
+        return tuple(name for v, linf, name in pairs if v.linf_exact.stable != linf)
 
 
 @dataclass(frozen=True)
@@ -88,7 +86,7 @@ class PrintedItem:
     @property
     def starts(self) -> bool:
         """Whether it is about trainings from several initial values."""
-        return any(one.vehicles is CASALE_STARTS for one in self.verdicts)
+        return any(printed.vehicles is CASALE_STARTS for printed in self.verdicts)
 
     @property
     def outcome(self) -> str:
@@ -115,8 +113,7 @@ def _no(vehicles: ParameterSet, *linf: bool) -> PrintedVerdicts:
 
 def _row(vehicles: ParameterSet) -> PrintedVerdicts:
     """The one row that Table II has for all followers of a platoon."""
-    one = vehicles.parameters[:1]
-    return _no(ParameterSet(vehicles.title, ("All followers",), one))
+    return _no(ParameterSet(vehicles.title, ("All followers",), vehicles.parameters[:1]))
 
 
 CASALE_RUN = PrintedRun("Casale", "part7.csv", Window(0.0, 300.0), (1, 2))

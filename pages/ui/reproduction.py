@@ -6,7 +6,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedRun, PrintedVerdicts
-from accpinn.results.tables.reproduction import reproduction_table
+from accpinn.results.tables.verification import reproduction_table
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

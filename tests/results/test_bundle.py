@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.results.bundle import bundle
+from accpinn.results.report import bundle
 from accpinn.study.snapshot import load
 from tests.support.snapshots import small, whole
 

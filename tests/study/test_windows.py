@@ -8,7 +8,7 @@ import pytest
 from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters
-from accpinn.results.tables.windows import between_table, joint_table, windows_table
+from accpinn.results.tables.estimates import between_table, joint_table, windows_table
 from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
 from accpinn.study.run import fit_windows

@@ -58,14 +58,9 @@ def estimates(
     follower: int,
     truth: Parameters | None = None,
 ) -> go.Figure:
-    """A dot a method for each of α, β, τ, over the interval of the data.
+    """A dot a method for each of α, β, τ of one follower (0 for the first), over the intervals.
 
-    Args:
-        rows: from the top down.
-        colour: of the vehicle.
-        uncertainty: the segment's intervals.
-        follower: 0 for the first.
-        truth: dashed, where it is known.
+    The rows are given from the top down; the truth is dashed, where it is known.
     """
     true = truth.values.tolist() if truth else []
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
@@ -102,8 +97,8 @@ def tracks(
     Args:
         followed: name and track of each method.
         follower: 0 for the first.
-        truth: dashed, where it is known.
-        start: of the segment, in s from the recording's first sample.
+        truth: the true parameters, dashed.
+        start: the segment's start, in s from the recording's first sample.
     """
     true = truth.values.tolist() if truth else []
     traces, axes = list[Part](), dict[str, Part]()
@@ -138,13 +133,10 @@ def tracks(
 def profiles(
     profiled: Sequence[Profile], colour: str, lower: FloatArray, upper: FloatArray
 ) -> go.Figure:
-    """The increase of the least-squares criterion with one parameter held, in percent.
+    """The increase of the least-squares criterion with α, β or τ held, in percent.
 
-    Args:
-        profiled: of α, β, τ.
-        colour: of the vehicle.
-        lower: (3,) ends of the intervals behind the profiles; nan where there is none.
-        upper: (3,) may be infinite.
+    Behind the profiles are the intervals: (3,) lower ends, nan where there is none, and (3,) upper
+    ends, which may be infinite.
     """
     traces = [
         {"x": profile.values, "y": 100 * profile.increase, "mode": "lines", **axes_of(which + 1),

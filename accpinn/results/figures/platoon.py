@@ -1,10 +1,11 @@
-"""A simulated platoon as figures: profiles, time-space diagram, amplitudes, map."""
+"""A simulated platoon as figures: profiles, time-space diagram, amplitudes, map, the paper's."""
 
 import colorsys
 import html
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 from plotly.colors import hex_to_rgb, sample_colorscale
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.model.published import ParameterSet
+from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Recorded, Sinusoid
-from accpinn.platoon.simulation import PlatoonRun
+from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import (
     CLEAR,
@@ -67,6 +68,11 @@ LIGHTEST, DARKEST = 0.70, 0.42
 """Lightness of the shades of one colour, between what white and what dark pages swallow."""
 SOFTENED = 0.8
 """Saturation of the shades, relative to the colour's."""
+PANEL_POINTS = 500
+"""Largest number of points a line of the paper's panels."""
+PANEL_FOLLOWERS = 8
+PANELS = ((2, 0.25), (2, 0.3), (3, 0.25), (3, 0.3))
+"""AstaZero vehicle, by its index, and frequency in rad/s; row by row (a), (c), (b), (d)."""
 Span = tuple[Seconds, Seconds]
 """Beginning and end of a part of a run, by its clock."""
 View = Literal["observer", "leader", "road"]
@@ -147,14 +153,9 @@ def profiles(
     run: PlatoonRun, cast: Cast, span: Span | None = None, measured: Segment | None = None,
     height: int = 540,
 ) -> go.Figure:  # fmt: skip
-    """Speeds of all vehicles, and the gaps of the followers, over time.
+    """Speeds of all vehicles, and the gaps of the followers, over a part of a run (by default all).
 
-    Args:
-        run: the simulated platoon.
-        cast: its labels and colours.
-        span: the part to draw; by default all.
-        measured: the recording whose leader drives, to draw its followers, dashed.
-        height: in pixels.
+    Followers that were measured behind the same leader are drawn dashed. The height is in pixels.
     """
     driven = run.valid
     rows = _within(driven.time, span)
@@ -251,12 +252,7 @@ def time_space(
 ) -> go.Figure:  # fmt: skip
     """The time-space diagram: each vehicle's position over time, coloured by its speed.
 
-    Args:
-        run: the simulated platoon.
-        cast: its labels and colours.
-        span: the part to draw; by default all.
-        view: where it is seen from.
-        height: in pixels.
+    It shows a part of a run (by default all) as seen from somewhere. The height is in pixels.
     """
     driven = run.valid
     inside = _within(driven.time, span)
@@ -419,3 +415,39 @@ def samples(run: PlatoonRun, span: Span, count: int) -> NDArray[np.intp]:
     start, end = np.clip(span, time[0], time[-1])
     instants = np.linspace(start, end, count)
     return np.unique(np.clip(np.searchsorted(time, instants - 1e-9), 0, len(time) - 1))
+
+
+@cache
+def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
+    """The paper's four panels: eight times one AstaZero vehicle behind a sinusoid of 1 m/s.
+
+    Row by row, two a row, each with its title; those of a vehicle have the same axis of speed.
+    """
+    runs = [
+        simulate_platoon(ASTAZERO.parameters[[k] * PANEL_FOLLOWERS], Sinusoid(frequency))
+        for k, frequency in PANELS
+    ]
+    reach: dict[int, float] = {}
+    for (k, _), run in zip(PANELS, runs, strict=True):
+        reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
+    panels = []
+    for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True):
+        cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
+        lines = [
+            line_of(driven.time, driven.speeds[:, vehicle], cast, vehicle, points=PANEL_POINTS)
+            for vehicle in [*range(1, PANEL_FOLLOWERS + 1), 0]
+        ]
+        axes = {"y": {"range": [run.leader.speed - reach[k], run.leader.speed + reach[k]]}}
+        figure = composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
+        title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
+        panels.append((title, figure))
+    return tuple(panels)
+
+
+def _fate(run: PlatoonRun) -> str:
+    """Whether the wave grows or fades along the platoon; its amplitude at the last follower."""
+    size = run.amplitudes
+    if size is None or not size.periods:
+        return "not settled"
+    ratio = size.measured[-1] / size.measured[0]
+    return f"{'grows' if ratio > 1 else 'fades'} to {size.measured[-1]:.2f} m/s"

@@ -189,12 +189,7 @@ def speeds_thumbnail(segment: Segment) -> go.Figure:
 
 
 def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[Part]:
-    """Who drives each vehicle; nothing where no driver is known to, as nothing is to be seen then.
-
-    Args:
-        recording: all of it is drawn.
-        vehicles: those chosen, leader first.
-    """
+    """Who drives each of the vehicles; nothing where no driver is known to drive."""
     modes = recording.mode[:, np.array(vehicles) - 1].T
     if not (modes == Mode.HUMAN).any():
         return []

@@ -1,15 +1,16 @@
-"""String stability as figures: Bode magnitude, criteria along the platoon, maps; uncertainty."""
+"""String stability as figures: Bode magnitude, computed and measured, criteria, and maps."""
 
 import html
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import ALPHA, BETA, MAGNITUDE, TAU
-from accpinn.inference.intervals import Uncertainty, gain_band
+from accpinn.inference.intervals import Uncertainty, gain_band, interval_ends
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures.style import (
@@ -35,6 +36,7 @@ from accpinn.stability.criteria import (
     smallest_headway_paper,
 )
 from accpinn.stability.frequency import response
+from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray
 
@@ -103,14 +105,9 @@ def bode(
 ) -> go.Figure:  # fmt: skip
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
-    Every point carries the vehicle's index as its custom data, -1 for the whole platoon.
-
-    Args:
-        vehicles: their names and parameters.
-        report: their peaks and crossovers.
-        uncertainty: adds the interval of |H| under the curve of every vehicle whose parameters are
-            determined.
-        height: in pixels.
+    Every point carries the vehicle's index as its custom data, -1 for the whole platoon. The
+    uncertainty adds the interval of |H| under the curve of every vehicle whose parameters are
+    determined. The height is in pixels.
     """
     omega = _frequencies(report)
     gains = np.abs(response(vehicles.parameters, omega))
@@ -238,17 +235,13 @@ def stability_map(
 ) -> go.Figure:  # fmt: skip
     """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
 
-    Args:
-        vehicles: the vehicles.
-        report: about them.
-        held: index of the vehicle whose third parameter the map keeps.
-        plane: "beta" keeps that vehicle's α, "alpha" its β.
-        uncertainty: adds parameter sets consistent with the data; one with α = 0 has no time
-            headway, hence no place on the map.
+    The map keeps the third parameter of the vehicle of index ``held``: the plane "beta" its α,
+    "alpha" its β. The uncertainty adds parameter sets consistent with the data; one with α = 0 has
+    no time headway, hence no place on the map.
     """
     kept, along_beta = vehicles.parameters[held], plane == "beta"
-    own = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
-    right = max(1.35 * max(own), 0.6 if along_beta else 0.15)
+    across_map = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
+    right = max(1.35 * max(across_map), 0.6 if along_beta else 0.15)
     along = np.linspace(right / ALONG, right, ALONG)
     grid = Parameters(kept.alpha, along, 0.0) if along_beta else Parameters(along, kept.beta, 0.0)
     edges = {name: headway(grid) for name, (headway, _, _) in BOUNDARIES.items()}
@@ -262,7 +255,7 @@ def stability_map(
         for name, (_, colour, dash) in BOUNDARIES.items()
     ]  # fmt: skip
     traces.append({
-        "x": own, "y": vehicles.parameters.tau, "mode": "markers", "showlegend": False,
+        "x": across_map, "y": vehicles.parameters.tau, "mode": "markers", "showlegend": False,
         "text": [
             f"{html.escape(label)}<br>α {p.alpha:.4g}, β {p.beta:.4g}, τ {p.tau:.4g}"
             for label, p in zip(vehicles.labels, vehicles.parameters, strict=True)
@@ -351,3 +344,72 @@ def gains_thumbnail(vehicles: ParameterSet) -> go.Figure:
     top = max(LEAST_PEAK, 1.1 * float(gains.max()))
     return thumbnail(curves, {"x": {"type": "log"}, "y": {"range": [-6, top]}},
                      [across("y", 0, line=LIMIT, layer="below")])  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The vehicle whose Bode magnitude stands beside the measured gain."""
+
+    name: str
+    parameters: Parameters
+    """One vehicle's."""
+    draws: Parameters | None = None
+    """(n,) posterior samples, for a band; None without."""
+
+
+def measured_bode(
+    measured: MeasuredGain, name: str, colour: str, model: Model | None = None
+) -> go.Figure:
+    """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below."""
+    low, high = min(SPAN[0], float(measured.omega[0])), max(SPAN[1], float(measured.omega[-1]))
+    traces = [*_model_curve(model, low, high, colour, measured.level)] if model else []
+    levels = decibels(measured.gain)
+    bounds = [np.abs(decibels(end) - levels) for end in (measured.upper, measured.lower)]
+    for part, words, opacity, symbol in (
+        (measured.coherent, "measured", 1.0, "circle"),
+        (~measured.coherent, "measured, not coherent", 0.35, "circle-open"),
+    ):
+        above, below = (np.minimum(end[part], CEILING) for end in bounds)
+        bars = {"type": "data", "symmetric": False, "array": above, "arrayminus": below,
+                "width": 0, "thickness": 1.2}  # fmt: skip
+        gain = f"{html.escape(name)}, {words}"
+        points = {
+            "x": measured.omega[part], "mode": "markers", "opacity": opacity,
+            "marker": {"color": LEADER, "size": 7, "symbol": symbol},
+            "hovertemplate": "%{y:.2f} at %{x:.3f} rad/s",
+        }  # fmt: skip
+        traces += [
+            points | axes_of(1) | {"y": levels[part], "name": gain, "showlegend": True}
+            | ({"error_y": bars} if symbol == "circle" else {}),
+            points | axes_of(2) | {"y": measured.coherence[part], "name": f"coherence, {gain}",
+                                   "showlegend": False},
+        ]  # fmt: skip
+    top = float(np.max((levels + bounds[0])[measured.coherent], initial=3.0))
+    every = {"x": {"type": "log", "range": np.log10([low, high]).tolist(), **TICKS}}
+    axes = {
+        "x2": titled("Frequency ω [rad/s]"),
+        "y": titled("Gain [dB]") | {"range": [2 * FLOOR, min(top, CEILING) + 1.0]},
+        "y2": titled("Coherence") | {"range": [0, 1.03]},
+    }
+    return composed(
+        traces, 440, "measured-gain", axes, every, stack(0.7, 0.3, spacing=0.07),
+        hovermode="closest", shapes=[across("y", 0, line=LIMIT)],
+    )  # fmt: skip
+
+
+def _model_curve(
+    model: Model, low: float, high: float, colour: str, at_level: float
+) -> Iterator[Part]:
+    """The model's Bode magnitude between two frequencies in rad/s, over its band."""
+    if model.draws is not None:
+        omega = np.geomspace(low, high, BAND_POINTS)
+        gains = np.abs(response(model.draws, omega))
+        lower, upper = (decibels(end) for end in interval_ends(gains, at_level))
+        yield band(omega, lower, upper, colour, BAND_OPACITY, panel=1)
+    omega = np.geomspace(low, high, FREQUENCIES)
+    gain = np.abs(response(Parameters.stack([model.parameters]), omega))[0]
+    yield {
+        "x": omega, "y": decibels(gain), "mode": "lines", "line": {"color": colour, "width": 2.2},
+        "name": f"{html.escape(model.name)}, model", **axes_of(1),
+        "hovertemplate": "%{y:.2f} dB at %{x:.3f} rad/s",
+    }  # fmt: skip

@@ -52,8 +52,6 @@ HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def thinned_history(history: History, points: int) -> History:
     """About ``points`` of the K moments, evenly spread on a logarithmic axis, with the last one."""
@@ -114,14 +112,11 @@ def parameter_history(
     names, colours = segment.labels[1:], vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [SHARED]
-    x, ends, traces = _counted(history), _interval(history, which), []
+    ends, traces = _interval(history, which), list[Part]()
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
-            traces.append({
-                "x": np.concatenate([x, x[::-1]]), "fill": "toself", "opacity": 0.25,
-                "y": np.concatenate([ends[0][:, k], ends[1][::-1, k]]), "mode": "lines",
-                "line": {"width": 0, "color": colour}, "hoverinfo": "skip", "showlegend": False,
-            })  # fmt: skip
+            low, high = (end[:, k] for end in ends)
+            traces.append(band(_counted(history), low, high, colour, 0.125))
         traces.append(
             _line(history, values[:, k], html.escape(name), {"color": colour, "width": 2})
         )
@@ -176,9 +171,8 @@ def _decades(series: list[FloatArray]) -> dict[str, Any]:
     if not len(exponents):
         return {}
     low, high = int(np.floor(exponents.min())), int(np.ceil(exponents.max()))
-    named = range(low, high + 1, 1 + (high - low) // 6)
-    texts = ["10" + str(k).translate(_SUPERSCRIPTS) for k in named]
-    return {"range": [low, high], "tickvals": [10.0**k for k in named], "ticktext": texts}
+    step = 1 + (high - low) // 6
+    return {"range": [low, high], "tick0": low, "dtick": step, "exponentformat": "power"}
 
 
 def tracking(

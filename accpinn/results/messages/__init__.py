@@ -9,10 +9,5 @@ from accpinn.findings import Finding, Labelled
 
 
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
-    """The sentences of findings, in their order.
-
-    Args:
-        findings: the findings of any room.
-        about: names the recording and the vehicles.
-    """
+    """The sentences of findings, in their order; ``about`` names recording and vehicles."""
     return tuple(finding.sentence(about) for finding in findings)

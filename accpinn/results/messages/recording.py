@@ -103,12 +103,9 @@ def _span(low: str, high: str) -> str:
 def suggestion_reasons(
     suggestion: Suggestion, present: Window | None = None, efficiency: float = 1.0
 ) -> list[str]:
-    """Why a window is suggested, and how the present window compares.
+    """Why a window is suggested, and how the present window compares, if that can be used.
 
-    Args:
-        suggestion: the suggested window.
-        present: the window that is chosen now, if it can be used.
-        efficiency: its relative D-efficiency against the suggested one.
+    The efficiency is the relative D-efficiency of the present window against the suggested one.
     """
     window, manual = suggestion.window, suggestion.manual
     choice = "the only complete window"

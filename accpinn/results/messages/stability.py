@@ -199,12 +199,7 @@ def _three(value: float) -> str:
 
 
 def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
-    """The number of vehicles that amplify disturbances, and the one that amplifies most.
-
-    Args:
-        chosen: the vehicles' names and parameters.
-        report: the stability report of these parameters.
-    """
+    """The number of vehicles that amplify disturbances, and the one that amplifies most."""
     amplifying = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
     count, total = len(amplifying), len(chosen)
     if not amplifying:
@@ -226,13 +221,7 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
 
 
 def headline(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None) -> str:
-    """The headline on L₂ string stability, by the posterior where it is known, and who drives.
-
-    Args:
-        chosen: the vehicles' names and parameters.
-        report: the stability report of these parameters.
-        uncertainty: the uncertainty of the fit; None for given parameters.
-    """
+    """The headline on L₂ string stability, by the posterior where it is known, and who drives."""
     said = _verdict(chosen, uncertainty) if uncertainty else amplification(chosen, report)
     return f"{said} {not_acc(chosen)}".rstrip()
 
@@ -274,12 +263,7 @@ def _odds(stable: FloatArray) -> str:
 
 
 def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
-    """The vehicles that are L∞ stable by the paper's criterion only; empty where none is.
-
-    Args:
-        chosen: the vehicles' names and parameters.
-        report: the stability report of these parameters.
-    """
+    """The vehicles that are L∞ stable by the paper's criterion only; empty where none is."""
     names = [
         name
         for name, vehicle in zip(chosen.spoken, report.vehicles, strict=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.findings import Finding, Labelled, joined, percent, who
+from accpinn.findings import Labelled, joined, percent, who
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
@@ -66,12 +66,7 @@ def unfinished(fit: Fit) -> str:
 
 
 def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
-    """What estimates and intervals assume, and for whom another form of the model is better.
-
-    Args:
-        adequacy: the comparison of the forms on the segment, if there is one.
-        about: names the vehicles.
-    """
+    """What estimates and intervals assume, and for whom another form of the model is better."""
     assumption = "Estimates and intervals assume the CTHP."
     if adequacy is None or not adequacy.forms:
         return (
@@ -88,12 +83,7 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:
-    """The methods whose estimates lie outside the intervals, by parameter.
-
-    Args:
-        rows: the results of the methods.
-        follower: index of the follower, from 0.
-    """
+    """The methods whose estimates for a follower (0 for the first) lie outside the intervals."""
     uncertainty = rows[0].uncertainty
     if np.isnan(uncertainty.lower[follower].values).all():
         return "These data determine none of α, β and τ, so the methods cannot be compared."
@@ -117,14 +107,7 @@ def _is_outside(row: Result, follower: int, which: int) -> bool:
 def about_curves(
     info: SegmentInfo, fit: Fit, follower: int, band: GapBand | None = None
 ) -> tuple[str, ...]:
-    """The coverage of a follower's band and the size of its disturbance.
-
-    Args:
-        info: names the vehicles.
-        fit: the fit of any method.
-        follower: index of the follower, from 0.
-        band: the band, if there is one.
-    """
+    """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
     vehicles = (0, info.vehicles[follower + 1])
     coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
     sizes = [size for size in disturbance_sizes(info.vehicles, fit) if size.vehicle in vehicles]
@@ -216,23 +199,17 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
 
 def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
-    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
+    info, quality, uncertainty = snapshot.info, snapshot.quality, snapshot.uncertainty
+    wide = weakly_identified(info, quality, uncertainty, snapshot.fit.case)
     on_parameters = (
         *snapshot.fit.findings,
-        *(uncertainty.findings if uncertainty else ()),
-        *(_wide_intervals(snapshot, uncertainty) if uncertainty else ()),
-        *(evaluation.whiteness.findings if evaluation else ()),
+        *uncertainty.findings,
+        *wide,
+        *narrower_intervals(info, uncertainty, wide, snapshot.facts.get("duration")),
+        *snapshot.evaluation.whiteness.findings,
     )
     return {
-        "data": messages((*info.findings, *snapshot.quality.findings), info),
+        "data": messages((*info.findings, *quality.findings), info),
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
-        "closed_loop": messages(evaluation.all_findings if evaluation else (), info),
+        "closed_loop": messages(snapshot.evaluation.all_findings, info),
     }
-
-
-def _wide_intervals(snapshot: Result, uncertainty: Uncertainty) -> tuple[Finding, ...]:
-    """The wide intervals, and what would narrow them."""
-    info = snapshot.info
-    wide = weakly_identified(info, snapshot.quality, uncertainty, snapshot.fit.case)
-    cure = narrower_intervals(info, uncertainty, wide, snapshot.facts.get("duration"))
-    return (*wide, *cure)

@@ -1,38 +1,41 @@
 """The report: a snapshot as one web page that needs no network, for people without accpinn.
 
 The story's parts are put into a template, with every script and style inside. Its figures are those
-of the app's pages, with legends and with rounded numbers.
+of the app's pages, with legends and with numbers in single precision. `bundle` makes one zip file
+of the report, the snapshot, all tables, and the curves as numbers.
 """
 
 import base64
 import hashlib
 import html
+import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+import zipfile
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, PARAMETER_KEYS, SPEED
+from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED, TIME
 from accpinn.errors import ParameterError
-from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference.prediction import gap_band
+from accpinn.methods.fit import History
+from accpinn.model.cthp import Trajectories
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.style import (
-    POINTS,
     composed,
     curve,
     stack,
@@ -53,26 +56,24 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
-from accpinn.results.tables.stability import (
-    stability_interval_table,
-    stability_table,
-    without_parameters,
-)
-from accpinn.results.tables.table import STYLE, Table
+from accpinn.results.tables.stability import criteria_part, stability_table
+from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.tables.verification import verification_table
+from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
+from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.verification import QUICK, Verification, verify
+from accpinn.units import FloatArray
 
 HERE = Path(__file__).parent
 WIDE = 9
 """Number of columns beyond which a table is set smaller."""
 FOLLOWERS = 8
 """Followers of the simulated platoon where only one is known."""
-DIGITS = 5
-"""Significant digits of every number drawn; a screen shows four."""
-ALL_POINTS, FEWEST_POINTS = 70_000, 150
-"""Points of all lines together, and of a single line at least. The page is to stay below 6 MB, of
-which plotly takes 5."""
+POINTS = 800
+"""Largest number of points a line, so that the page stays below 6 MB, of which plotly takes 5."""
+UNCHANGING = (2020, 1, 1, 0, 0, 0)
+"""Date of every file in a bundle, so that equal results make equal bundles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,16 +84,21 @@ class Picture:
     figure: go.Figure
     caption: str
 
-    def drawn(self, points: int) -> dict[str, Any]:
-        """Data and layout for plotly, rounded, with about so many points a line at most."""
-        # A whole figure would hand out its numbers as bytes in base 64; its parts do not.
-        layout = {
-            key: _roomy(part) if key[1:5] == "axis" else part
-            for key, part in self.figure.layout.to_plotly_json().items()
-            if key != "template"
-        }
-        traces = [_coarse(trace.to_plotly_json(), points) for trace in self.figure.data]
-        return {"name": self.name, "data": _plain(traces), "layout": _plain(layout)}
+    def drawn(self) -> dict[str, Any]:
+        """Name, data and layout for the page's script; numbers in single precision."""
+        figure = go.Figure(self.figure)
+        for trace in figure.data:
+            x, y = map(np.asarray, (trace.x, trace.y))
+            if x.dtype.kind in "fiu" and y.dtype.kind in "fiu":
+                if trace.mode != "markers" and not trace.fill:
+                    x, y = thinned(x.astype(float), y.astype(float), POINTS)
+                    trace.customdata = None  # one value a point; only pages ask for it
+                trace.update(x=x.astype(np.float32), y=y.astype(np.float32))
+        # Titles keep clear of the numbers.
+        figure.update_xaxes(automargin=True, title_standoff=8)
+        figure.update_yaxes(automargin=True, title_standoff=8)
+        figure.layout.template = None
+        return {"name": self.name, **json.loads(figure.to_json())}
 
 
 def render_report(snapshot: Result, verification: Verification | None = None) -> str:
@@ -107,7 +113,8 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
     script = (HERE / "page.js").read_text(encoding="utf-8")
     shown = list[Picture]()
     story = _story(snapshot, verification, shown)
-    document = json.dumps(_all_drawn(shown), ensure_ascii=False, separators=(",", ":"))
+    drawings = [picture.drawn() for picture in shown]
+    document = json.dumps(drawings, ensure_ascii=False, separators=(",", ":"))
     return _template().render(
         story,
         style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
@@ -123,29 +130,24 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
 
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
-    info, evaluation, uncertainty = snapshot.info, snapshot.evaluation, snapshot.uncertainty
-    fit, report, adequacy = snapshot.fit, snapshot.stability, snapshot.parts.adequacy
-    errors = (evaluation.surrogate, evaluation.closed_loop) if evaluation else (None, None)
+    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
+    report, adequacy = snapshot.stability, snapshot.parts.adequacy
     paints = vehicle_colours(info.vehicles)
-    first = parameter_table(info, fit, snapshot.quality, *errors, uncertainty)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
-    tables = {"parameters": first.coloured(rows)}
+    tables = {"parameters": parameter_table(snapshot).coloured(rows)}
     forms = adequacy.forms if adequacy else ()
     for k in range(info.followers if forms else 0):
         tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
     if report:
         vehicles = learned_parameters(info, fit)
         tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
-        if uncertainty:
-            table = stability_interval_table(vehicles, uncertainty)
-            tables["stability_intervals"] = table.coloured(paints[1:])
     for k in range(info.followers if snapshot.compared else 0):
         tables[f"methods_{k + 1}"] = methods_table(info, snapshot.compared, k)
     return tables
 
 
 def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
-    info, uncertainty, fit = snapshot.info, snapshot.uncertainty, snapshot.fit
+    info, fit = snapshot.info, snapshot.fit
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     adequacy = snapshot.parts.adequacy
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
@@ -160,13 +162,12 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "cautions": words.cautions(snapshot),
         "motion": _placed([motion] if motion else [], shown),
         "sheets": sheets,
-        "uncertainty": uncertainty,
         "conditional": words.conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "fits": _placed(fits[1:], shown),
-        "band": words.BAND if snapshot.segment and uncertainty else "",
+        "band": words.BAND if snapshot.segment else "",
         "training": _placed(training_pictures(snapshot), shown),
-        "by_estimates": BY_ESTIMATES if uncertainty else "",
+        "by_estimates": BY_ESTIMATES,
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
@@ -221,7 +222,7 @@ def _sheet(table: Table, name: str) -> dict[str, Any]:
     )
     return {
         # The first page has α, β and τ; they would not leave the verdicts room.
-        "html": Markup((without_parameters(table) if name == "stability" else table).to_html()),
+        "html": Markup((criteria_part(table) if name == "stability" else table).to_html()),
         "wide": len(table.columns) > WIDE,
         "files": [
             (label, file, f"data:{mime};charset=utf-8;base64,{_base64(text.encode())}")
@@ -289,13 +290,12 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
     if segment is None and fit.surrogate is None:
         return
-    driven = closed_loop(segment, fit) if segment else None
-    predicted = gap_band(segment, uncertainty, fit.case) if segment and uncertainty else None
+    predicted = gap_band(segment, uncertainty, fit.case) if segment else None
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(
-            segment or info, k, fit.surrogate, driven, name_of(fit), predicted=predicted,
-            disturbance=disturbance,
+            segment or info, k, fit.surrogate, snapshot.simulated, name_of(fit),
+            predicted=predicted, disturbance=disturbance,
         )  # fmt: skip
         said = words.about_curves(info, fit, k, predicted)
         caption = " ".join(said) or f"{label}: space-gap and speed."
@@ -322,7 +322,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     words = (
         "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
         " Rings: below that frequency the vehicle amplifies."
-        + (f" Shaded: {100 * uncertainty.level:.0f} % intervals." if uncertainty else "")
+        f" Shaded: {100 * uncertainty.level:.0f} % intervals."
     )
     yield Picture("bode", with_legend(bode), words)
     if len(vehicles) > 1:
@@ -337,7 +337,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     words = (
         f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
         " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
-        + (f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
+        f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     )
     yield Picture("map", with_legend(chart), words)
 
@@ -372,45 +372,59 @@ def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Pictu
     return run, pictures, who
 
 
-def _plain(part: Any) -> Any:
-    """Arrays as lists, numbers rounded, what is not finite as null."""
-    if isinstance(part, dict):
-        return {key: _plain(item) for key, item in part.items()}
-    if isinstance(part, np.ndarray) and part.dtype.kind == "f" and part.ndim == 1:
-        return [_rounded(value) for value in part.tolist()]
-    if isinstance(part, np.ndarray):
-        return _plain(part.tolist())
-    if isinstance(part, list | tuple):
-        return [_plain(item) for item in part]
-    if isinstance(part, float | np.floating):
-        return _rounded(float(part))
-    if isinstance(part, np.integer):
-        return int(part)
-    return part
+def bundle(snapshot: Result) -> bytes:
+    """All that is known of a result as one zip file.
+
+    It holds report.html, the snapshot, each table as CSV and LaTeX, and as CSV the training's
+    history and the motion: measured, of the method, and in closed loop where these are known.
+    """
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in _files(snapshot):
+            archive.writestr(zipfile.ZipInfo(name, UNCHANGING), data, zipfile.ZIP_DEFLATED)
+    return content.getvalue()
 
 
-def _rounded(value: float) -> float | None:
-    return float(f"{value:.{DIGITS}g}") if isfinite(value) else None
+def _files(snapshot: Result) -> Iterator[tuple[str, str | bytes]]:
+    yield "report.html", render_report(snapshot)
+    yield f"result{SUFFIX}", to_bytes(snapshot)
+    for name, table in tables_of(snapshot).items():
+        yield f"tables/{name}.csv", table.to_csv()
+        yield f"tables/{name}.tex", table.to_latex()
+    fit, info = snapshot.fit, snapshot.info
+    if fit.history:
+        yield "training.csv", _history(fit.history, info)
+    for name, source in (
+        ("measured", snapshot.segment and snapshot.segment.measured),
+        ("closed_loop", snapshot.simulated),
+        (fit.method, fit.surrogate),
+    ):
+        if source:
+            yield f"motion_{name}.csv", _motion(info, source)
 
 
-def _roomy(axis: dict[str, Any]) -> dict[str, Any]:
-    """An axis that keeps its title clear of its numbers."""
-    titled = {"title": axis["title"] | {"standoff": 8}} if "title" in axis else {}
-    return axis | {"automargin": True} | titled
+def _motion(info: SegmentInfo, source: Trajectories) -> str:
+    """Time, and speed and space-gap of each vehicle; empty where a sample is missing."""
+    columns = {Column("time", TIME.unit).csv_name: info.window.start + source.time}
+    for k, number in enumerate(info.vehicles):
+        columns[Column(f"speed {number}", SPEED.unit).csv_name] = source.speeds[:, k]
+        if k:
+            columns[Column(f"gap {number}", GAP.unit).csv_name] = source.gaps[:, k - 1]
+    return _csv(columns)
 
 
-def _coarse(trace: dict[str, Any], points: int) -> dict[str, Any]:
-    """A line with fewer points, its peaks kept; anything else as it is."""
-    x, y = (np.asarray(trace.get(axis)) for axis in "xy")
-    numeric = x.dtype.kind in "fiu" and y.dtype.kind in "fiu"
-    if trace.get("mode") == "markers" or trace.get("fill") or not numeric:
-        return trace
-    x, y = thinned(x.astype(float), y.astype(float), points)
-    return {key: part for key, part in trace.items() if key != "customdata"} | {"x": x, "y": y}
+def _history(history: History, info: SegmentInfo) -> str:
+    """Iteration, seconds, terms of the loss, and the parameters of each follower."""
+    names = ("iteration", "seconds", "total", "data", "physics", "initial")
+    columns: dict[str, FloatArray] = {name: getattr(history, name) for name in names}
+    sets = history.parameters.values.shape[1]
+    followers = ("all",) if sets == 1 and info.followers > 1 else info.vehicles[1:]
+    for k, follower in enumerate(followers):
+        for which, quantity in enumerate(PARAMETERS):
+            values = history.parameters.values[:, k, which]
+            columns[Column(f"{quantity.key} {follower}", quantity.unit).csv_name] = values
+    return _csv(columns)
 
 
-def _all_drawn(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
-    """What the page's script draws, in order; the more lines, the fewer points each."""
-    lines = sum(len(picture.figure.data) for picture in pictures)
-    points = max(FEWEST_POINTS, min(POINTS, ALL_POINTS // max(lines, 1)))
-    return [picture.drawn(points) for picture in pictures]
+def _csv(columns: dict[str, FloatArray]) -> str:
+    return pd.DataFrame(columns).to_csv(index=False, float_format="%.9g", lineterminator="\n")

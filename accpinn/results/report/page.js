@@ -1,7 +1,8 @@
 "use strict";
 (() => {
   const root = document.documentElement;
-  const drawings = JSON.parse(document.getElementById("drawings").textContent);
+  const source = document.getElementById("drawings").textContent;
+  const drawings = JSON.parse(source);
   const plots = [...document.querySelectorAll(".plot")];
   const PRINTED = 690; // pixels: the width between the margins of a printed page
   const FLATTER = 0.7; // of a figure's height: two, or one below the data, fit on a page
@@ -53,7 +54,7 @@
     const plot = plots.find((candidate) => Number(candidate.dataset.place) === place);
     const kind = save.dataset.format;
     save.addEventListener("click", () =>
-      kind === "html" ? saveAlone(drawings[place]) : savePicture(plot, drawings[place].name, kind),
+      kind === "html" ? saveAlone(JSON.parse(source)[place]) : savePicture(plot, drawings[place].name, kind),
     );
   }
 

@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
-from typing import Any
+from math import isnan, nan
 
 import numpy as np
 
-from accpinn.channels import GAP, PARAMETERS, SPEED
+from accpinn.channels import GAP, PARAMETERS, SPEED, Quantity
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.validation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -18,24 +18,27 @@ from accpinn.methods.state_space import Form
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import (
+    ABSENT,
     Cell,
     Column,
     Estimate,
     Filled,
+    Range,
     Table,
     estimate_cells,
     percent_cells,
     range_cells,
     supported_digits,
 )
-from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
 from accpinn.study.result import Result
 from accpinn.study.starts import Spread
+from accpinn.study.windows import BetweenWindows
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP_MAE = "MAE of the space-gap"
+TOGETHER = "all together"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
 DRIVER = "Driver"
@@ -45,19 +48,14 @@ TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
 
-def method_name(key: str, config: Mapping[str, Any], outcome: Outcome) -> str:
-    """The title of a method, and in brackets what distinguishes the fit from others of it."""
-    method = METHODS.get(key)
-    if method is None:
-        return key
-    said = [method.variant(config)] if method.variant else []
-    said += ["stopped"] if outcome is Outcome.STOPPED else []
-    return f"{method.title} ({', '.join(said)})" if said else method.title
-
-
 def name_of(fit: Fit) -> str:
-    """The title of a fit's method, as `method_name` has it."""
-    return method_name(fit.method, fit.config, fit.outcome)
+    """The title of a fit's method, and in brackets what distinguishes it from others of it."""
+    method = METHODS.get(fit.method)
+    if method is None:
+        return fit.method
+    said = [method.variant(fit.config)] if method.variant else []
+    said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
+    return f"{method.title} ({', '.join(said)})" if said else method.title
 
 
 def where(info: SegmentInfo, case: Case | None = None) -> str:
@@ -92,38 +90,27 @@ def driver_cells(who: Sequence[str]) -> Iterator[Filled]:
         yield Column(DRIVER), [name or None for name in who]
 
 
-def parameter_table(
-    info: SegmentInfo,
-    fit: Fit,
-    quality: Quality,
-    surrogate: TrackingErrors | None,
-    closed_loop: TrackingErrors | None,
-    uncertainty: Uncertainty | None = None,
-) -> Table:
+def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     """One row a vehicle, leader first: parameters, mean time gap, errors of both kinds.
 
-    Parameters that all followers share (Case I) have a row of their own, the second.
-
-    Args:
-        info: names the leader and M followers.
-        fit: of any method.
-        quality: of the segment.
-        surrogate: errors of the method's own trajectories.
-        closed_loop: errors of the closed-loop simulation; its leader is given, so has none.
-        uncertainty: adds intervals to the parameters, and the probability of string stability.
+    Parameters that all followers share (Case I) have a row of their own, the second. The leader of
+    the closed-loop simulation is given, so it has no error. Intervals come with the probability of
+    string stability.
     """
+    info, fit, evaluation = result.info, result.fit, result.evaluation
     numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
     estimated = [*parameter_cells(fit.parameters)]
-    if uncertainty:
-        estimated = [*_estimate_cells(fit.parameters, uncertainty), *probability_cells(uncertainty)]
+    if with_intervals:
+        known = result.uncertainty
+        estimated = [*_estimate_cells(fit.parameters, known), *probability_cells(known)]
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
         (followers, driver_cells(drivers(info))),
         (parameter_rows(info, fit.case), estimated),
-        (followers, [(Column("Mean time gap", "s", 2), quality.mean_time_gap)]),
+        (followers, [(Column("Mean time gap", "s", 2), result.quality.mean_time_gap)]),
     ]
     for group, errors, digits, driving in (
-        ("Surrogate fit, MAE", surrogate, 3, info.vehicles),
-        ("Closed-loop simulation, MAE", closed_loop, 2, followers),
+        ("Surrogate fit, MAE", evaluation.surrogate, 3, info.vehicles),
+        ("Closed-loop simulation, MAE", evaluation.closed_loop, 2, followers),
     ):
         gaps, speeds = (errors.gap_mae, errors.speed_mae[-len(driving) :]) if errors else ((), ())
         parts.append((followers, [(Column("p", "m", digits, group), gaps)]))
@@ -131,8 +118,8 @@ def parameter_table(
     columns: list[Filled] = [(Column("Vehicle"), _labels(info, numbers))]
     for vehicles, filled in parts:
         for column, cells in filled:
-            known = dict(zip(vehicles, cells, strict=False))
-            columns.append((column, [known.get(number) for number in numbers]))
+            known_cells = dict(zip(vehicles, cells, strict=False))
+            columns.append((column, [known_cells.get(number) for number in numbers]))
     return Table.of(f"{name_of(fit)}, {where(info, fit.case)}", columns)
 
 
@@ -189,11 +176,8 @@ def comparison_table(
 ) -> Table:
     """One row a follower: for each parameter, what each method finds, or the truth.
 
-    Args:
-        info: of the segment with M followers.
-        estimates: (M,) by method.
-        case: in Case I all followers share one row.
-        uncertainty: limits the digits to those that the intervals support.
+    Estimates are (M,) by method; in Case I all followers share one row. The uncertainty limits the
+    digits to those that the intervals support.
     """
     numbers, columns = parameter_rows(info, case), supported_columns(uncertainty)
     filled = [
@@ -248,13 +232,7 @@ def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
-    """One row a training of one follower (0 for the first), and the spread in the last.
-
-    Args:
-        results: of analyses that differ in initial values and seed.
-        spread: how far apart they end.
-        follower: 0 for the first.
-    """
+    """One row a training of one follower (0 for the first), and the spread in the last."""
     info, fits = results[0].info, [result.fit for result in results]
     starts = [", ".join(f"{value:g}" for value in fit.config["initial"]) for fit in fits]
     evaluations = [result.evaluation for result in results]
@@ -329,29 +307,31 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         now: the present result of each method; where there is none, no differences are shown.
         vehicle: its number in the file.
     """
-    rows = [result for result in earlier if vehicle in result.info.vehicles[1:]]
-    then = Parameters.stack(_of_vehicle(result, vehicle) for result in rows)
+    rows = [result for result in earlier if _has_follower(result, vehicle)]
+    then = [_of_vehicle(result, vehicle) for result in rows]
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [earlier_title(result) for result in rows]),
-        *parameter_cells(then),
+        *parameter_cells(Parameters.stack(then)),
         (Column("Closed loop", "m", 2, GAP_MAE), [_gap_error(row, vehicle) for row in rows]),
     ]
     if now:
-        present = [now.get(result.fit.method) for result in rows]
-        known = [other and vehicle in other.info.vehicles[1:] for other in present]
-        change = [
-            _of_vehicle(other, vehicle).values if other and is_known else np.full(3, np.nan)
-            for other, is_known in zip(present, known, strict=True)
-        ] - then.values
-        differs = [
-            "; ".join(differences(row.analysis, other.analysis)) or "nothing"
-            if other and is_known
-            else None
-            for row, other, is_known in zip(rows, present, known, strict=True)
-        ]
+        change, differs = [], list[str | None]()
+        for row, before in zip(rows, then, strict=True):
+            present = now.get(row.fit.method)
+            if present and _has_follower(present, vehicle):
+                change.append(_of_vehicle(present, vehicle).values - before.values)
+                asked = differences(row.analysis, present.analysis)
+                differs.append("; ".join(asked) or "nothing")
+            else:
+                change.append(np.full(3, nan))
+                differs.append(None)
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
+
+
+def _has_follower(result: Result, vehicle: int) -> bool:
+    return vehicle in result.info.vehicles[1:]
 
 
 def _of_vehicle(result: Result, vehicle: int) -> Parameters:
@@ -361,8 +341,7 @@ def _of_vehicle(result: Result, vehicle: int) -> Parameters:
 def _gap_error(result: Result, vehicle: int) -> float:
     """The closed-loop MAE of a vehicle's space-gap in m; nan where it was not computed."""
     errors = result.parts.evaluation and result.parts.evaluation.closed_loop
-    follower = result.info.vehicles[1:].index(vehicle)
-    return float(errors.gap_mae[follower]) if errors else float("nan")
+    return float(errors.gap_mae[result.info.vehicles[1:].index(vehicle)]) if errors else nan
 
 
 def earlier_title(result: Result) -> str:
@@ -398,13 +377,7 @@ def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
 
 
 def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
-    """A row a follower: MAE of space-gap and speed in closed loop, on both windows.
-
-    Args:
-        info: of the segment learned from.
-        other: of the one validated on.
-        validation: the errors.
-    """
+    """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another."""
     source = "" if info.source == other.source else f"{other.source}, "
     filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
     for group, key, errors in (
@@ -419,8 +392,66 @@ def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validati
 
 
 def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
-    return [float(one.gap_mae[follower]) if one else None for one in errors]
+    return [float(error.gap_mae[follower]) if error else None for error in errors]
 
 
-def _absent(above: int, values: Iterable[Cell]) -> list[Cell]:
-    return [None] * above + list(values)
+def joint_table(result: Result) -> Table:
+    """One row a follower: the parameters that all windows share, and their intervals."""
+    info, seconds = result.info, sum(part.window.duration for part in result.infos)
+    case = f", Case {result.fit.case}" if info.followers > 1 else ""
+    return Table.of(
+        f"{name_of(result.fit)}, {info.source}, {len(result.infos)} windows,"
+        f" {seconds:g} s together{case}",
+        [
+            (Column("Vehicle"), info.labels[1:]),
+            *parameter_cells(result.parameters),
+            *interval_cells(result.uncertainty),
+        ],
+    )
+
+
+def windows_table(result: Result, follower: int) -> Table:
+    """One row a window for one follower (0 for the first); the joint estimate in the last."""
+    rows = [*result.windows, result]
+    known = [row.uncertainty for row in rows]
+    return Table.of(
+        result.info.labels[follower + 1],
+        [
+            (Column("Window"), [*(str(info.window) for info in result.infos), TOGETHER]),
+            *parameter_cells(Parameters.stack(row.parameters[follower] for row in rows)),
+            *interval_cells(
+                replace(
+                    result.uncertainty,
+                    lower=Parameters.stack(intervals.lower[follower] for intervals in known),
+                    upper=Parameters.stack(intervals.upper[follower] for intervals in known),
+                )
+            ),
+        ],
+    )
+
+
+def between_table(result: Result, between: BetweenWindows) -> Table:
+    """One row a parameter of one follower: how far it differs between windows."""
+    effects = between.effects
+    percent = f"{100 * result.uncertainty.level:.0f} % interval"
+    pairs = list(zip(PARAMETERS, effects, strict=True))
+    return Table.of(
+        f"{result.info.label(between.vehicle)}, differences between windows",
+        [
+            (Column("Parameter"), [quantity.heading for quantity in PARAMETERS]),
+            (Column("Median"), [_text(quantity, effect.typical) for quantity, effect in pairs]),
+            (Column("further window", group=percent),
+             [_text(quantity, *effect.further) for quantity, effect in pairs]),
+            (Column("Deviation", "%", 0), percent_cells([e.deviation for e in effects])),
+            (Column("Deviation", "%", 0, percent),
+             [Range(100.0 * effect.lower, 100.0 * effect.upper) for effect in effects]),
+            (Column("Q", "", 1), [effect.q for effect in effects]),
+            (Column("Probability", "", 3), [effect.probability for effect in effects]),
+            (Column("I²", "%", 0), percent_cells([effect.i_squared for effect in effects])),
+        ],
+    )  # fmt: skip
+
+
+def _text(quantity: Quantity, *values: float) -> str:
+    """A value, or the ends of an interval, with the digits of the quantity."""
+    return ABSENT if isnan(values[0]) else " to ".join(map(quantity.text, values))

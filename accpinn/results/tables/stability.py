@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.tables.estimates import (
     driver_cells,
     parameter_cells,
-    probability_cells,
     supported_columns,
 )
 from accpinn.results.tables.table import (
@@ -23,7 +23,6 @@ from accpinn.results.tables.table import (
     Table,
     estimate_cells,
     percent_cells,
-    range_cells,
 )
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import Assessment, StabilityReport, Verdict, assessment
@@ -32,7 +31,10 @@ from accpinn.units import FloatArray
 L2, LINF = "L₂ string stability", "L∞ string stability"
 PEAK = Column("Peak", "dB", MAGNITUDE.digits, L2)
 PEAK_AT = Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2)
+BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
+STABLE, EXACT = "Stable", Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
+PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
 WORDS: Mapping[Assessment, str] = {
     "unstable": "unstable",
@@ -48,91 +50,55 @@ def stability_table(
 ) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
 
-    Args:
-        vehicles: names and parameters.
-        report: theirs.
-        uncertainty: of the fit that they are from; adds the probabilities of string stability.
+    The uncertainty of the fit adds probabilities, the posterior's verdicts, and intervals.
     """
-    assessed = report.vehicles
+    assessed, known = report.vehicles, uncertainty
     headways = [vehicle.smallest_tau for vehicle in assessed]
+    parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
+    peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
+    gains = [v.linf_gain for v in assessed]
     return Table.of(
         f"String stability, {vehicles.title}",
         [
-            *_heads(vehicles, report, uncertainty),
-            *_probability(L2, uncertainty.probability_l2 if uncertainty else None),
-            (Column("Stable", group=L2), [answer(v.l2) for v in assessed]),
-            (PEAK, [v.peak.db for v in assessed]),
+            (Column("Vehicle"), vehicles.labels),
+            *driver_cells(vehicles.drivers),
+            *parameter_cells(parameters, columns=supported_columns(known)),
+            *_posterior(L2, known.probability_l2 if known else None),
+            (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
+            (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
-            (replace(PEAK_AT, title="Amplified below"), [v.crossover for v in assessed]),
-            *_probability(LINF, uncertainty.probability_linf if uncertainty else None),
+            (BELOW, _with_ends(crossovers, known.crossover if known else None)),
+            *_posterior(LINF, known.probability_linf if known else None),
             (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
-            (Column("Exact criterion", group=LINF), [answer(v.linf_exact) for v in assessed]),
-            (GAIN, [v.linf_gain for v in assessed]),
+            (EXACT, [answer(v.linf_exact) for v in assessed]),
+            (GAIN, _with_ends(gains, known.linf_gain if known else None)),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
         ],
     )
 
 
-def without_parameters(table: Table) -> Table:
-    """A `stability_table` without α, β and τ, where these stand elsewhere."""
-    return table.only(lambda column: column.key not in PARAMETER_KEYS)
-
-
-def _heads(
-    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None
-) -> Iterator[Filled]:
-    """The vehicles, who drives them, and their parameters."""
-    yield Column("Vehicle"), vehicles.labels
-    yield from driver_cells(vehicles.drivers)
-    parameters = Parameters.stack(vehicle.parameters for vehicle in report.vehicles)
-    yield from parameter_cells(parameters, columns=supported_columns(uncertainty))
+def criteria_part(table: Table) -> Table:
+    """A `stability_table` without parameters and probabilities, where these stand elsewhere."""
+    aside = (PROBABILITY, VERDICT)
+    return table.only(lambda column: column.key not in PARAMETER_KEYS and column.title not in aside)
 
 
 def verdict_table(
     vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
 ) -> Table:
-    """One row a vehicle, fit for a narrow page: parameters, and by each norm gain and verdict.
-
-    With an uncertainty the verdicts are those of the posterior, and gains have their intervals.
-
-    Args:
-        vehicles: names and parameters.
-        report: theirs.
-        uncertainty: of the fit that they are from.
-    """
-    assessed, known = report.vehicles, uncertainty
-    peaks, gains = [v.peak.db for v in assessed], [v.linf_gain for v in assessed]
-    decibels = _decibels(known.peak_gain) if known else None
-    l2, linf = (known.probability_l2, known.probability_linf) if known else (None, None)
-    return Table.of(
-        "",
-        [
-            *_heads(vehicles, report, known),
-            *_probability(L2, l2),
-            (Column("Verdict", group=L2), _verdicts(l2, [v.l2 for v in assessed])),
-            (PEAK, _with_ends(peaks, decibels)),
-            (PEAK_AT, [v.peak.omega or None for v in assessed]),
-            *_probability(LINF, linf),
-            (Column("Verdict", group=LINF), _verdicts(linf, [v.linf_exact for v in assessed])),
-            (GAIN, _with_ends(gains, known.linf_gain if known else None)),
-        ],
-    )
+    """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
+    aside = [BELOW.title, "Paper's criterion", *([STABLE, EXACT.title] if uncertainty else [])]
+    table = stability_table(vehicles, report, uncertainty)
+    narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
+    return replace(narrow, caption="")
 
 
-def _verdicts(shares: FloatArray | None, verdicts: Sequence[Verdict]) -> list[str]:
-    """By the posterior where it is known, else by the criterion."""
-    if shares is not None:
-        return [WORDS[assessment(share)] for share in shares.tolist()]
-    return [
-        ("stable" if verdict.stable else "unstable") + (", marginal" if verdict.marginal else "")
-        for verdict in verdicts
-    ]
-
-
-def _with_ends(values: Sequence[float], ends: Interval | None) -> Sequence[Cell]:
+def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:
     """Values with their intervals, where these are known."""
-    return values if ends is None else estimate_cells(values, ends.lower, ends.upper)
+    if ends is None:
+        return values
+    return estimate_cells([nan if v is None else v for v in values], ends.lower, ends.upper)
 
 
 def _decibels(gain: Interval) -> Interval:
@@ -140,27 +106,11 @@ def _decibels(gain: Interval) -> Interval:
         return Interval(20 * np.log10(gain.lower), 20 * np.log10(gain.upper))
 
 
-def _probability(group: str, shares: FloatArray | None) -> Iterator[Filled]:
+def _posterior(group: str, shares: FloatArray | None) -> Iterator[Filled]:
+    """The probability of string stability, and what it amounts to."""
     if shares is not None:
-        yield Column("Probability", "%", 0, group), percent_cells(shares)
-
-
-def stability_interval_table(vehicles: ParameterSet, uncertainty: Uncertainty) -> Table:
-    """One row a vehicle: intervals of peak, crossover and gain; probability of stability."""
-    percent = f"{100 * uncertainty.level:.0f} % interval"
-    ranges = (
-        (replace(PEAK, title="Peak of |H|", group=percent), _decibels(uncertainty.peak_gain)),
-        (replace(PEAK_AT, title="Amplified below", group=percent), uncertainty.crossover),
-        (Column("‖h‖₁", "", 2, percent), uncertainty.linf_gain),
-    )
-    return Table.of(
-        f"Uncertainty of string stability, {vehicles.title}",
-        [
-            (Column("Vehicle"), vehicles.labels),
-            *((column, range_cells(ends.lower, ends.upper)) for column, ends in ranges),
-            *probability_cells(uncertainty),
-        ],
-    )
+        yield Column(PROBABILITY, "%", 0, group), percent_cells(shares)
+        yield Column(VERDICT, group=group), [WORDS[assessment(share)] for share in shares]
 
 
 def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:

@@ -1,7 +1,17 @@
-"""The checks of a snapshot as one table, for page, report and command line alike."""
+"""What was stated beside what is computed now: checks of a snapshot, and tables of the paper."""
 
+from collections.abc import Iterable
+from dataclasses import replace
+
+from accpinn.channels import MAGNITUDE
+from accpinn.model.cthp import Parameters
+from accpinn.results.reproduction import PrintedVerdicts
+from accpinn.results.tables.estimates import parameter_cells
+from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT, answer
 from accpinn.results.tables.table import Column, Table
 from accpinn.study.verification import Verification
+
+L2, LINF = "L₂", "L∞"
 
 
 def verification_table(verification: Verification) -> Table:
@@ -22,3 +32,31 @@ def verification_table(verification: Verification) -> Table:
             (Column("Result", prose=True), [check.sentence for check in checks]),
         ],
     )
+
+
+def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
+    """A row a follower: printed parameters and verdicts, and what follows from the parameters.
+
+    Parameters (M,) that were learned here from the same data stand beside the printed ones.
+    """
+    assessed = printed.report.vehicles
+    return Table.of(
+        printed.vehicles.title,
+        [
+            (Column("Vehicle"), printed.vehicles.labels),
+            *parameter_cells(printed.vehicles.parameters, "Printed"),
+            *(parameter_cells(learned, "Learned here") if learned else ()),
+            (Column("printed", group=L2), _words(printed.l2)),
+            (Column("computed", group=L2), [answer(v.l2) for v in assessed]),
+            (Column("printed", group=LINF), _words(printed.linf)),
+            (Column("paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
+            (Column("exact criterion", group=LINF), [answer(v.linf_exact) for v in assessed]),
+            (replace(GAIN, group=LINF), [v.linf_gain for v in assessed]),
+            (replace(PEAK, group=MAGNITUDE.name), [v.peak.db for v in assessed]),
+            (replace(PEAK_AT, group=MAGNITUDE.name), [v.peak.omega or None for v in assessed]),
+        ],
+    )
+
+
+def _words(verdicts: Iterable[bool]) -> list[str]:
+    return ["YES" if stable else "NO" for stable in verdicts]

@@ -8,7 +8,7 @@ from accpinn.model.published import ASTAZERO
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation, watched
-from accpinn.results.figures.paper_panels import PANELS, paper_panels
+from accpinn.results.figures.platoon import PANELS, paper_panels
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.tables.stability import amplitude_table

@@ -12,12 +12,12 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case, Parameters
-from accpinn.results.bundle import bundle
 from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.summary import BAND, about_curves, conditional
+from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
@@ -98,7 +98,7 @@ def _show_checks(result: Result) -> None:
         "collision-free": messages(events, info),
         "explained": messages(residual.findings if residual else (), info),
     }
-    answers = checks(info, fit, uncertainty, events, residual)
+    answers = checks(result)
     with st.container(horizontal=True, gap="small", key="checks"):
         for name, group in groupby(answers, lambda check: check.name):
             _show_check(info, name, [*group], evidence[name])
@@ -119,9 +119,7 @@ def _show_check(
 
 def _parameter_table(result: Result) -> Table:
     """All that is known of each vehicle."""
-    info, fit, evaluation = result.info, result.fit, result.evaluation
-    errors = evaluation.surrogate, evaluation.closed_loop
-    table = tables.parameter_table(info, fit, result.quality, *errors, result.uncertainty)
+    info, fit, table = result.info, result.fit, tables.parameter_table(result)
     return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 

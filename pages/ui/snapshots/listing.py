@@ -5,12 +5,10 @@ from itertools import islice
 
 import streamlit as st
 
-from accpinn.methods.fit import Outcome
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
     TITLES,
-    method_name,
     name_of,
 )
 from accpinn.results.tables.table import supported_digits
@@ -75,7 +73,8 @@ def title_of(saved: Entry | Result) -> str:
     if isinstance(saved, Result):
         title, case = name_of(saved.fit), f", Case {saved.fit.case}"
     else:
-        title = method_name(saved.method, {"preset": saved.preset}, Outcome.FINISHED)
+        title = TITLES.get(saved.method, saved.method)
+        title += f" ({saved.preset} preset)" if saved.preset else ""
         case = f", Case {saved.case}"
     return (title + case * (len(saved.parameters) > 1)) or saved.id
 

@@ -14,9 +14,8 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.stability import BEHAVIOURS, BY_ESTIMATES, TITLES, reason
 from accpinn.results.tables.stability import (
     answer,
-    stability_interval_table,
+    criteria_part,
     stability_table,
-    without_parameters,
 )
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict
 from pages.ui.components import show
@@ -70,17 +69,19 @@ def show_criteria(shown: ShownVehicles) -> None:
     )
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(shown.chosen, shown.report), "stability_criteria")
-    table = without_parameters(stability_table(shown.chosen, shown.report))
-    show.table(table, figures.colours(shown.chosen))
-    st.caption(
-        "By the estimates. Smallest stable time headway: that of this vehicle with its α and β."
+    table = stability_table(shown.chosen, shown.report, shown.known)
+    show.table(criteria_part(table), figures.colours(shown.chosen))
+    posterior = (
+        " In brackets: intervals from posterior samples of a model with disturbances that last for"
+        " seconds."
     )
-    show.downloads(
-        stability_table(shown.chosen, shown.report, shown.known),
-        f"criteria_{shown.chosen.title}".lower(), "criteria",
-    )  # fmt: skip
-    if shown.known:
-        _show_intervals(shown, shown.known)
+    st.caption(
+        "Stable and the criteria: by the estimates. Smallest stable time headway: that of this"
+        f" vehicle with its α and β.{posterior if shown.known else ''}"
+    )
+    show.downloads(table, f"criteria_{shown.chosen.title}".lower(), "criteria")
+    if shown.known and shown.source.result:
+        show.messages(messages(shown.known.findings, shown.source.result.info))
 
 
 def show_map(shown: ShownVehicles) -> None:
@@ -135,20 +136,6 @@ def show_reasons(shown: ShownVehicles) -> None:
     for at in range(0, len(texts), 2):
         for column, text in zip(st.columns(2, gap="large"), texts[at : at + 2], strict=False):
             column.markdown(text)
-
-
-def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
-    """The intervals of the measures of stability."""
-    chosen, result = shown.chosen, shown.source.result
-    table = stability_interval_table(chosen, known)
-    show.table(table, figures.colours(chosen))
-    st.caption(
-        "From posterior samples of a model with disturbances that last for seconds. Probability"
-        " of string stability: the share of samples that are stable."
-    )
-    show.downloads(table, f"uncertainty_{chosen.title}".lower(), "intervals")
-    if result:
-        show.messages(messages(known.findings, result.info))
 
 
 def _listed(

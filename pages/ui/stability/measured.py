@@ -7,7 +7,7 @@ import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.results.figures.measured_gain import Model, measured_bode
+from accpinn.results.figures.stability import Model, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.tables.stability import measured_gain_table
 from accpinn.stability.measured_gain import measured_gain

@@ -50,14 +50,11 @@ def test_estimates_intervals_and_truth_stand_where_they_belong(
     np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper.values[0])
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
     np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
-
-
-def test_an_open_end_and_an_undetermined_headway_can_be_drawn(uncertainty: Uncertainty) -> None:
     ends = uncertainty.upper.values.copy()
     ends[0, 2] = np.inf
-    row = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))
+    undetermined = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))
     unbounded = replace(uncertainty, upper=Parameters.of(ends))
-    figure = figures.estimates([row], COLOUR, unbounded, 0)
+    figure = figures.estimates([undetermined], COLOUR, unbounded, 0)
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 
 

@@ -27,15 +27,9 @@ def test_overview_draws_all_vehicles_and_the_window() -> None:
     axes = (figure.layout.yaxis, figure.layout.yaxis2, figure.layout.xaxis2)
     assert [axis.title.text for axis in axes] == ["Speed [m/s]", "Space-gap [m]", "Time [s]"]
     assert (figure.layout.dragmode, figure.layout.selectdirection) == ("select", "h")
-
-
-def test_overview_keeps_its_zoom_until_another_recording_comes() -> None:
-    one, other = recording(), recording(names="XYZ")
-    first, second, third = (
-        overview(run, vehicles, Window(0, 20)).layout.uirevision
-        for run, vehicles in ((one, (1, 2)), (one, (2, 3)), (other, (1, 2)))
-    )
-    assert first == second != third
+    again = overview(recording(), (2, 3), Window(0, 20)).layout.uirevision
+    other = overview(recording(names="XYZ"), (1, 2), Window(0, 20)).layout.uirevision
+    assert figure.layout.uirevision == again != other, "the zoom is kept until another recording"
 
 
 def test_views_of_the_followers_and_one_that_is_highlighted() -> None:
@@ -81,16 +75,14 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
 
 
-def test_a_thumbnail_is_all_speeds_without_axes() -> None:
-    figure = speeds_thumbnail(cut(recording(), 5.0, 30.0))
+def test_small_pictures_have_every_vehicle() -> None:
+    segment = cut(recording(), 5.0, 30.0)
+    figure = preview(segment)
+    assert names(figure) == ["1 A", "2 B", "3 C"]
+    assert {(trace.x[0], trace.x[-1]) for trace in figure.data} == {(5.0, 35.0)}, "its own time"
+    figure = speeds_thumbnail(segment)
     assert len(figure.data) == 3
     assert [axis.visible for axis in (figure.layout.xaxis, figure.layout.yaxis)] == [False, False]
-
-
-def test_preview_has_every_vehicle_in_the_recordings_time() -> None:
-    figure = preview(cut(recording(), 5.0, 30.0))
-    assert names(figure) == ["1 A", "2 B", "3 C"]
-    assert {(trace.x[0], trace.x[-1]) for trace in figure.data} == {(5.0, 35.0)}
 
 
 def test_names_from_files_are_not_read_as_html() -> None:

@@ -1,4 +1,4 @@
-"""Bode magnitude, criteria along the platoon and maps: what they draw."""
+"""Bode magnitude, computed and measured, criteria along the platoon and maps: what they draw."""
 
 from dataclasses import replace
 
@@ -11,8 +11,8 @@ from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures import stability as figures
-from accpinn.results.figures.style import FOLLOWERS, SERIES
 from accpinn.stability.frequency import response
+from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
 from accpinn.units import FloatArray
 from tests.support import draws
@@ -57,12 +57,12 @@ class TestBode:
             np.testing.assert_allclose(curves, y, atol=0.02)
 
     def test_every_point_says_whose_it_is(self, figure: go.Figure) -> None:
-        for k, label in enumerate((*ASTAZERO.labels, "Leader to last follower")):
+        lines = [*ASTAZERO.labels, "Leader to last follower"]
+        for k, label in enumerate(lines):
             assert set(named(figure, label).customdata) == {k if k < 4 else -1}
             assert "markers" in named(figure, label).mode, "lines alone cannot be clicked"
         assert list(named(figure, "peak").customdata) == [0, 1, 2, 3]
-        assert figure.layout.clickmode == "event+select"
-        assert [one.name for one in legend(figure)] == [*ASTAZERO.labels, "Leader to last follower"]
+        assert [trace.name for trace in legend(figure)] == lines
 
     def test_the_amplified_range_is_shaded_from_0_db_up(
         self, figure: go.Figure, astazero: StabilityReport
@@ -70,38 +70,21 @@ class TestBode:
         (area,), (low, high) = rectangles(figure), figure.layout.yaxis.range
         assert (area.y0, area.y1) == (0, high)
         assert low < figures.FLOOR < astazero.platoon.peaks[-1].db < high
-        assert figure.layout.xaxis.type == "log"
-        assert figure.layout.yaxis.title.text == "Bode magnitude |H(jω)| [dB]"
 
 
 @pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
 def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
-    pair = ParameterSet("Mine", ("odd", "calm"), row(vehicle, CALM))
+    pair = ParameterSet("Mine", ("<b>odd</b>", "calm"), row(vehicle, CALM))
     report = stability_report(pair.parameters)
     figure = figures.bode(pair, report)
     assert np.isfinite(figure.layout.yaxis.range).all()
     assert figure.layout.yaxis.range[1] <= figures.CEILING
     for trace in figure.data[:2]:
         assert np.isfinite(trace.y).all()
-    figures.criteria_by_vehicle(pair, report)
-    for plane in ("beta", "alpha"):
-        axis = figures.stability_map(pair, report, 0, plane).layout.yaxis.range
-        assert np.isfinite(axis).all()
-
-
-def test_names_are_shown_as_they_are() -> None:
-    nasty = ParameterSet("Mine", ("<b>bold</b>",), row(CALM))
-    report = stability_report(nasty.parameters)
-    for figure in (figures.bode(nasty, report), figures.stability_map(nasty, report, 0, "beta")):
-        assert "<b>" not in figure.to_json()
-
-
-def test_a_thumbnail_has_room_for_calm_vehicles() -> None:
-    calm = figures.gains_thumbnail(ParameterSet("Mine", ("calm",), row(CALM)))
-    loud = figures.gains_thumbnail(ASTAZERO)
-    tops = [figure.layout.yaxis.range[1] for figure in (calm, loud)]
-    assert tops[0] == figures.LEAST_PEAK
-    assert max(max(trace.y) for trace in loud.data) < tops[1]
+    plane = figures.stability_map(pair, report, 0, "beta")
+    assert np.isfinite(plane.layout.yaxis.range).all()
+    for drawn in (figure, plane, figures.criteria_by_vehicle(pair, report)):
+        assert "<b>" not in drawn.to_json(), "names from files are no HTML"
 
 
 class TestCriteria:
@@ -119,11 +102,6 @@ class TestCriteria:
         assert all(list(trace.x) == [1, 2, 3, 4] for trace in figure.data)
         levels = [shape.y0 for shape in figure.layout.shapes]
         assert levels == [0, 1], "one line a panel between stable and unstable"
-
-    def test_have_colours_of_no_vehicle(self) -> None:
-        keys = (*figures.CRITERIA_KEY, *figures.MAP_KEY)
-        assert {colour for _, colour in keys}.isdisjoint(FOLLOWERS)
-        assert figures.L2 in SERIES, "whose contrast and likeness to vehicles are tested"
 
     def test_vehicles_go_by_their_labels(self, astazero: StabilityReport) -> None:
         ours = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
@@ -159,15 +137,12 @@ class TestMap:
         self, astazero: StabilityReport
     ) -> None:
         figure = figures.stability_map(ASTAZERO, astazero, 1, "beta")
-        dots = figure.data[-1]
+        dots, (_, high) = figure.data[-1], figure.layout.yaxis.range
         assert list(dots.x) == ASTAZERO.parameters.beta.tolist()
         assert list(dots.y) == ASTAZERO.parameters.tau.tolist()
         assert list(dots.marker.symbol) == ["circle-open", "circle", "circle-open", "circle-open"]
-        high = figure.layout.yaxis.range[1]
-        assert 0 <= min(dots.x) <= max(dots.x) <= figure.layout.xaxis.range[1]
-        assert 0 <= min(dots.y) <= max(dots.y) <= high
-        needed = astazero.vehicles[1].smallest_tau
-        assert high > needed.linf_exact
+        assert max(dots.x) <= figure.layout.xaxis.range[1]
+        assert max(*dots.y, astazero.vehicles[1].smallest_tau.linf_exact) <= high
         assert figure.layout.xaxis.title.text == "β, gain on relative speed [1/s]"
         assert [trace.name for trace in legend(figure)] == list(figures.BOUNDARIES)
 
@@ -248,3 +223,25 @@ class TestUncertainty:
         draws[: count // 10, 0, 2] = 99.0
         assert f"{10 / len(vehicles):.0f} % of them lie beyond" in caption(draws)
         assert "%" not in caption(np.full_like(draws, np.nan))
+
+
+def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> None:
+    measured, audi = measured_gain(sample(PLATOON).segment, 0), ASTAZERO.parameters[0]
+    model = figures.Model("Audi", audi, ASTAZERO.parameters)
+    figure = figures.measured_bode(measured, "<2> Audi", "#0c7eae", model)
+    points, clear = named(figure, "&lt;2&gt; Audi, measured"), measured.coherent
+    np.testing.assert_array_equal(points.x, measured.omega[clear])
+    np.testing.assert_allclose(points.y, 20 * np.log10(measured.gain[clear]))
+    upper = 10 ** ((np.asarray(points.y) + points.error_y.array) / 20)
+    np.testing.assert_allclose(upper, measured.upper[clear])
+    faint = named(figure, "&lt;2&gt; Audi, measured, not coherent")
+    assert len(faint.x) == (~clear).sum()
+    assert faint.opacity < points.opacity
+    curve = named(figure, "Audi, model")
+    gain = np.abs(response(ASTAZERO.parameters[:1], np.asarray(curve.x)))[0]
+    np.testing.assert_allclose(curve.y, 20 * np.log10(gain))
+    assert len(legend(figure)) == 3
+    (area,) = (trace for trace in figure.data if trace.fill == "toself")
+    assert np.isfinite(area.y).all()
+    alone = figures.measured_bode(measured, "BMW", "#d8660c")
+    assert not any(trace.fill or "model" in trace.name for trace in alone.data)

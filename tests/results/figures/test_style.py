@@ -28,13 +28,10 @@ class TestColours:
         assert style.vehicle_colour(4, 3) == style.vehicle_colour(4, 1)
 
     @pytest.mark.parametrize("side", ["light", "dark"])
-    def test_are_seen_on_both_themes(self, side: str) -> None:
+    def test_are_seen_and_read_on_both_themes(self, side: str) -> None:
         for colour in (*VEHICLES, *style.SERIES, style.MODEL):
             assert contrast(colour, THEME[side]["backgroundColor"]) >= 3
         assert THEME[side]["chartCategoricalColors"] == list(VEHICLES)
-
-    @pytest.mark.parametrize("side", ["light", "dark"])
-    def test_of_text_and_links_can_be_read(self, side: str) -> None:
         for background in ("backgroundColor", "secondaryBackgroundColor"):
             assert contrast(THEME[side]["textColor"], THEME[side][background]) > 7
             assert contrast(THEME[side]["linkColor"], THEME[side][background]) > 4.5
@@ -42,16 +39,13 @@ class TestColours:
     @pytest.mark.parametrize("vision", ["normal", "red-blind", "green-blind"])
     def test_of_a_platoon_of_six_differ(self, vision: str) -> None:
         colours = [lab(colour, vision) for colour in VEHICLES[:6]]
-        least = min(float(np.linalg.norm(one - two)) for one, two in combinations(colours, 2))
+        least = min(float(np.linalg.norm(a - b)) for a, b in combinations(colours, 2))
         assert least > 11, "a difference of 2.3 is just seen side by side"
 
     def test_of_other_lines_are_no_vehicles(self) -> None:
         for colour in style.SERIES:
-            apart = [
-                np.linalg.norm(lab(colour, "normal") - lab(one, "normal"))
-                for one in (*VEHICLES, style.MODEL)
-            ]
-            assert min(apart) > 20
+            others = (lab(other, "normal") for other in (*VEHICLES, style.MODEL))
+            assert min(np.linalg.norm(lab(colour, "normal") - other) for other in others) > 20
 
 
 class TestThinning:

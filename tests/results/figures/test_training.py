@@ -45,8 +45,7 @@ class TestLoss:
         assert axis.type == "log"
         assert axis.range[0] % 1 == 0
         assert axis.range[1] == 1, "the loss starts a little above 1"
-        assert "10⁻³" in axis.ticktext
-        assert len(axis.ticktext) <= 8
+        assert (axis.range[1] - axis.range[0]) / axis.dtick <= 7
 
     def test_that_is_zero_or_infinite_is_omitted(self) -> None:
         track = history()
@@ -80,18 +79,19 @@ class TestEvidence:
 
 class TestParameters:
     @pytest.mark.parametrize(("which", "label"), [*enumerate(("α [1/s²]", "β [1/s]", "τ [s]"))])
-    def test_have_units_colours_and_the_truth(
+    def test_have_units_colours_and_lines_to_compare_with(
         self, segment: Segment, which: int, label: str
     ) -> None:
         truth = Parameters.of([[0.1, 0.2, 1.2], [0.11, 0.21, 1.21]])
-        figure = training.parameter_history(history(), which, segment.info, truth)
+        figure = training.parameter_history(history(), which, segment.info, truth, truth)
         assert figure.layout.yaxis.title.text == label
         assert names(figure) == ["2 B", "3 C"]
         colours = [trace.line.color for trace in figure.data]
         assert colours == [style.vehicle_colour(2, 1), style.vehicle_colour(3, 1)]
         lines = figure.layout.shapes
-        assert [line.line.color for line in lines] == colours
-        assert [line.y0 for line in lines] == truth.values[:, which].tolist()
+        assert [line.line.color for line in lines] == 2 * colours
+        assert [line.y0 for line in lines] == 2 * truth.values[:, which].tolist()
+        assert [line.line.dash for line in lines] == ["dash", "dash", "dot", "dot"]
 
     def test_axis_shows_the_whole_way_and_what_it_is_compared_with(self, segment: Segment) -> None:
         truth = Parameters.of([[3.0, 0.2, 1.2], [0.11, 0.21, 1.21]])
@@ -99,18 +99,10 @@ class TestParameters:
         low, high = figure.layout.yaxis.range
         assert low < history().parameters.alpha.min()
         assert high > 3.0
-        assert figure.layout.xaxis.type == "log"
-        assert [line.line.dash for line in figure.layout.shapes] == ["dash", "dash"]
         unknown = Parameters.of(np.full((40, 2, 3), np.nan))
         undetermined = replace(history(), parameters=unknown)
         figure = training.parameter_history(undetermined, 2, segment.info)
         assert figure.layout.yaxis.range is None
-
-    def test_least_squares_stands_beside_the_truth(self, segment: Segment) -> None:
-        truth = Parameters.of([[0.1, 0.2, 1.2], [0.11, 0.21, 1.21]])
-        figure = training.parameter_history(history(), 2, segment.info, truth, truth)
-        lines = [(line.y0, line.line.dash) for line in figure.layout.shapes]
-        assert lines == [(1.2, "dash"), (1.21, "dash"), (1.2, "dot"), (1.21, "dot")]
 
     def test_a_live_training_is_drawn_with_few_points_the_last_among_them(self) -> None:
         long = history(moments=4000)
@@ -120,10 +112,8 @@ class TestParameters:
         assert (np.diff(few.iteration) > 0).all()
         np.testing.assert_array_equal(few.total, long.total[few.iteration.astype(int)])
         assert few.evidence is None
-
-    def test_case_one_is_one_line_for_all(self, segment: Segment) -> None:
-        figure = training.parameter_history(history(sets=1), 2, segment.info)
-        assert names(figure) == [EVERY_FOLLOWER]
+        shared = training.parameter_history(history(sets=1), 2, cut(recording(), 0.0, 30.0).info)
+        assert names(shared) == [EVERY_FOLLOWER]
 
 
 class TestTracking:
@@ -136,12 +126,8 @@ class TestTracking:
         np.testing.assert_array_equal(figure.data[0].y, segment.gaps[:, 1])
         np.testing.assert_array_equal(figure.data[1].y, segment.speeds[:, 2])
         np.testing.assert_array_equal(figure.data[2].y, segment.gaps[:, 1] + 1)
-        for with_error in (False, True):
-            alone = training.tracking(segment, 0, None, None, with_error=with_error)
-            assert set(names(alone)) == {"data"}
-
-    def test_without_data_has_the_methods_own_curves_only(self, segment: Segment) -> None:
-        curves = Trajectories(segment.time, segment.speeds, segment.gaps)
+        alone = training.tracking(segment, 0, None, None, with_error=True)
+        assert set(names(alone)) == {"data"}
         figure = training.tracking(segment.info, 0, curves, None, with_error=True)
         assert [(trace.name, trace.yaxis) for trace in figure.data] == [
             ("network", "y"), ("network", "y2"),
@@ -160,17 +146,14 @@ class TestTracking:
         shown = [trace.name for trace in legend(figure)]
         assert shown == ["data", "Splines", "closed-loop simulation"], "each once"
 
-    @pytest.mark.parametrize("with_error", [False, True])
-    def test_runs_in_the_recordings_time_and_marks_a_collision(
-        self, segment: Segment, with_error: bool
-    ) -> None:
+    def test_runs_in_the_recordings_time_and_marks_a_collision(self, segment: Segment) -> None:
         later = replace(segment, start=320.0)
         gaps = segment.gaps.copy()
         gaps[100:] = -1.0
         colliding = Trajectories(segment.time, segment.speeds, gaps)
 
         def draw(simulated: Trajectories | None) -> go.Figure:
-            return training.tracking(later, 0, None, simulated, with_error=with_error)
+            return training.tracking(later, 0, None, simulated, with_error=True)
 
         assert "collision" not in names(draw(None))
         figure = draw(colliding)

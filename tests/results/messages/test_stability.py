@@ -14,8 +14,6 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import AFTER_COLLISION, simulate_platoon
 from accpinn.results.messages.stability import (
-    BEHAVIOURS,
-    TITLES,
     amplification,
     criteria_differ,
     disturbance,
@@ -26,8 +24,6 @@ from accpinn.results.messages.stability import (
     smallest_gap,
 )
 from accpinn.stability.report import (
-    Behaviour,
-    Criterion,
     StabilityReport,
     VehicleStability,
     assessment,
@@ -137,11 +133,6 @@ def test_a_platoons_reason_names_who_and_how_much(
 ) -> None:
     sentence = reasons(stability_report(vehicles))[name]
     assert [fact for fact in facts if fact not in sentence] == []
-
-
-def test_every_criterion_and_behaviour_has_its_words() -> None:
-    assert set(TITLES) == set(Criterion)
-    assert set(BEHAVIOURS) == set(Behaviour)
 
 
 @pytest.mark.parametrize(

@@ -109,11 +109,9 @@ class TestPage:
         places = [int(a["data-place"] or -1) for _, a in Reader(page()).tags if "data-place" in a]
         assert places == list(range(len(made)))
         assert [drawing["name"] for drawing in made][:3] == ["fit_1", "bode", "motion"]
-        for drawing in made:
-            for trace in drawing["data"]:
-                for axis in ("x", "y"):
-                    numbers = [v for v in trace[axis] if isinstance(v, float)]
-                    assert all(v == float(f"{v:.5g}") for v in numbers)
+        packed = [trace[axis] for drawing in made for trace in drawing["data"] for axis in "xy"
+                  if isinstance(trace.get(axis), dict)]  # fmt: skip
+        assert "f4" in {numbers["dtype"] for numbers in packed}
 
     def test_a_bare_result_makes_a_page_too(self) -> None:
         bare = replace(small(), segments=(), compared=())
@@ -128,7 +126,7 @@ class TestContents:
             for number in (f"{one.alpha:.4f}", f"{one.tau:.3f}"):
                 assert any(cell.startswith(number) for cell in cells)
         for vehicle in whole().stability.vehicles:
-            assert f"{vehicle.linf_gain:.3f}" in cells
+            assert any(cell.startswith(f"{vehicle.linf_gain:.3f}") for cell in cells)
 
     def test_tables_are_offered_as_files(self) -> None:
         files = {a["download"]: a["href"] for _, a in Reader(page()).tags if "download" in a}

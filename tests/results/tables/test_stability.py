@@ -14,13 +14,11 @@ from accpinn.platoon.simulation import simulate_platoon
 from accpinn.results.tables.stability import (
     WORDS,
     amplitude_table,
+    criteria_part,
     measured_gain_table,
-    stability_interval_table,
     stability_table,
     verdict_table,
-    without_parameters,
 )
-from accpinn.results.tables.table import Range
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import assessment, stability_report
 from tests.support.samples import PLATOON, sample
@@ -60,16 +58,15 @@ def test_intervals_and_probabilities() -> None:
     fit = splines.fit(segment)
     uncertainty = intervals(segment, fit)
     learned = ParameterSet("Learned", segment.names[1:], fit.parameters)
-    table = stability_interval_table(learned, uncertainty)
-    first, gain = table.rows[0], uncertainty.peak_gain
-    decibels = 20 * np.log10([gain.lower[0], gain.upper[0]])
-    assert first[0] == learned.labels[0]
-    assert first[1] == Range(*decibels)
-    assert first[4] == pytest.approx(100 * uncertainty.probability_l2[0])
-    assert first[5] == pytest.approx(100 * uncertainty.probability_linf[0])
-    assert {column.group for column in table.columns[1:4]} == {"90 % interval"}
-
-    verdicts = verdict_table(learned, stability_report(learned.parameters), uncertainty)
+    report, peak = stability_report(learned.parameters), uncertainty.peak_gain
+    decibels = 20 * np.log10([peak.lower[0], peak.upper[0]])
+    table = stability_table(learned, report, uncertainty)
+    cells = dict(zip([(c.group, c.title) for c in table.columns], table.rows[0], strict=True))
+    assert cells[LINF, "Probability"] == pytest.approx(100 * uncertainty.probability_linf[0])
+    assert cells[L2, "Amplified below"][1:] == (
+        uncertainty.crossover.lower[0], uncertainty.crossover.upper[0],
+    )  # fmt: skip
+    verdicts = verdict_table(learned, report, uncertainty)
     cells = dict(zip([(c.group, c.title) for c in verdicts.columns], verdicts.rows[0], strict=True))
     assert cells[L2, "Probability"] == pytest.approx(100 * uncertainty.probability_l2[0])
     assert cells[L2, "Verdict"] == WORDS[assessment(uncertainty.probability_l2[0])]
@@ -84,10 +81,11 @@ def test_given_parameters_have_verdicts_by_the_criteria() -> None:
     heads = [(column.group, column.title) for column in table.columns]
     tesla, calm = (dict(zip(heads, cells, strict=True)) for cells in table.rows)
     assert (L2, "Probability") not in heads
-    assert [tesla[group, "Verdict"] for group in (L2, LINF)] == ["unstable", "unstable"]
-    assert [calm[group, "Verdict"] for group in (L2, LINF)] == ["stable", "stable"]
+    verdicts = ((L2, "Stable"), (LINF, "Exact criterion"))
+    assert [tesla[head] for head in verdicts] == ["NO", "NO"]
+    assert [calm[head] for head in verdicts] == ["YES", "YES"]
     assert tesla[L2, "Peak"] == pytest.approx(0.3395, abs=5e-5)
-    short = without_parameters(stability_table(pair, stability_report(pair.parameters)))
+    short = criteria_part(stability_table(pair, stability_report(pair.parameters)))
     assert "α" not in [column.title for column in short.columns]
 
 

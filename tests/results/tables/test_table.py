@@ -63,6 +63,8 @@ class TestCells:
         assert {column.shown(value) for value in (None, NAN, INF)} == {ABSENT}
         assert column.shown(1.5204) == "1.520"
         assert column.heading == "τ [s]"
+        short = Column("Time", "s", 2, least=True)
+        assert [short.shown(v) for v in (0.0, 0.0004, 0.006)] == ["0.00", "< 0.01", "0.01"]
 
     @pytest.mark.parametrize(
         ("low", "high", "shown"),
@@ -71,10 +73,6 @@ class TestCells:
     )  # fmt: skip
     def test_an_interval_in_words(self, low: float, high: float, shown: str) -> None:
         assert between(low, high, 2) == shown
-
-    def test_a_short_time_is_not_shown_as_none(self) -> None:
-        column = Column("Time", "s", 2, least=True)
-        assert [column.shown(v) for v in (0.0, 0.0004, 0.006)] == ["0.00", "< 0.01", "0.01"]
 
 
 class TestText:
@@ -133,9 +131,8 @@ class TestCsv:
         table = Table.of("", [(Column("Vehicle"), [text]), (Column("τ", digits=2), [-1.5])])
         assert read_csv(table)[1] == [f"'{text}", "-1.5"]
 
-    @pytest.mark.parametrize("text", ["-0.12", "+1.2", "2 Tesla"])
-    def test_numbers_as_texts_stay_as_they_are(self, text: str) -> None:
-        assert read_csv(Table.of("", [(Column("Vehicle"), [text])]))[1] == [text]
+        alone = [(Column("Vehicle"), ["-0.12", "+1.2", "2 Tesla"])]
+        assert read_csv(Table.of("", alone))[1:] == [["-0.12"], ["+1.2"], ["2 Tesla"]]
 
 
 class TestLatex:
@@ -147,9 +144,8 @@ class TestLatex:
         assert r"\cmidrule(lr){2-3} \cmidrule(lr){4-4}" in text
         assert text.count(r"\\") == 2 + len(TABLE.rows)
 
-    @pytest.mark.parametrize("symbol", [*"αβτΔλω∞₀₁₂²−≤", "L₂", "‖h‖₁"])
-    def test_has_every_symbol_of_the_tables(self, symbol: str) -> None:
-        assert "U+" not in latex(symbol)
+    def test_has_every_symbol_of_the_tables(self) -> None:
+        assert "U+" not in latex("αβτΔλω∞₀₁₂²−≤‖")
 
     @pytest.mark.parametrize(
         ("text", "shown"),
