@@ -172,9 +172,15 @@ def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[ParameterIn
 
 
 def _is_wide(interval: ParameterInterval) -> bool:
-    """An interval that is not known is not wide, nor is one that contains only 0."""
+    """An interval that is not known is not wide, nor is one that contains only 0.
+
+    One whose ends are equal is: there all draws of the posterior collapsed on one, as where nothing
+    but noise moves, and they say nothing.
+    """
     lower, upper = interval.lower, interval.upper
-    return np.isfinite(lower) and (upper is None or upper > WIDE * lower)
+    if upper is None or not np.isfinite(lower):
+        return bool(np.isfinite(lower))
+    return upper > WIDE * lower or upper == lower > 0.0
 
 
 def _identification(
