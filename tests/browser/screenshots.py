@@ -288,7 +288,7 @@ def compare(camera: Camera) -> None:
         page.get_by_role("button", name="Run all methods").click()
         page.get_by_role("button", name="Stop", exact=True).wait_for()
         camera.shoot(page, "compare_running", whole=False)
-        table(page, "Maximum likelihood").wait_for(timeout=TRAINING_MS)
+        table(page, "Maximum likelihood (90").wait_for(timeout=TRAINING_MS)
         idle(page)
         camera.shoot(page, "compare_fold", whole=False)
         camera.shoot(page, "compare")

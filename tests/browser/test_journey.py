@@ -206,7 +206,7 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     page.get_by_role("button", name="Stop", exact=True).click()
     expect(page.get_by_text("Stopped: ")).to_be_visible()
     page.get_by_role("button", name="Run all methods").click()
-    intervals = table(page, "Maximum likelihood")
+    intervals = table(page, "Maximum likelihood (90")
     expect(intervals).to_be_visible(timeout=TRAINING_MS)
     expect(intervals.locator("tbody tr")).to_have_count(1)
     expect(intervals.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
