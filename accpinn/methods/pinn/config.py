@@ -18,6 +18,10 @@ PresetName = Literal["fast", "calibrated", "paper"]
 NAMES = "fast, calibrated or paper"
 STRETCH = 1.1
 """Period of the Fourier features, in windows: motions at its ends need not be alike."""
+SHORT: Seconds = 200.0
+SHORT_FREQUENCY = 0.4
+"""Least highest frequency of a shorter window, in Hz. One braking or one jump of a gap weighs more
+there; with 0.15 Hz the parameters of a window of 145 s were 3 % off the limit of the loss."""
 
 STARTS = (
     Parameters(1.0, 1.0, 1.0),
@@ -65,7 +69,8 @@ class PinnConfig:
     test_share: float = 0.0
     """`paper` only: share of instants, drawn at random, kept out of training."""
     highest_frequency: float = 0.15
-    """In Hz, not of `paper`: the input features reach from a cycle per window or less to here."""
+    """In Hz, not of `paper`: the input features reach from a cycle per window or less to here, and
+    in windows under 200 s to 0.4 Hz at least."""
     batch: int = 300
     """Random instants per Adam iteration; not of `paper`."""
     layers: int = 3
@@ -115,14 +120,16 @@ class PinnConfig:
         """(n,) of the Fourier features in rad/s; empty for the preset `paper`.
 
         They are whole cycles of a period that is longer than the window, up to the highest
-        frequency, and at least four. Half cycles per window would be twice as many features for
-        the same motions.
+        frequency (in short windows at least `SHORT_FREQUENCY`), and at least four. Half cycles per
+        window would be twice as many features for the same motions.
 
         Args:
             duration: length of the window, in s.
         """
         period = STRETCH * duration
-        count = 0 if self.preset == "paper" else max(4, round(period * self.highest_frequency))
+        least = SHORT_FREQUENCY if duration < SHORT else 0.0
+        count = max(4, round(period * max(least, self.highest_frequency)))
+        count = 0 if self.preset == "paper" else count
         return np.arange(1, count + 1, dtype=np.float64) * (2 * np.pi / period)
 
     def to_json(self) -> dict[str, Any]:
