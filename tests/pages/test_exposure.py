@@ -10,8 +10,7 @@ from streamlit import config
 
 from accpinn.recordings.openacc import read
 from pages.ui.session import identity, sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import library, store
+from pages.ui.session.resources import FIRST_SAMPLE, library, sample, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon

@@ -20,11 +20,10 @@ from accpinn.tasks.task import Status
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
+from pages.ui.home import runs_of
 from pages.ui.platoon.page import PANELS, TABS
-from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import store
+from pages.ui.session.resources import FIRST_SAMPLE, sample, store
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     COMPARE,

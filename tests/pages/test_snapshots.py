@@ -11,10 +11,9 @@ from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
 from accpinn.tasks.task import Status
 from pages.ui.session import identity, sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import library
+from pages.ui.session.resources import FIRST_SAMPLE, library, sample
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.both import other_vehicles, parameter_differences, what_differs
+from pages.ui.snapshots.listing import other_vehicles, parameter_differences, what_differs
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
     COMPARE,

@@ -30,12 +30,12 @@ from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
 from accpinn.segment.quality import Grade, assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import Information, Suggestion, suggest_window
 from pages.ui.components import frame, show
+from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
-from pages.ui.data.validation import choose_validation
-from pages.ui.result.saved import banner, show_data
+from pages.ui.data.views import choose_validation
 from pages.ui.session.resources import BY_CONTENT, KEPT
 from pages.ui.session.workspace import Workspace
 

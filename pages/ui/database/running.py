@@ -23,8 +23,7 @@ from pages.ui.components.show import escape_markdown, format_duration
 from pages.ui.components.widgets import bound, select
 from pages.ui.database.selection import folder_of, known_studies
 from pages.ui.session.choices import DatabaseChoice
-from pages.ui.session.recordings import folders, recordings_folder
-from pages.ui.session.resources import batch_queue
+from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
 
 REDRAWN = 15.0

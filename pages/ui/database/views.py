@@ -18,7 +18,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
 from pages.ui.database.selection import NOT_TOLD, ShownRows, study_rows
 from pages.ui.session.choices import DatabaseChoice
-from pages.ui.session.recordings import find_recording
+from pages.ui.session.resources import find_recording
 from pages.ui.session.workspace import Workspace
 
 LISTED = 100

@@ -26,8 +26,7 @@ from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
 from accpinn.units import Seconds
 from pages.ui.session.identity import mark
-from pages.ui.session.recordings import find_recording, find_sample
-from pages.ui.session.resources import library, store, task_queue
+from pages.ui.session.resources import find_recording, find_sample, library, store, task_queue
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200

@@ -26,8 +26,13 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
 from pages.ui.session.resources import KEPT, report_of
 from pages.ui.session.workspace import Workspace
-from pages.ui.stability.details import ShownVehicles, show_criteria, show_map, show_reasons
-from pages.ui.stability.measured import show_measured
+from pages.ui.stability.details import (
+    ShownVehicles,
+    show_criteria,
+    show_map,
+    show_measured,
+    show_reasons,
+)
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."

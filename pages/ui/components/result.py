@@ -1,4 +1,7 @@
-"""A result on a page: checks, parameters and fit on the first screen, all else in tabs."""
+"""A result on a page: checks, parameters and fit on the first screen, all else in tabs.
+
+`banner` and those below it say of a restored result which one it is, and what would complete it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
@@ -15,6 +18,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.results.bundle import bundle
 from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
+from accpinn.results.figures.recording import preview
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.summary import BAND, about_curves, conditional
@@ -23,10 +27,13 @@ from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
+from pages.ui.session.identity import owner_mark
+from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace, recording_duration
+from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
@@ -265,3 +272,64 @@ def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case:
         " the values consistent with the data. Probability of string stability: the share of"
         f" parameter sets consistent with the data (posterior samples) that are stable. {more}"
     )
+
+
+# A restored result
+
+
+def banner(workspace: Workspace) -> None:
+    """Which restored result a page shows, and what would complete it."""
+    restored = workspace.restored
+    if restored is None or not (restored.id or restored is workspace.result):
+        return
+    if workspace.result is not restored:
+        state = "the training is new, on the same window."
+    elif workspace.recording:
+        state = "its recording is open, so everything is complete."
+    elif workspace.segment:
+        state = "its data came with it."
+    else:
+        state = "it came without its data."
+    kind = "From the snapshot" if restored.id else "An earlier run"
+    name = escape_markdown(title_of(restored))
+    st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
+
+    def keep() -> None:
+        with show.flashing():
+            library().add(restored, owner_mark(workspace.id))
+
+    if restored.id and not library().has(restored.id):
+        show.messages(
+            "This snapshot was deleted from the server and lasts only as long as this session;"
+            " keep it again, and its link works again.",
+            "warning",
+            "delete",
+        )
+        st.button("Keep it again", key="snapshots_keep", on_click=keep)
+
+
+def recording_needed(workspace: Workspace, what: str, here: bool = False) -> None:
+    """Which recording would complete a page without data, which may be opened ``here``."""
+    if workspace.segment or workspace.restored is None:
+        return
+    source = workspace.restored.analysis.source
+    st.warning(
+        f"{what} the recording, which is not part of the snapshot. It is"
+        f" **{escape_markdown(source.name)}**, SHA-256 `{source.sha256 or 'not known'}`. Open that"
+        f" file {'below' if here else 'on the Data page'}, and the window is restored.",
+        icon=":material/database:",
+    )
+    if not here:
+        frame.link(frame.DATA, "Open the recording on Data", workspace)
+
+
+def show_data(workspace: Workspace) -> None:
+    """The window's own curves, if they came along; else which recording has them."""
+    banner(workspace)
+    segment = workspace.segment
+    if segment is None:
+        recording_needed(workspace, "Speeds and gaps are in", here=True)
+        return
+    st.caption("These curves are the snapshot's; the whole recording is not part of it.")
+    show.vehicle_key(segment)
+    show.chart(preview(segment), "snapshots_data")

@@ -34,10 +34,9 @@ from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
+from pages.ui.components.result import banner, recording_needed, show_intervals
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
-from pages.ui.result.saved import banner, recording_needed
-from pages.ui.result.view import show_intervals
 from pages.ui.session.workspace import Workspace, recording_duration
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
