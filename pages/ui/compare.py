@@ -85,7 +85,6 @@ class _Shown:
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Compare")
     segment, task = workspace.segment, workspace.comparison
     if workspace.restored and task is None:
@@ -117,7 +116,6 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
-    """Run, or stop what runs."""
     task, training = workspace.comparison, workspace.training
     if task and task.is_active:
         stop_button(task, "Stop", "compare_stop")
@@ -200,7 +198,6 @@ def _show_collisions(shown: _Shown) -> None:
 
 
 def _show_failures(failures: Sequence[Refused]) -> None:
-    """The methods without a result, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for failure in failures:
         reasons.setdefault(str(failure.fault), []).append(TITLES[failure.method])
@@ -230,7 +227,6 @@ def _show_methods(shown: _Shown) -> None:
 
 
 def _show_estimates(shown: _Shown) -> None:
-    """Dots over the intervals, for one follower."""
     follower, uncertainty = shown.follower, shown.uncertainty
     earlier = _choose_earlier(shown)
     dots = [
@@ -264,7 +260,6 @@ def _show_course(shown: _Shown) -> None:
 
 
 def _show_curves(shown: _Shown, name: str, row: Result) -> None:
-    """One method against the data."""
     segment, follower = shown.segment, shown.follower
     st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
     figure = tracking(segment, follower, row.fit.surrogate, row.simulated, name, with_error=True)
@@ -291,7 +286,6 @@ def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
-    """The parameters over time of the online methods."""
     st.subheader(ONLINE, anchor=False)
     figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
@@ -372,7 +366,6 @@ def _show_disturbance(shown: _Shown) -> None:
 
 
 def _show_repeatability(shown: _Shown) -> None:
-    """Five starts, and what was found before."""
     _show_starts(shown)
     _show_earlier(shown)
 

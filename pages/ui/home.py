@@ -35,7 +35,6 @@ _STYLE = """<style>
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("")
     st.html(_STYLE)
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
@@ -58,7 +57,6 @@ def show_page() -> None:
 
 
 def _continue(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
-    """What is open, and the last finished runs."""
     with st.container(border=True):
         session, runs = st.columns((1, 1.7), gap="large")
         with session:
@@ -78,7 +76,6 @@ def _continue(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
 
 
 def _show_run(workspace: Workspace, entry: Entry) -> None:
-    """A finished run in one line, and the button that shows it on every page again."""
     line, button = st.columns((5, 1), vertical_alignment="center")
     line.caption(
         f"{escape_markdown(title_of(entry))} · {escape_markdown(entry.source)} · {entry.window}  \n"
@@ -90,7 +87,6 @@ def _show_run(workspace: Workspace, entry: Entry) -> None:
 
 
 def _ways_in(workspace: Workspace) -> None:
-    """A field for a file of the user's own, and a result without one."""
     left, right = st.columns((2, 1), gap="large")
     with left.container(key="home_drop"):
         if drop_zone(workspace, announce=True):
@@ -130,7 +126,6 @@ def _train_sample(workspace: Workspace) -> None:
 
 
 def _show_samples(workspace: Workspace) -> None:
-    """A card for each sample."""
     st.caption("Synthetic recordings with known true parameters: what is learned can be checked.")
     for column, path in zip(st.columns(CARDS), samples()[:CARDS], strict=False):
         with column.container(border=True, height="stretch"):

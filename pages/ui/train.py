@@ -53,7 +53,6 @@ CONTINUES = (
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Train")
     _show_page(workspace)
     with st.container(key="later_3_runs"):
@@ -61,7 +60,6 @@ def show_page() -> None:
 
 
 def _show_page(workspace: Workspace) -> None:
-    """All but the list of runs."""
     segment, result, training = workspace.segment, workspace.result, workspace.training
     if segment is None and result is None:
         frame.empty_state(workspace, "Nothing to train on")
@@ -169,7 +167,6 @@ def _next_button(workspace: Workspace) -> None:
 
 
 def _controls(workspace: Workspace) -> None:
-    """Preset, options and the buttons."""
     preset = workspace.preset
     with st.container(horizontal=True, vertical_alignment="center"):
         segments(
@@ -189,7 +186,6 @@ def _controls(workspace: Workspace) -> None:
 
 
 def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
-    """Start, Stop or Continue: whichever makes sense now."""
     training = workspace.training
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
@@ -236,7 +232,6 @@ START_HELP = (
 
 
 def show_options(workspace: Workspace) -> None:
-    """All settings of the preset."""
     fields = _Fields(workspace)
     rows = [st.columns(4) for _ in range(5)]
     fields.number(
@@ -284,7 +279,6 @@ def show_options(workspace: Workspace) -> None:
 
 
 def _special(workspace: Workspace, fields: "_Fields", columns: Sequence[Any]) -> None:
-    """What only some presets have."""
     left, right = columns
     if workspace.preset == "paper":
         fields.number(

@@ -122,7 +122,6 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
 
 
 def _empty_state(workspace: Workspace, page: str) -> None:
-    """No fit: why, and the ways to one or to a published example."""
     training = workspace.training
     if training and training.is_active:
         show.messages(

@@ -95,7 +95,6 @@ def _show_outcome(result: Result) -> None:
 
 
 def _show_checks(result: Result) -> None:
-    """A button for each check, with its answer; it opens what the answer rests on."""
     info, fit, uncertainty = result.info, result.fit, result.uncertainty
     events, residual = result.evaluation.all_findings, result.evaluation.whiteness
     evidence: Mapping[CheckName, Sequence[str]] = {
@@ -125,7 +124,6 @@ def _show_check(
 
 
 def _parameter_table(result: Result) -> Table:
-    """All that is known of each vehicle."""
     info, fit, evaluation = result.info, result.fit, result.evaluation
     errors = evaluation.surrogate, evaluation.closed_loop
     table = tables.parameter_table(info, fit, result.quality, *errors, result.uncertainty)
@@ -154,7 +152,6 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
 
 
 def _show_limits(result: Result) -> None:
-    """Which intervals are wide, and what would narrow them."""
     info, uncertainty = result.info, result.uncertainty
     wide = weakly_identified(info, result.quality, uncertainty, result.fit.case)
     cure = narrower_intervals(info, uncertainty, wide, recording_duration(result))
@@ -209,7 +206,6 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
 
 
 def _own(result: Result) -> str:
-    """What the method's own curves are called."""
     return "network" if result.fit.method == "pinn" else name_of(result.fit)
 
 
@@ -227,7 +223,6 @@ def _about_tracking(result: Result, follower: int) -> str:
 
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
-    """Loss terms and parameters over iterations, two by two."""
     info = result.info
     show.vehicle_key(info, bool(truth), info.shares(result.fit.case))
     drawn = (

@@ -192,7 +192,6 @@ def _uploaded() -> CsvMapping | None:
 
 
 def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
-    """Time, then a row for each vehicle."""
     known = seen.mapping
     speeds, gaps = _guess(names, "speed"), _guess(names, "gap")
     count = len(known.speeds) if known else min(max(2, len(speeds)), MOST_VEHICLES)
@@ -258,7 +257,6 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
 
 
 def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn, ...]:
-    """Who drives, where columns say so."""
     before = {mode.vehicle: mode for mode in (seen.mapping.modes if seen.mapping else ())}
     modes = []
     with st.expander("Who drives: ACC or a human", expanded=bool(before)):
@@ -342,7 +340,6 @@ def _numbers(seen: Preview, name: str) -> list[float]:
 
 
 def _cells(seen: Preview, name: str) -> list[str]:
-    """The first cells of a column."""
     at = seen.layout.names.index(name)
     return [row[at].strip() for row in seen.layout.rows if at < len(row)]
 

@@ -110,7 +110,6 @@ def choose_source(workspace: Workspace) -> None:
 
 
 def _close() -> None:
-    """After a file that asked for something was opened."""
     forget()  # what is remembered of columns may have changed
     st.session_state[OPENING] = False
 
@@ -248,8 +247,6 @@ def _start(workspace: Workspace, run: Run, root: Path) -> None:
 
 
 def _watch(task: DownloadTask) -> None:
-    """The bar, again and again, and the button that stops it."""
-
     def look() -> None:
         if not task.is_active:
             st.rerun()

@@ -254,8 +254,6 @@ def _first_window(workspace: Workspace, recording: Recording, vehicles: tuple[in
 
 
 def _upload(workspace: Workspace) -> None:
-    """Another recording to validate on, beside the one that is open."""
-
     def uploaded() -> None:
         upload = st.session_state["data_validation_upload"]
         if upload is not None:

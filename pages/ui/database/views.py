@@ -44,7 +44,6 @@ COLUMNS = {
 
 
 def show_groups(selected: ShownRows, choice: DatabaseChoice) -> None:
-    """One row a group."""
     groups = selected.groups
     show.table(group_table(groups, with_spread=False))
     st.caption(
@@ -99,7 +98,6 @@ def _plane(selected: ShownRows, in_units_of_tau: bool) -> go.Figure:
 
 
 def show_gaps(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
-    """Time gap over speed, by groups."""
     labels = _labels(selected)
     show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
     _chart(_gaps(selected), "database_gaps", choice)
@@ -218,7 +216,6 @@ def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> No
 
 
 def show_failures(failures: Sequence[Failure], study: str) -> None:
-    """What has no result, and why."""
     if not failures:
         st.caption("Every file has a window, and every method a result on it.")
         return

@@ -99,7 +99,6 @@ def open_panels(workspace: Workspace) -> None:
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Platoon")
     source = choose_parameters(workspace, "platoon", LEAD)
     if source is None:
@@ -133,7 +132,6 @@ def _run(platoon: Parameters, leader: Leader) -> PlatoonRun | None:
 
 
 def _show_answer(shown: ShownRun) -> None:
-    """What becomes of the disturbance, and what limits the run."""
     run, source, places = shown.run, shown.source, shown.places
     chosen = source.vehicles
     with st.container(border=True):
@@ -153,7 +151,6 @@ def _show_answer(shown: ShownRun) -> None:
 
 
 def _show_charts(shown: ShownRun) -> None:
-    """Speeds and gaps beside the time-space diagram."""
     run, cast, choice, recorded = shown.run, shown.cast, shown.choice, shown.recorded
     with st.container(horizontal=True, vertical_alignment="center"):
         _choose_part(shown)
@@ -222,7 +219,6 @@ def show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) 
 
 
 def show_map(run: PlatoonRun, cast: figures.Cast) -> None:
-    """The speed of every vehicle at every instant."""
     st.caption(
         "Each vehicle's speed relative to the speed before the disturbance."
         f" {_seconds_shown(run, figures.stretch(run))}"
@@ -231,7 +227,6 @@ def show_map(run: PlatoonRun, cast: figures.Cast) -> None:
 
 
 def show_animation(run: PlatoonRun, cast: figures.Cast) -> None:
-    """The vehicles on the road."""
     st.caption(
         "Seen from the leader: press Play or drag the slider."
         f" {_seconds_shown(run, watched(run))} Squares mark the cars, not to scale: from"

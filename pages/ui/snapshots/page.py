@@ -31,7 +31,6 @@ UNDO = "snapshots_undo"
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Snapshots")
     show.flashed()
     _undo_button()
@@ -67,7 +66,6 @@ def _view(workspace: Workspace, name: str) -> None:
 
 
 def _save_form(workspace: Workspace) -> None:
-    """Name, note and the question about the data, for the current result."""
     result = workspace.result
     st.subheader("Save the current result", anchor=False)
     if result is None or result.fit.outcome is Outcome.DIVERGED:
@@ -108,7 +106,6 @@ def suggested_name(workspace: Workspace) -> str:
 
 
 def _save(workspace: Workspace) -> None:
-    """Keep the current result with all that the session knows of it."""
     with show.flashing():
         snapshot = workspace.as_snapshot(
             name=st.session_state["snapshots_name"].strip() or suggested_name(workspace),
@@ -141,7 +138,6 @@ def _upload_form(workspace: Workspace) -> None:
 
 
 def _delete_button(workspace: Workspace, entry: Entry) -> None:
-    """For those who may delete it."""
     if not may_delete(workspace.id, entry.id):
         return
 
@@ -158,7 +154,6 @@ def _delete_button(workspace: Workspace, entry: Entry) -> None:
 
 
 def _undo_button() -> None:
-    """Brings back what this browser deleted last."""
     entry = st.session_state.get(UNDO)
     if entry is None:
         return
@@ -203,7 +198,6 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
 
 
 def _show_buttons(workspace: Workspace, snapshot: Result, title: str) -> None:
-    """Back, open, share, report and file."""
     # The title with nothing in it that a file name cannot have.
     stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
     stem = stem.strip("._")[:60] or snapshot.id
@@ -240,8 +234,6 @@ def _show_buttons(workspace: Workspace, snapshot: Result, title: str) -> None:
 
 
 def back_button(workspace: Workspace) -> None:
-    """Leads back to the list."""
-
     def back() -> None:
         workspace.viewed = ""
         show.forget_flash()
@@ -277,7 +269,6 @@ def _verification(
 
 
 def _show_standing(workspace: Workspace, snapshot: Result) -> None:
-    """Whether the parameters were checked, in one line."""
     if st.session_state.get(_again(snapshot)):
         with st.spinner("Running the methods again"):
             verification = _verified(workspace, snapshot)

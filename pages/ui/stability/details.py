@@ -120,7 +120,6 @@ def show_map(shown: ShownVehicles) -> None:
 
 
 def show_reasons(shown: ShownVehicles) -> None:
-    """A sentence for every verdict."""
     chosen, report = shown.chosen, shown.report
     if shown.known:
         st.caption(BY_ESTIMATES)
@@ -145,7 +144,6 @@ def show_reasons(shown: ShownVehicles) -> None:
 
 
 def _show_intervals(shown: ShownVehicles, known: Uncertainty) -> None:
-    """The intervals of the measures of stability."""
     chosen, result = shown.chosen, shown.source.result
     table = stability_interval_table(chosen, known)
     show.table(table, figures.colours(chosen))

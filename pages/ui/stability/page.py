@@ -43,7 +43,6 @@ WHOLE = -1
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Stability")
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
@@ -134,7 +133,6 @@ def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
 
 
 def _show_verdicts(shown: ShownVehicles) -> None:
-    """The table."""
     chosen = shown.chosen
     table = verdict_table(chosen, shown.report, shown.known)
     show.table(table, figures.colours(chosen))
@@ -145,7 +143,6 @@ def _show_verdicts(shown: ShownVehicles) -> None:
 
 
 def _posterior(known: Uncertainty) -> str:
-    """What probabilities, verdicts and brackets in the table mean."""
     sure = 100 * CERTAIN
     return (
         "Probability: the share of posterior samples that are string stable; the verdict is"
