@@ -102,14 +102,7 @@ def _show_result(workspace: Workspace, result: Result) -> None:
 def _show_live(
     training: Task[Result], segment: Segment, case: Case, truth: Parameters | None
 ) -> None:
-    """What is known so far of a training that runs.
-
-    Args:
-        training: whose history is shown as far as it is known.
-        segment: its data.
-        case: "I" or "II".
-        truth: the true parameters, where they are known.
-    """
+    """What is known so far of a training that runs."""
     history = training.history()
     if history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
@@ -215,12 +208,6 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
 
 
 def _start(workspace: Workspace, anew: bool = False) -> None:
-    """Train with the settings at the moment of the click, also when they were not drawn yet.
-
-    Args:
-        workspace: the session.
-        anew: begin at the first iteration, also where an earlier training stopped later.
-    """
     with suppress(ConfigError):  # the page shows what is wrong with a setting
         workspace.train(workspace.config, anew)
 

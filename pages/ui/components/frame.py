@@ -213,7 +213,10 @@ def admit() -> None:
     else:
         st.caption("This server asks you to sign in.")
         if st.button("Sign in", type="primary", icon=":material/login:", key="sign_in"):
-            _sign_in()
+            try:
+                st.login()
+            except StreamlitAuthError as fault:
+                show.messages(f"Signing in is not set up on this server: {fault}", "error")
     st.stop()
 
 
@@ -224,10 +227,3 @@ def sign_out_button() -> None:
             "Sign out", icon=":material/logout:", key="sign_out", type="tertiary",
             on_click=st.logout, help=f"You are signed in as {user().name or 'someone unnamed'}.",
         )  # fmt: skip
-
-
-def _sign_in() -> None:
-    try:
-        st.login()
-    except StreamlitAuthError as fault:
-        show.messages(f"Signing in is not set up on this server: {fault}", "error")

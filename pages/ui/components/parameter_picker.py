@@ -60,15 +60,9 @@ class Chosen:
 
 
 def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
-    """What they are about, the picker, and the parameters chosen.
+    """The picker, below what the parameters are about, and those chosen; None where there are none.
 
-    Args:
-        workspace: the session.
-        page: its name, for the keys of the widgets.
-        lead: the caption where the parameters are of no recording.
-
-    Returns:
-        None, with a sentence, where there are none.
+    ``page`` begins the keys of the widgets; ``lead`` is the caption for those of no recording.
     """
     about = st.empty()
     about.caption(lead)
@@ -145,13 +139,8 @@ def parameters_from(
 ) -> Chosen | None:
     """The parameters that a source holds now; None for the fit where there is none.
 
-    Args:
-        workspace: the session.
-        source: one that can be chosen.
-        entries: the server's snapshots, those that can be read.
-
     Raises:
-        ParameterError: rows that are too few or too many.
+        ParameterError: rows by hand that are too few or too many.
     """
     choice = workspace.parameter_choice
     if source == "published":

@@ -55,7 +55,7 @@ def show_result(
         workspace: the session.
         result: to be shown.
         page: begins the keys of widgets.
-        snapshot: the result as a snapshot, made where it is asked for.
+        snapshot: makes the result as a snapshot, once it is asked for.
         next_step: draws what leads on.
         more: further tabs by title.
     """
@@ -252,14 +252,7 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
 
 
 def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case: Case) -> None:
-    """Maximum-likelihood estimates with intervals, and the probability of string stability.
-
-    Args:
-        info: names the vehicles.
-        uncertainty: of the parameters.
-        more: the end of the caption.
-        case: in Case I all followers share one row.
-    """
+    """Maximum-likelihood estimates with intervals; ``more`` ends the caption."""
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(

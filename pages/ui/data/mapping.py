@@ -50,10 +50,7 @@ LIKELY = {
 def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
     """What has to be asked of a file that could not be read; None where no answer would help.
 
-    Args:
-        source: the file.
-        name: of the file.
-        known: also ask for columns that are remembered.
+    ``known`` asks for columns that are remembered, too.
     """
     with suppress(AccpinnError):
         if known and preview(source, name).mapping:
@@ -66,12 +63,7 @@ def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingF
 
 
 def show_pending(workspace: Workspace, opened: Callable[[], None]) -> None:
-    """What is asked, and the button that opens the file.
-
-    Args:
-        workspace: with a pending file.
-        opened: called once it is open.
-    """
+    """What is asked of the pending file, and the button that opens it and then calls ``opened``."""
     file = workspace.pending
     assert file
     if file.trajectories:

@@ -18,7 +18,7 @@ from accpinn.storage import variable
 from accpinn.tasks.batches import DownloadTask
 from accpinn.tasks.task import Status
 from pages.ui.components import show
-from pages.ui.components.monitor import stop_button
+from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ASK, pending_of, show_pending
 from pages.ui.session.resources import (
@@ -36,6 +36,9 @@ from pages.ui.session.workspace import Workspace
 OPENING, ARRIVED = "data_opening", "data_arrived"
 """Entries in Streamlit's session state: whether the ways to open another recording are shown, and
 whether an upload has just been opened."""
+
+MIRROR_VARIABLE = "ACCPINN_MIRROR"
+"""Environment variable with the address of a mirror of the publisher's files."""
 
 Load = Callable[[], tuple[Recording, Truth | None]]
 
@@ -64,11 +67,7 @@ def open_with(
 ) -> None:
     """Open what ``load`` gives; if that fails, keep what was open and say why.
 
-    Args:
-        workspace: the session.
-        load: gives the recording.
-        source: the file itself, of which columns or a trajectory may be asked.
-        name: of the file.
+    ``source`` is the file itself, of which columns or a trajectory may be asked.
     """
     workspace.pending = None
     try:
@@ -105,8 +104,8 @@ def choose_source(workspace: Workspace) -> None:
         _choose_sample(workspace)
     with right:
         root = recordings_folder()
-        choose_published(workspace, root, lambda path: _open_file(workspace, path, "Open this run"))
-        _choose_file(workspace)
+        _choose_published(workspace, root)
+        _choose_file(workspace, root)
 
 
 def _close() -> None:
@@ -117,12 +116,8 @@ def _close() -> None:
 def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
     """The field for a file of the user's own, and why the last attempt to open one failed.
 
-    Args:
-        workspace: the session that the recording is opened in.
-        announce: whether to return that a file was opened; else nothing is remembered of it.
-
     Returns:
-        Whether a file has just been opened.
+        Whether a file has just been opened, where the page asks to ``announce`` that.
     """
     limit = int(config.get_option("server.maxUploadSize"))
 
@@ -175,9 +170,8 @@ def _open_file(workspace: Workspace, path: Path, label: str) -> None:
     _open_button(label, workspace, lambda: (from_file(path), None), path, path.name)
 
 
-def _choose_file(workspace: Workspace) -> None:
+def _choose_file(workspace: Workspace, root: Path) -> None:
     """The files in the server's folder that are no published runs."""
-    root = recordings_folder()
     published = {run.path(root) for run in catalogue()}
     paths = [path for path in listed() if path not in published]
     if not paths:
@@ -196,25 +190,14 @@ def _choose_file(workspace: Workspace) -> None:
     _open_file(workspace, path, "Open this recording")
 
 
-MIRROR_VARIABLE = "ACCPINN_MIRROR"
-"""Environment variable with the address of a mirror of the publisher's files."""
-POLL = 0.5
-"""Seconds between two looks at a download."""
-
-
-def choose_published(workspace: Workspace, root: Path, offer: Callable[[Path], None]) -> None:
-    """The list of runs; the one that is chosen is opened, or downloaded first.
-
-    Args:
-        workspace: the session.
-        root: the server's folder of recordings.
-        offer: draws the button that opens a file.
-    """
+def _choose_published(workspace: Workspace, root: Path) -> None:
+    """The list of runs; the one that is chosen is offered to be opened, or downloaded first."""
     runs = catalogue()
     present = {run for run in runs if run.path(root).is_file()}
+    states = {run: "on this server" if run in present else "to be downloaded" for run in runs}
     run = st.selectbox(
         f"Published OpenACC run ({len(present)} of {len(runs)} on this server)", runs, index=None,
-        format_func=lambda run: _title(run, run in present), key="data_run",
+        format_func=lambda run: f"{run.key} · {states[run]}", key="data_run",
         placeholder="Search by campaign or file",
         help="All runs that the Joint Research Centre publishes. Those that are not on the server"
         " yet are downloaded into its folder of recordings.",
@@ -222,9 +205,10 @@ def choose_published(workspace: Workspace, root: Path, offer: Callable[[Path], N
     submitted = download_queue().of(workspace.id, "download")
     task = submitted if isinstance(submitted, DownloadTask) else None
     if task and task.is_active:
-        _watch(task)
+        watch(task, lambda: _line_of(task))
+        stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
-        offer(run.path(root))
+        _open_file(workspace, run.path(root), "Open this run")
     elif run is not None:
         latest = task.status if task and task.run == run else None
         if task and latest is Status.FAILED:
@@ -232,31 +216,19 @@ def choose_published(workspace: Workspace, root: Path, offer: Callable[[Path], N
         stopped = latest is Status.STOPPED
         st.button(
             "Continue the download" if stopped else "Download this run",
-            icon=":material/download:", key="data_download", on_click=_start,
+            icon=":material/download:", key="data_download", on_click=_download,
             args=(workspace, run, root), help="From the publisher, with its checksum where known.",
         )  # fmt: skip
 
 
-def _title(run: Run, is_there: bool) -> str:
-    return f"{run.key} · {'on this server' if is_there else 'to be downloaded'}"
-
-
-def _start(workspace: Workspace, run: Run, root: Path) -> None:
+def _download(workspace: Workspace, run: Run, root: Path) -> None:
     base = os.environ.get(MIRROR_VARIABLE) or PUBLISHED_AT
     download_queue().submit(DownloadTask(workspace.id, run, root, base))
 
 
-def _watch(task: DownloadTask) -> None:
-    def look() -> None:
-        if not task.is_active:
-            st.rerun()
-        now, waits = task.latest, task.status is Status.QUEUED
-        if waits or now is None:
-            said = "Waiting: another download is running." if waits else "Connecting …"
-        else:
-            size = f" of {now.size / 1e6:.1f}" if now.size else ""
-            said = f"{task.run.file}: {now.received / 1e6:.1f}{size} MB"
-        st.progress(task.share, said)
-
-    st.fragment(look, run_every=POLL)()
-    stop_button(task, "Stop the download", "data_download_stop")
+def _line_of(task: DownloadTask) -> str:
+    now, waits = task.latest, task.status is Status.QUEUED
+    if waits or now is None:
+        return "Waiting: another download is running." if waits else "Connecting …"
+    size = f" of {now.size / 1e6:.1f}" if now.size else ""
+    return f"{task.run.file}: {now.received / 1e6:.1f}{size} MB"

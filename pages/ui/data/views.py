@@ -1,7 +1,6 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import streamlit as st
@@ -111,10 +110,10 @@ def show_about(recording: Recording) -> None:
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
     """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
-    segment = None
-    with suppress(SegmentError):
-        segment = workspace.whole_segment()
-    if segment is None:
+    window = workspace.window
+    try:  # with all its instants, whatever is left out now
+        segment = cut(recording, window.start, window.duration, workspace.vehicles)
+    except SegmentError:
         st.caption("The window cannot be used yet.")
         return
     regimes, excluded = label_regimes(segment, recording), workspace.excluded

@@ -100,11 +100,7 @@ def find_recording(
 ) -> Recording:
     """The recording with that content, from the server's folder or the samples.
 
-    Args:
-        file: its name.
-        sha256: of the recording.
-        trajectory: of a table with several.
-        campaign: where to look first; several have files of the same name.
+    Several campaigns have files of the same name; that of ``campaign`` is looked at first.
 
     Raises:
         RecordingError: where none is there.
