@@ -60,7 +60,7 @@ class Chosen:
 
 
 def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
-    """The picker, below what the parameters are about, and those chosen; None where there are none.
+    """The picker below what it is about, and the parameters chosen; None without a verdict.
 
     ``page`` begins the keys of the widgets; ``lead`` is the caption for those of no recording.
     """
@@ -112,6 +112,9 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     if chosen and chosen.result:
         about.caption(frame.segment_line(chosen.result.info, chosen.result.fit.case))
         show.not_acc(chosen.result.info)
+    if chosen and chosen.missing:
+        _show_missing(workspace, chosen)
+        return None
     return chosen
 
 
@@ -168,7 +171,7 @@ def _of_result(result: Result, source: Source) -> Chosen:
     return Chosen(vehicles, source, result, known)
 
 
-def show_missing(workspace: Workspace, chosen: Chosen) -> None:
+def _show_missing(workspace: Workspace, chosen: Chosen) -> None:
     """In place of a verdict: what is missing for one, and the way there."""
     with st.container(border=True):
         st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")

@@ -29,7 +29,7 @@ from accpinn.results.messages.stability import (
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.segment.segment import Segment
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import Chosen, choose_parameters, show_missing
+from pages.ui.components.parameter_picker import Chosen, choose_parameters
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, tabs
 from pages.ui.platoon.controls import choose_platoon, recorded_leader
@@ -102,9 +102,6 @@ def show_page() -> None:
     workspace = frame.begin("Platoon")
     source = choose_parameters(workspace, "platoon", LEAD)
     if source is None:
-        return
-    if source.missing:
-        show_missing(workspace, source)
         return
     order, leader = choose_platoon(workspace, source.vehicles)
     run = _run(source.vehicles.parameters[order], leader) if order and leader else None

@@ -21,7 +21,7 @@ from accpinn.results.tables.stability import answer, verdict_table
 from accpinn.stability.report import CERTAIN
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import choose_parameters, show_missing
+from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
 from pages.ui.session.resources import KEPT, report_of
@@ -46,9 +46,6 @@ def show_page() -> None:
     workspace = frame.begin("Stability")
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
-        return
-    if chosen.missing:
-        show_missing(workspace, chosen)
         return
     report = show.attempt(lambda: report_of(chosen.vehicles.parameters))
     if report is None:
