@@ -77,12 +77,13 @@ class TestSignIn:
             config.set_option("secrets.files", before)
             st.secrets._reset()
 
-    @pytest.mark.parametrize("variable", [identity.USERS_VARIABLE, identity.ADMINS_VARIABLE])
     def test_where_users_are_named_nobody_is_admitted_without_sign_in(
-        self, monkeypatch: pytest.MonkeyPatch, variable: str
+        self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setenv(variable, "ann@lab.org")
-        assert buttons(open_page(HOME)) == {"sign_in"}
+        for variable in (identity.USERS_VARIABLE, identity.ADMINS_VARIABLE):
+            with monkeypatch.context() as named:
+                named.setenv(variable, "ann@lab.org")
+                assert buttons(open_page(HOME)) == {"sign_in"}
 
 
 class TestDeletion:
