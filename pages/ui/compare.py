@@ -256,14 +256,11 @@ def _show_course(shown: _Shown) -> None:
     if name == ONLINE:
         _show_tracks(shown, tracks)
     else:
-        _show_curves(shown, name, by_name[name])
-
-
-def _show_curves(shown: _Shown, name: str, row: Result) -> None:
-    segment, follower = shown.segment, shown.follower
-    st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
-    figure = tracking(segment, follower, row.fit.surrogate, row.simulated, name, with_error=True)
-    show.chart(figure, "compare_curves")
+        st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
+        row = by_name[name]
+        curves, simulated = row.fit.surrogate, row.simulated
+        figure = tracking(shown.segment, shown.follower, curves, simulated, name, with_error=True)
+        show.chart(figure, "compare_curves")
 
 
 def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:

@@ -109,8 +109,8 @@ def _show_live(
     show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
     loss, alpha, beta, tau, *curves = _live_figures(training, segment, case, truth, step)
-    _show_row(("loss", loss), ("alpha", alpha))
-    _show_row(("beta", beta), ("tau", tau))
+    drawn = (("loss", loss), ("alpha", alpha), ("beta", beta), ("tau", tau))
+    show.charts(drawn, "train_live")
     for figure in curves:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
         st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
@@ -130,12 +130,6 @@ def _live_figures(
         *(parameter_history(drawn, k, segment.info, truth, solved.parameters) for k in range(3)),
         *([tracking(segment, 0, curves, None, points=POINTS)] if curves else ()),
     )
-
-
-def _show_row(*charts: tuple[str, go.Figure]) -> None:
-    for column, (name, figure) in zip(st.columns(len(charts)), charts, strict=True):
-        with column:
-            show.chart(figure, f"train_live_{name}")
 
 
 def _show_validation(workspace: Workspace) -> None:

@@ -132,7 +132,7 @@ def _parameter_table(result: Result) -> Table:
 
 def _show_fit(result: Result, table: Table, follower: int) -> None:
     """Errors, what happens in simulation, and what the intervals take for granted."""
-    info, fit = result.info, result.fit
+    info, fit, uncertainty = result.info, result.fit, result.uncertainty
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
@@ -145,17 +145,13 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
     show.messages(messages(result.evaluation.all_findings, info), "warning", "car_crash", after)
-    _show_limits(result)
-    show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
-    if said := _about_tracking(result, follower):
-        st.caption(escape_markdown(said))
-
-
-def _show_limits(result: Result) -> None:
-    info, uncertainty = result.info, result.uncertainty
-    wide = weakly_identified(info, result.quality, uncertainty, result.fit.case)
+    wide = weakly_identified(info, result.quality, uncertainty, fit.case)
     cure = narrower_intervals(info, uncertainty, wide, recording_duration(result))
     show.messages(messages((*wide, *cure), info), "warning")
+    show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
+    band = _band(result)
+    if said := ((BAND,) if band else ()) + about_curves(info, fit, follower, band):
+        st.caption(escape_markdown(" ".join(said)))
 
 
 def _show_comparison(
@@ -198,28 +194,17 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
     if segment is None and fit.surrogate is None:
         st.caption("The curves need the recording, which is not part of the snapshot.")
         return
+    own = "network" if fit.method == "pinn" else name_of(fit)
     figure = figures.tracking(
-        segment or result.info, follower, fit.surrogate, result.simulated, _own(result),
+        segment or result.info, follower, fit.surrogate, result.simulated, own,
         predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=BESIDE,
     )  # fmt: skip
     show.chart(figure, key)
 
 
-def _own(result: Result) -> str:
-    return "network" if result.fit.method == "pinn" else name_of(result.fit)
-
-
 def _band(result: Result) -> GapBand | None:
-    if result.segment is None:
-        return None
-    return gap_band(result.segment, result.uncertainty, result.fit.case)
-
-
-def _about_tracking(result: Result, follower: int) -> str:
-    """What the band is, how much it covers, and what disturbs the vehicle."""
-    band = _band(result)
-    said = about_curves(result.info, result.fit, follower, band)
-    return " ".join(((BAND,) if band else ()) + said)
+    segment = result.segment
+    return gap_band(segment, result.uncertainty, result.fit.case) if segment else None
 
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
@@ -232,10 +217,7 @@ def _show_history(result: Result, history: History, truth: Parameters | None, pa
             for which in range(3)
         ),
     )  # fmt: skip
-    for pair in (drawn[:2], drawn[2:]):
-        for column, (name, figure) in zip(st.columns(2), pair, strict=True):
-            with column:
-                show.chart(figure, f"{page}_{name}")
+    show.charts(drawn, page)
 
 
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:

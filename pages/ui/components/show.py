@@ -195,6 +195,14 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
     return st.plotly_chart(figure, key=key, config=config, **options)
 
 
+def charts(drawn: Sequence[tuple[str, go.Figure]], page: str) -> None:
+    """Charts two by two, by name; a row each, so that a narrow screen keeps their order."""
+    for at in range(0, len(drawn), 2):
+        for column, (name, figure) in zip(st.columns(2), drawn[at : at + 2], strict=False):
+            with column:
+                chart(figure, f"{page}_{name}")
+
+
 def key(
     entries: Iterable[tuple[str, str]],
     faint: Container[str] = (),

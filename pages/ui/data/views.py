@@ -21,15 +21,18 @@ from accpinn.results.tables.recording import (
     regimes_table,
     sensitivity_table,
 )
-from accpinn.segment.cut import DURATION, chains, complete_windows, cut, disjoint_windows
+from accpinn.segment.cut import DURATION, chains, complete_windows, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
+from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
 from pages.ui.session.resources import BY_CONTENT
 from pages.ui.session.workspace import Workspace
 
+SHORTEST: Seconds = 10.0
+"""Of a window for validation."""
 SHOWN = 3
 """Warnings that are shown without being asked for."""
 REGIMES = {
@@ -214,7 +217,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         key=f"data_validation_start_{key}", help="In that recording's time.",
     )  # fmt: skip
     length = columns[3].number_input(
-        "Lasts [s]", 10.0, max(10.0, chosen.duration), max(10.0, first.duration), 10.0,
+        "Lasts [s]", SHORTEST, max(SHORTEST, chosen.duration), max(SHORTEST, first.duration), 10.0,
         format="%.1f", key=f"data_validation_length_{key}",
         help="Longer windows average over more driving.",
     )  # fmt: skip
@@ -231,25 +234,20 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
 
 
 def _first_window(workspace: Workspace, recording: Recording, vehicles: tuple[int, ...]) -> Window:
-    """The first complete window beside the one learned from, else the longest complete one."""
-    own, length = workspace.window, min(workspace.window.duration, recording.duration)
-    is_other = recording is not workspace.recording
-    if length >= 10.0:
-        for window in disjoint_windows(recording, length, vehicles):
-            if is_other or window.start >= own.end or window.end <= own.start:
-                return window
-    rest = [
-        part
-        for one in complete_windows(recording, vehicles)
-        for part in (
-            (one,)
-            if is_other
-            else (Window(one.start, min(one.end, own.start)),
-                  Window(max(one.start, own.end), one.end))
-        )
-    ]  # fmt: skip
-    best = max(rest, key=lambda window: window.duration, default=None)
-    return best if best and best.duration >= 10.0 else Window(0.0, min(DURATION, length))
+    """The first stretch beside the window learned from that is as long, else the longest one."""
+    learned, length = workspace.window, min(workspace.window.duration, recording.duration)
+    stretches = complete_windows(recording, vehicles)
+    if recording is workspace.recording:
+        stretches = tuple(
+            part
+            for stretch in stretches
+            for part in (Window(stretch.start, min(stretch.end, learned.start)),
+                         Window(max(stretch.start, learned.end), stretch.end))
+        )  # fmt: skip
+    best = max(stretches, key=lambda window: min(window.duration, length), default=None)
+    if best is None or best.duration < SHORTEST:
+        return Window(0.0, min(DURATION, length))
+    return Window(best.start, min(best.end, best.start + length))
 
 
 def _upload(workspace: Workspace) -> None:

@@ -130,22 +130,18 @@ def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
 
 
 def _show_verdicts(shown: ShownVehicles) -> None:
-    chosen = shown.chosen
-    table = verdict_table(chosen, shown.report, shown.known)
+    chosen, known, sure = shown.chosen, shown.known, 100 * CERTAIN
+    table = verdict_table(chosen, shown.report, known)
     show.table(table, figures.colours(chosen))
-    st.caption(f"{_posterior(shown.known)} {GAIN}" if shown.known else GAIN)
+    posterior = known and (
+        "Probability: the share of posterior samples that are string stable; the verdict is"
+        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
+        f" {100 * known.level:.0f} % intervals. "
+    )
+    st.caption(f"{posterior or ''}{GAIN}")
     if differ := criteria_differ(chosen, shown.report):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
-
-
-def _posterior(known: Uncertainty) -> str:
-    sure = 100 * CERTAIN
-    return (
-        "Probability: the share of posterior samples that are string stable; the verdict is"
-        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
-        f" {100 * known.level:.0f} % intervals."
-    )
 
 
 def _show_simulate(shown: ShownVehicles) -> None:
