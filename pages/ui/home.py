@@ -32,6 +32,8 @@ _STYLE = """<style>
 .st-key-home_drop [data-testid="stFileUploaderDropzone"] { min-height: 7.5rem;
   align-items: center; justify-content: center; }
 </style>"""
+MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
+"""Computed here; needs a training."""
 
 
 def show_page() -> None:
@@ -175,8 +177,7 @@ def _speeds(path: Path) -> go.Figure:
     return speeds_thumbnail(cut(sample(path)[0]))
 
 
-MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
-"""Computed here; needs a training."""
+# The paper's tables and figures: what comes out here, and what leads to it
 
 
 def show_checklist(workspace: Workspace) -> None:

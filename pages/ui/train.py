@@ -50,6 +50,10 @@ CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
 )
+START_HELP = (
+    "Where the search begins. From other starts the same minimum should be found: page Compare"
+    " trains from five."
+)
 
 
 def show_page() -> None:
@@ -206,10 +210,7 @@ def _start(workspace: Workspace, anew: bool = False) -> None:
         workspace.train(workspace.config, anew)
 
 
-START_HELP = (
-    "Where the search begins. From other starts the same minimum should be found: page Compare"
-    " trains from five."
-)
+# The preset's settings, and the user's changes to them
 
 
 def show_options(workspace: Workspace) -> None:

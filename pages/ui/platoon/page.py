@@ -51,6 +51,8 @@ _simulated = lru_cache(maxsize=KEPT)(simulate_platoon)
 TABS = "platoon"
 """Key of the page's tabs."""
 PANELS = "The paper's four panels"
+SHOWN_WHOLE = 0.99
+"""A part of a run longer than this share of it is the run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +190,7 @@ def _choose_part(shown: ShownRun) -> None:
     )  # fmt: skip
 
 
-SHOWN_WHOLE = 0.99
-"""A part of a run longer than this share of it is the run."""
+# Tabs
 
 
 def show_amplitudes(choice: PlatoonChoice, run: PlatoonRun, cast: figures.Cast) -> None:

@@ -27,6 +27,16 @@ BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recordin
 
 report_of = lru_cache(maxsize=KEPT)(stability_report)
 """The stability report on (M,) parameters."""
+SAMPLES = Path(__file__).parents[3] / "sample_data"
+FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
+TITLES = {
+    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
+    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
+    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
+}
+LISTED = 1000
+"""Files of a folder that are offered at most."""
 
 
 @st.cache_resource(show_spinner=False)
@@ -69,16 +79,7 @@ def download_queue() -> TaskQueue:
     return TaskQueue(prepare=lambda: None)
 
 
-SAMPLES = Path(__file__).parents[3] / "sample_data"
-FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
-TITLES = {
-    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
-    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
-    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
-    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
-}
-LISTED = 1000
-"""Files of a folder that are offered at most."""
+# The server's own recordings, samples and files of its folder
 
 
 @st.cache_resource(max_entries=16, show_spinner="Reading the recording …")

@@ -28,6 +28,8 @@ from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, ti
 
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
+LONGEST: Seconds = 300.0
+"""Methods that are expected to take longer are not run again while the page waits."""
 
 
 def show_page() -> None:
@@ -170,8 +172,7 @@ def _undo_button() -> None:
     )  # fmt: skip
 
 
-LONGEST: Seconds = 300.0
-"""Methods that are expected to take longer are not run again while the page waits."""
+# One snapshot in full
 
 
 def show_one(workspace: Workspace, snapshot: Result) -> None:

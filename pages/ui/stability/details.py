@@ -33,6 +33,12 @@ from pages.ui.session.resources import KEPT
 from pages.ui.session.workspace import Workspace
 
 PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
+NO_DATA = (
+    "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
+    " snapshot with its data."
+)
+_measured = lru_cache(maxsize=KEPT)(measured_gain)
+_figure = lru_cache(maxsize=KEPT)(measured_bode)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,14 +170,6 @@ def _listed(
         f" {escape_markdown(reason(verdict, of, names))}"
         for verdict in verdicts
     )
-
-
-NO_DATA = (
-    "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
-    " snapshot with its data."
-)
-_measured = lru_cache(maxsize=KEPT)(measured_gain)
-_figure = lru_cache(maxsize=KEPT)(measured_bode)
 
 
 @lru_cache(maxsize=KEPT)
