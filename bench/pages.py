@@ -15,7 +15,8 @@ from playwright.sync_api import Page
 from accpinn.units import Seconds
 from bench.measurement import Measurement
 from bench.speed import CASES
-from tests.browser.running import ESTIMATES, TRAINING_MS, give, go, idle, launched, served, table
+from tests.browser.running import ESTIMATES, TRAINING_MS, give, go, idle, launched, table
+from tests.support.server import running
 
 PAGES = {
     "Data": "data_overview",
@@ -33,10 +34,10 @@ SWITCHES = 10
 def measure(folder: Path, chromium: str) -> Iterator[Measurement]:
     """Time a switch to each page, with each of two recordings."""
     with TemporaryDirectory() as place, launched(chromium) as browser:
-        with served(Path(place) / "cache", Path(place) / "log") as address:
+        with running(Path(place) / "cache", Path(place) / "log") as server:
             for case in CASES[:2]:
                 page = browser.new_page(
-                    base_url=address, viewport={"width": 1440, "height": 900},
+                    base_url=server.address, viewport={"width": 1440, "height": 900},
                     reduced_motion="reduce",
                 )  # fmt: skip
                 _train(page, folder / case.file)

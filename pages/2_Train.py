@@ -1,5 +1,5 @@
 """Train: learn α, β, τ with the physics-inspired neural network, and watch it learn."""
 
-from pages.ui.train.page import show_page
+from pages.ui.train import show_page
 
 show_page()

@@ -1,5 +1,5 @@
 """Compare: every method on the same window, and what the data identify."""
 
-from pages.ui.compare.page import show_page
+from pages.ui.compare import show_page
 
 show_page()

@@ -1,4 +1,4 @@
-"""The app as a process of its own, and a browser that looks at it."""
+"""A browser that looks at the running app, and what journeys and pictures do on its pages."""
 
 import os
 import re
@@ -18,8 +18,6 @@ from playwright.sync_api import (
     expect,
     sync_playwright,
 )
-
-from tests.support.server import running
 
 FLAGS = [
     "--no-sandbox",
@@ -45,15 +43,6 @@ TRIES = 6
 """How often a list is opened within that time, until it stays open."""
 TRAINING_MS = 180_000
 """How long a fast training, or all methods on a short window, may take then."""
-
-
-@contextmanager
-def served(
-    cache: Path, log: Path, recordings: Path | None = None, extra: dict[str, str] | None = None
-) -> Iterator[str]:
-    """The address of a running app with an empty cache, and ``extra`` environment variables."""
-    with running(cache, log, recordings, extra=extra) as server:
-        yield server.address
 
 
 def installed() -> str:

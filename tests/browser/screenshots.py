@@ -28,12 +28,11 @@ from tests.browser.running import (
     open_example,
     open_sample,
     open_tab,
-    served,
     table,
     train_sample,
     upload,
 )
-from tests.support.server import ROOT
+from tests.support.server import ROOT, running
 
 WIDTHS = {"wide": (1440, 900), "narrow": (420, 900)}
 THEMES = ("light", "dark")
@@ -380,9 +379,9 @@ def main(arguments: list[str]) -> None:
             with tempfile.TemporaryDirectory() as temporary, launched(chromium) as browser:
                 place = Path(temporary)
                 recordings = Path(REAL) if REAL else None
-                with served(place / "cache", place / "log", recordings) as address:
+                with running(place / "cache", place / "log", recordings) as server:
                     for scene in chosen:
-                        scene(Camera(folder, browser, address, theme, width))
+                        scene(Camera(folder, browser, server.address, theme, width))
     print(f"{len(list(folder.glob('*.png')))} pictures in {folder}")
 
 

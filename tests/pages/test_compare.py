@@ -14,8 +14,7 @@ from accpinn.results.messages.summary import outside_intervals
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.result import Result
 from accpinn.tasks.task import Status, Task
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import task_queue
+from pages.ui.session.resources import FIRST_SAMPLE, sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
 from tests.support.apptest import COMPARE, WAIT, answer, open_page, with_sample
 

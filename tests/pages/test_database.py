@@ -135,7 +135,7 @@ def test_every_tab_and_the_failures(study: Path) -> None:
     assert {trace["name"] for trace in points} == {"Tesla", "Kia"}
 
 
-def test_a_row_opens_its_window(study: Path) -> None:
+def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = opened().open_tab("database_tabs", "All rows")
     assert len(page.dataframe[0].value) == 3
     found = page.workspace()
@@ -151,11 +151,7 @@ def test_a_row_opens_its_window(study: Path) -> None:
     assert found.recording.source == "mine.csv"
     assert (found.vehicles, found.window) == ((1, 2, 3), Window(10.0, 70.0))
     assert found.segment is not None
-
-
-def test_a_row_that_the_browser_still_reports_is_not_chosen_among_others(
-    study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    # One that the browser still reports is not chosen among others.
     page = opened().open_tab("database_tabs", "All rows")
     reported = {"selection": {"rows": [0]}}
     monkeypatch.setattr(views.st, "dataframe", lambda *_, **__: reported)
@@ -265,6 +261,10 @@ def foreign(vehicles: int = 2) -> bytes:
 
 
 def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> None:
+    page = open_page(HOME)
+    page.upload("own.csv", foreign())  # which leads to page Data
+    page.press("data_cancel")
+    assert page.file_uploader
     page = open_page(DATA)
     page.upload("own.csv", foreign())
     assert not page.boxes("error")
@@ -296,14 +296,6 @@ def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
         page.press("data_open_mapped")
         drawn = numbers(page.figures()[0]["data"][0]["y"])
         assert np.nanmax(drawn) == page.workspace().recording.speed[:, 0].max()
-
-
-def test_a_file_dropped_on_home_that_asks_for_its_columns_leads_to_data() -> None:
-    page = open_page(HOME)
-    page.upload("own.csv", foreign())
-    assert "Which columns of own.csv hold what?" in page.plain()
-    page.press("data_cancel")
-    assert page.file_uploader
 
 
 def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:

@@ -10,8 +10,7 @@ from streamlit import config
 
 from accpinn.recordings.openacc import read
 from pages.ui.session import identity, sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import library, store
+from pages.ui.session.resources import FIRST_SAMPLE, library, sample, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon
@@ -78,12 +77,13 @@ class TestSignIn:
             config.set_option("secrets.files", before)
             st.secrets._reset()
 
-    @pytest.mark.parametrize("variable", [identity.USERS_VARIABLE, identity.ADMINS_VARIABLE])
     def test_where_users_are_named_nobody_is_admitted_without_sign_in(
-        self, monkeypatch: pytest.MonkeyPatch, variable: str
+        self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setenv(variable, "ann@lab.org")
-        assert buttons(open_page(HOME)) == {"sign_in"}
+        for variable in (identity.USERS_VARIABLE, identity.ADMINS_VARIABLE):
+            with monkeypatch.context() as named:
+                named.setenv(variable, "ann@lab.org")
+                assert buttons(open_page(HOME)) == {"sign_in"}
 
 
 class TestDeletion:

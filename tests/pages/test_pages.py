@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from accpinn.methods.fit import Continued
-from accpinn.methods.pinn.config import CALIBRATED, preset
+from accpinn.methods.pinn.config import CALIBRATED, FAST, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.published import ASTAZERO_ALIKE
@@ -20,11 +19,10 @@ from accpinn.tasks.task import Status
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
+from pages.ui.home import runs_of
 from pages.ui.platoon.page import PANELS, TABS
-from pages.ui.reproduction import runs_of
 from pages.ui.session import sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import store
+from pages.ui.session.resources import FIRST_SAMPLE, sample, store
 from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     COMPARE,
@@ -44,6 +42,9 @@ from tests.support.apptest import (
 from tests.support.openacc_files import csv, metadata, platoon, recording
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
+
+
+PAIR = csv(platoon(vehicles=2), metadata(("A", "B")))
 
 
 def with_recording(run: Recording) -> Workspace:
@@ -72,13 +73,16 @@ def test_a_link_to_an_unknown_session_says_so_and_shows_a_next_step(path: str) -
 
 
 @pytest.mark.parametrize("path", PAGES)
-def test_with_a_recording_and_with_a_window_that_cannot_be_used(path: str) -> None:
-    found = with_sample()
+def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(path: str) -> None:
+    found = fitted()
     page = open_page(path, found)
     assert not page.error
+    shown = [one.id for kind in WIDGETS for one in page.get(kind)]
+    page.run()
+    assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown != [], "no new widgets"
     if path == HOME:
         assert "**Continue**" in page.texts()
-        assert "vehicles 1–5" in page.texts()
+        assert "vehicles 2–5" in page.texts()
     found.choose(window=Window(395.0, 399.0))
     assert found.fault
     page.sound()
@@ -97,11 +101,10 @@ def test_one_click_on_home_trains_a_sample() -> None:
 
 def test_a_file_dropped_on_home_leads_to_data() -> None:
     page = open_page(HOME)
-    raw = csv(platoon(vehicles=2), metadata(("A", "B")))
     page.upload("bad.csv", b"nothing")
     (error,) = page.error
     assert "bad" in error.value
-    page.upload("mine.csv", raw)
+    page.upload("mine.csv", PAIR)
     assert page.workspace().recording.source == "mine.csv"
     assert "Preview of the window" in page.texts(), "this is page Data"
 
@@ -161,7 +164,7 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
 # Data
 
 
-def test_open_a_sample_move_the_window_and_train() -> None:
+def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
     page = open_page(DATA).press("Open this sample")
     found, before = page.workspace(), page.texts()
     found.preset = "fast"
@@ -178,24 +181,6 @@ def test_open_a_sample_move_the_window_and_train() -> None:
     assert "None: every sample" in page.texts()
     page.open_tab("data_tabs", "Window")
 
-    page.choose("data_start", 80.0)
-    page.choose("data_length", 120.0)
-    assert found.window == Window(80.0, 200.0)
-    assert page.texts() != before
-    assert page.figures()[0]["layout"]["shapes"][0]["x0"] == 80.0
-    page.press("data_train")
-    assert found.training is not None
-    page = open_page(DATA, found).choose("data_start", 20.0)
-    assert found.training is None, "an early step drops what came after"
-    page.choose("data_length", 5.0)
-    assert "too short" in page.texts()
-    (train,) = (b for b in page.button if b.key == "data_train")
-    assert train.disabled
-
-
-def test_the_window_is_chosen_by_slider_by_fields_and_as_suggested() -> None:
-    page = open_page(DATA).press("Open this sample")
-    session = page.workspace()
     for key, value, window in (
         ("data_ends", (50.0, 250.0), Window(50.0, 250.0)),
         ("data_start", 30.0, Window(30.0, 230.0)),
@@ -204,14 +189,24 @@ def test_the_window_is_chosen_by_slider_by_fields_and_as_suggested() -> None:
         ("data_ends", (50.0, 55.0), Window(60.0, 160.0)),  # too short for a window
     ):
         page.choose(key, value)
-        assert session.window == window
+        assert found.window == window
+    assert page.texts() != before
     page.press("data_suggested")
-    assert session.window == Window(30.0, 330.0)
+    assert found.window == Window(30.0, 330.0)
+    assert page.figures()[0]["layout"]["shapes"][0]["x0"] == 30.0
     assert "best excitation" in page.texts()
     assert page.button(key="data_suggested").disabled
     page.choose("data_view", "relative")
     names = [trace["name"] for trace in page.figures()[0]["data"][:4]]
-    assert names == list(session.segment.labels[1:])
+    assert names == list(found.segment.labels[1:])
+
+    page.press("data_train")
+    assert found.training is not None
+    page = open_page(DATA, found).choose("data_start", 20.0)
+    assert found.training is None, "an early step drops what came after"
+    page.choose("data_length", 5.0)
+    assert "too short" in page.texts()
+    assert page.button(key="data_train").disabled
 
 
 def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
@@ -250,6 +245,9 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
         if path != STABILITY:
             assert any("not ACC" in error for error in page.boxes("error"))
         if path == DATA:
+            marks = [one.proto.popover.label for one in page.get("popover")]
+            assert any("red" in label and "Driven by hand" in label for label in marks)
+            assert any("blue" in label and "Samples complete" in label for label in marks)
             answer(found)
         elif path == STABILITY:
             assert "not by ACC: 3 C" in page.plain()
@@ -261,18 +259,27 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     assert with_recording(by_flag).segment.driven_by_hand.by_flag
 
 
-def test_the_button_names_what_it_trains_and_a_new_recording_has_the_default_case() -> None:
+def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> None:
     found = with_sample()
-    found.choose(case="I")
     found.preset = "paper"
     page = open_page(DATA, found)
+    page.segmented_control(key="data_case").set_value("I").run()
+    assert found.case == "I"
     lasts = [METHODS["pinn"].expected_seconds(found.segment, preset(p)) for p in ("fast", "paper")]
     duration = format_duration(lasts[1])
-    (label,) = (b.label for b in page.button if b.key == "data_train")
+    label = page.button(key="data_train").label
     assert all(part in label for part in ("paper preset", "Case I", duration))
     assert lasts[0] < 5 < 600 < lasts[1]
+    leader = page.selectbox[0]
+    assert leader.label == "Leader"
+    leader.set_value(3).run()
+    assert found.vehicles == (3, 4, 5)
+    page.selectbox[1].set_value(4).run()
+    assert found.vehicles == (3, 4)
+    assert not any(box.key == "data_case" for box in page.segmented_control)
+    assert found.true_parameters.alpha.tolist() == [0.0766]
     found.open(*sample(FIRST_SAMPLE))
-    assert found.case == "II"
+    assert found.case == "II", "a new recording has the default"
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -287,8 +294,7 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
     assert (found.recording, found.segment) == before
     assert "Preview of the window" in page.texts()
-    raw = csv(platoon(vehicles=2), metadata(("A", "B")))
-    page.upload("mine.csv", raw)
+    page.upload("mine.csv", PAIR)
     assert "mine\\.csv" in page.texts()
     assert "Case" not in [control.label for control in page.segmented_control], "M = 1 has no cases"
     page.switch_page(HOME).run()
@@ -300,7 +306,7 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     assert "ACCPINN_RECORDINGS" in page.texts()
     root = tmp_path / "runs"
     (root / "deep").mkdir(parents=True)
-    (root / "deep" / "run.csv").write_bytes(csv(platoon(vehicles=2), metadata(("A", "B"))))
+    (root / "deep" / "run.csv").write_bytes(PAIR)
     (tmp_path / "secret.csv").write_text("secret")
     (root / "link.csv").symlink_to(tmp_path / "secret.csv")
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(root))
@@ -320,19 +326,9 @@ def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     page.choose(next(n.key for n in page.number_input if "start" in n.key and n.value), 100.0)
     page.press("data_validate")
     assert any("shares 100 s" in said for said in page.boxes("warning"))
-    second = csv(platoon(vehicles=2), metadata(("A", "B")))
-    page.file_uploader(key="data_validation_upload").upload("b.csv", second, "text/csv").run()
+    page.file_uploader(key="data_validation_upload").upload("b.csv", PAIR, "text/csv").run()
     assert "has no platoon with 3 followers" in page.plain()
     assert found.recording.source == FIRST_SAMPLE.name, "the first one stays open"
-
-
-def test_what_is_wrong_with_a_window_is_said_in_the_first_row() -> None:
-    frame = platoon(vehicles=2)
-    frame["Driver2"] = "Human"
-    page = open_page(DATA, with_recording(recording(frame, "AB")))
-    marks = [one.proto.popover.label for one in page.get("popover")]
-    assert any("red" in label and "Driven by hand" in label for label in marks)
-    assert any("blue" in label and "Samples complete" in label for label in marks)
 
 
 def test_the_length_that_is_shown_rounded_is_accepted() -> None:
@@ -347,33 +343,15 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
     assert found.segment.window.duration == pytest.approx(end - 0.1)
 
 
-def test_vehicles_and_case() -> None:
-    found = with_sample()
-    page = open_page(DATA, found)
-    leader, _ = page.selectbox[:2]
-    assert leader.label == "Leader"
-    leader.set_value(3).run()
-    assert found.vehicles == (3, 4, 5)
-    page.segmented_control(key="data_case").set_value("I").run()
-    assert found.case == "I"
-    page.selectbox[1].set_value(4).run()
-    assert found.vehicles == (3, 4)
-    assert not any(box.key == "data_case" for box in page.segmented_control)
-    assert found.true_parameters.alpha.tolist() == [0.0766]
-
-
-@pytest.mark.parametrize(
-    ("box", "expected"),
-    [
-        ([], None),
-        ([{"x": [10.04, 30.06]}], Window(10.0, 30.1)),
-        ([{"x": [30.06, 10.04]}], Window(10.0, 30.1)),
-        ([{"x": [-20.0, 500.0]}], Window(0.0, 39.9)),
-        ([{"x": [10.0, 12.0]}], None),
-    ],
-)
-def test_dragging_over_the_chart(box: list[Any], expected: Window | None) -> None:
-    assert window_of({"selection": {"box": box}}, recording()) == expected
+def test_dragging_over_the_chart() -> None:
+    assert window_of({"selection": {"box": []}}, recording()) is None
+    for ends, expected in (
+        ((10.04, 30.06), Window(10.0, 30.1)),
+        ((30.06, 10.04), Window(10.0, 30.1)),
+        ((-20.0, 500.0), Window(0.0, 39.9)),
+        ((10.0, 12.0), None),
+    ):
+        assert window_of({"selection": {"box": [{"x": [*ends]}]}}, recording()) == expected
 
 
 def test_the_first_window_avoids_holes() -> None:
@@ -502,9 +480,15 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     (error,) = page.error
     assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
     assert page.button(key="train_start").disabled
+    behind = page._tree.get_widget_states()
     page.press("Back to the preset")
+    page._run(behind)  # the browser still shows the old value at the next click, and reports it
     assert not page.error
+    assert page.widget("train_fast_iterations").value == FAST.iterations
     assert not page.button(key="train_start").disabled
+    page.choose("train_fast_iterations", 0)
+    assert page.error, "which can be chosen again"
+    page.press("Back to the preset")
     page.choose("train_fast_seed", 7)
     page.choose("train_fast_weight_data_1", 2.0)
     page.choose("train_fast_start", (0.5, 0.5, 0.5))
@@ -516,45 +500,17 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
 
 
-def test_a_browser_that_is_behind_does_not_undo_a_choice() -> None:
-    """It still shows the old value when the next click comes, and reports it with that click."""
-    page = open_page(TRAIN, with_sample()).choose("train_options", True)
-    page.choose("train_calibrated_iterations", 0)
-    behind = page._tree.get_widget_states()
-    page.press("Back to the preset")
-    page._run(behind)
-    assert not page.error
-    assert page.widget("train_calibrated_iterations").value == CALIBRATED.iterations
-    page.choose("train_calibrated_iterations", 0)
-    assert page.error, "which can be chosen again"
-
-
-@pytest.mark.parametrize("path", PAGES)
-def test_a_page_drawn_again_has_the_same_widgets(path: str) -> None:
-    page = open_page(path, fitted())
-    shown = [one.id for kind in WIDGETS for one in page.get(kind)]
-    page.run()
-    assert [one.id for kind in WIDGETS for one in page.get(kind)] == shown != []
-
-
 # What the pages stand on
 
 
-def test_foreign_text_is_made_literal() -> None:
-    assert escape_markdown("a*b_[c](d) $x$ :red[e] <i>") == (
-        r"a\*b\_\[c\]\(d\) \$x\$ \:red\[e\] \<i\>"
-    )
+def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
+    escaped = r"a\*b\_\[c\]\(d\) \$x\$ \:red\[e\] \<i\>"
+    assert escape_markdown("a*b_[c](d) $x$ :red[e] <i>") == escaped
     assert bullets(("one.",)) == r"one\."
     assert bullets(("one", "two")) == "- one\n- two"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "said"),
-    [(0.2, "1 s"), (59.4, "59 s"), (60, "1 min"), (200, "3 min 20 s"), (2706, "45 min"),
-     (3900, "1 h 5 min")],
-)  # fmt: skip
-def test_durations_in_words(seconds: float, said: str) -> None:
-    assert format_duration(seconds) == said
+    seconds = (0.2, 59.4, 60, 200, 2706, 3900)
+    words = ["1 s", "59 s", "1 min", "3 min 20 s", "45 min", "1 h 5 min"]
+    assert [*map(format_duration, seconds)] == words
 
 
 def test_another_window_ends_a_training_and_forgets_choices_among_the_former_vehicles() -> None:

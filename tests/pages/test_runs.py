@@ -8,9 +8,9 @@ import pytest
 from accpinn.methods.fit import Outcome
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
-from pages.ui.runs import restore_run
 from pages.ui.session import sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, SAMPLES, sample
+from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample
+from pages.ui.snapshots.listing import restore_run
 from tests.support.apptest import DATA, HOME, STABILITY, TRAIN, answer, fitted, open_page
 from tests.support.openacc_files import csv, platoon
 

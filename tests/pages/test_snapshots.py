@@ -11,10 +11,9 @@ from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
 from accpinn.tasks.task import Status
 from pages.ui.session import identity, sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import library
+from pages.ui.session.resources import FIRST_SAMPLE, library, sample
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.both import other_vehicles, parameter_differences, what_differs
+from pages.ui.snapshots.listing import other_vehicles, parameter_differences, what_differs
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
     COMPARE,
@@ -44,13 +43,6 @@ def with_fit() -> Workspace:
     found.train(preset("fast", iterations=20))
     assert found.training.wait(120)
     assert found.training.status is Status.DONE
-    return found
-
-
-def restored(snapshot: Result) -> Workspace:
-    """A session that shows it, as opened from the server."""
-    found = sessions.workspaces().new()
-    found.restore(library().read(library().add(snapshot)))
     return found
 
 
@@ -85,21 +77,18 @@ class TestSaving:
         page.text_input(key="snapshots_name").input("one more")
         assert "is full" in page.press("Save").plain()
 
-    def test_what_is_known_of_the_recording_survives_saving_again(self) -> None:
+    def test_a_stopped_training_is_called_so_and_saved_again_with_what_is_known(self) -> None:
         facts = {"campaign": "Ispra", "date": "2019-04-01", "acc_flag": 1}
-        page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), facts=facts)))
-        page.press("snapshots_back")
+        fits = (replace(whole().fit, outcome=Outcome.STOPPED, iterations=7),)
+        stopped = replace(whole(), facts=facts, fits=fits)
+        page = open_page(SNAPSHOTS, snapshot=library().add(stopped))
+        assert "stopped at 7 of 20 iterations" in page.plain()
+        assert "stopped at 7 of 20 iterations" in page.press("snapshots_back").plain()
         page.text_input(key="snapshots_name").input("again")
         page.press("Save")
         (again,) = (entry for entry in library().entries() if entry.name == "again")
         kept = library().read(again.id).facts
         assert {name: kept[name] for name in facts} == facts
-
-    def test_a_stopped_training_is_called_so(self) -> None:
-        fits = (replace(whole().fit, outcome=Outcome.STOPPED, iterations=7),)
-        page = open_page(SNAPSHOTS, snapshot=library().add(replace(whole(), fits=fits)))
-        assert "stopped at 7 of 20 iterations" in page.plain()
-        assert "stopped at 7 of 20 iterations" in page.press("snapshots_back").plain()
 
 
 class TestList:
@@ -123,13 +112,6 @@ class TestList:
         page.press("snapshots_open")
         assert page.workspace().restored is not None
         assert not [b.key for b in page.button if b.key == "snapshots_open"]
-
-    def test_a_link_shows_the_result_without_save_or_delete(self) -> None:
-        page = open_page(SNAPSHOTS, snapshot=library().add(whole()))
-        assert page.workspace().restored is not None
-        keys = [button.key or "" for button in page.button]
-        assert not [key for key in keys if "delete" in key or "save" in key]
-        assert "From the snapshot" in page.press("snapshots_back").plain()
 
     def test_what_is_deleted_can_be_brought_back(self) -> None:
         name = library().add(whole())
@@ -185,7 +167,7 @@ class TestTwo:
         assert len(page.figures()) == 2
         assert "seed: 7 → 0" in page.plain()
 
-    def test_differences_are_those_of_the_second_against_the_first(self) -> None:
+    def test_differences_are_those_of_the_second_and_unlike_vehicles_are_named(self) -> None:
         one = whole()
         values = one.fit.parameters.values.copy()
         values[0, 0] *= 1.5
@@ -194,9 +176,6 @@ class TestTwo:
         assert table.rows[0][-1] == "+50.0"
         assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * one.info.followers - 1)
         assert what_differs(one, one) == ()
-
-    def test_unlike_vehicles_are_not_compared_without_a_word(self) -> None:
-        one = whole()
         assert other_vehicles(one, one) == ""
         names = (one.info.names[0], "Lada", *one.info.names[2:])
         said = other_vehicles(one, replace(one, infos=(replace(one.info, names=names),)))
@@ -221,6 +200,10 @@ class TestLink:
                 assert (snapshot.analysis.source.sha256 in page.plain()) == (not complete)
             if path == COMPARE:
                 assert "Least squares" in page.plain()
+            if path == SNAPSHOTS:
+                keys = [button.key or "" for button in page.button]
+                assert not [key for key in keys if "delete" in key or "save" in key]
+                assert "From the snapshot" in page.press("snapshots_back").plain()
             if path == TRAIN:
                 (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
                 assert f"{whole().fit.parameters[0].alpha:.4f}" in table
@@ -265,7 +248,8 @@ class TestLink:
 
 class TestRestoring:
     def test_the_recording_completes_it(self) -> None:
-        found = restored(bare())
+        found = sessions.workspaces().new()
+        found.restore(library().read(library().add(bare())))
         assert found.segment is None
         found.open(*sample(FIRST_SAMPLE))
         assert found.segment.info.digest == whole().info.digest

@@ -16,8 +16,7 @@ from accpinn.recordings.recording import Window
 from accpinn.study.result import Result, result_of
 from accpinn.tasks.task import Task
 from pages.ui.session import sessions
-from pages.ui.session.recordings import FIRST_SAMPLE, sample
-from pages.ui.session.resources import store
+from pages.ui.session.resources import FIRST_SAMPLE, sample, store
 from pages.ui.session.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]

@@ -1,19 +1,19 @@
-"""What every page begins with: its title, links to the other pages, and the session's state."""
+"""What every page begins with: who may use it, its title, links to pages, the session's state."""
 
 from pathlib import Path
 
 # Whole before any chart is drawn: plotly looks into one that another thread has half imported.
 import pandas  # noqa: F401
 import streamlit as st
+from streamlit.errors import StreamlitAuthError
 
 from accpinn.results.glossary import GROUPS
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.sign_in import admit, sign_out_button
 from pages.ui.components.widgets import bound, segments
-from pages.ui.session.identity import user
+from pages.ui.session.identity import may_use, recognise, user
 from pages.ui.session.sessions import SESSION, current
 from pages.ui.session.workspace import Workspace
 
@@ -197,3 +197,33 @@ def _sidebar(workspace: Workspace) -> None:
             )
             + " To show a result, send a snapshot's link instead."
         )
+
+
+def admit() -> None:
+    """End the page here, before anything is shown, unless the user may use the server."""
+    visitor = recognise()
+    if not visitor.is_asked or may_use():
+        return
+    st.title("accpinn", anchor=False)
+    if visitor.is_signed_in:
+        show.messages(
+            "Your account may not use this server; ask whoever runs it to name you.", "warning"
+        )
+        sign_out_button()
+    else:
+        st.caption("This server asks you to sign in.")
+        if st.button("Sign in", type="primary", icon=":material/login:", key="sign_in"):
+            try:
+                st.login()
+            except StreamlitAuthError as fault:
+                show.messages(f"Signing in is not set up on this server: {fault}", "error")
+    st.stop()
+
+
+def sign_out_button() -> None:
+    """Signs out; drawn only where one is signed in."""
+    if user().is_signed_in:
+        st.button(
+            "Sign out", icon=":material/logout:", key="sign_out", type="tertiary",
+            on_click=st.logout, help=f"You are signed in as {user().name or 'someone unnamed'}.",
+        )  # fmt: skip

@@ -39,6 +39,19 @@ def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None])
         look()
 
 
+def watch(
+    task: Task[Any], line: Callable[[], str], is_stale: Callable[[], bool] = lambda: False
+) -> None:
+    """A bar with what ``line`` says, until the task ends or the page ``is_stale``."""
+
+    def look() -> None:
+        if not task.is_active or is_stale():
+            st.rerun()
+        st.progress(task.share, line())
+
+    st.fragment(look, run_every=POLL)()
+
+
 def stop_button(task: Task[Any], label: str, key: str) -> None:
     """The button that stops a task, whose results so far are kept."""
     st.button(

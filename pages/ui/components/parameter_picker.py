@@ -60,15 +60,9 @@ class Chosen:
 
 
 def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
-    """What they are about, the picker, and the parameters chosen.
+    """The picker below what it is about, and the parameters chosen; None without a verdict.
 
-    Args:
-        workspace: the session.
-        page: its name, for the keys of the widgets.
-        lead: the caption where the parameters are of no recording.
-
-    Returns:
-        None, with a sentence, where there are none.
+    ``page`` begins the keys of the widgets; ``lead`` is the caption for those of no recording.
     """
     about = st.empty()
     about.caption(lead)
@@ -118,11 +112,13 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     if chosen and chosen.result:
         about.caption(frame.segment_line(chosen.result.info, chosen.result.fit.case))
         show.not_acc(chosen.result.info)
+    if chosen and chosen.missing:
+        _show_missing(workspace, chosen)
+        return None
     return chosen
 
 
 def _empty_state(workspace: Workspace, page: str) -> None:
-    """No fit: why, and the ways to one or to a published example."""
     training = workspace.training
     if training and training.is_active:
         show.messages(
@@ -146,13 +142,8 @@ def parameters_from(
 ) -> Chosen | None:
     """The parameters that a source holds now; None for the fit where there is none.
 
-    Args:
-        workspace: the session.
-        source: one that can be chosen.
-        entries: the server's snapshots, those that can be read.
-
     Raises:
-        ParameterError: rows that are too few or too many.
+        ParameterError: rows by hand that are too few or too many.
     """
     choice = workspace.parameter_choice
     if source == "published":
@@ -180,7 +171,7 @@ def _of_result(result: Result, source: Source) -> Chosen:
     return Chosen(vehicles, source, result, known)
 
 
-def show_missing(workspace: Workspace, chosen: Chosen) -> None:
+def _show_missing(workspace: Workspace, chosen: Chosen) -> None:
     """In place of a verdict: what is missing for one, and the way there."""
     with st.container(border=True):
         st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")

@@ -54,13 +54,9 @@ def messages(
     icon: str = "",
     after: str = "",
 ) -> None:
-    """Sentences in a box; nothing where there is none.
+    """Sentences in a box, shown literally; nothing where there is none.
 
-    Args:
-        sentences: as plain text, which is shown literally.
-        kind: of the box.
-        icon: name of a Material icon in place of the kind's own.
-        after: plain text below a list of sentences.
+    ``icon`` is a Material icon in place of the kind's own, ``after`` a text below a list.
     """
     if sentences:
         said = bullets((sentences,) if isinstance(sentences, str) else sentences)
@@ -182,11 +178,7 @@ class _Painted(go.Figure):  # type: ignore[misc]
 def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any) -> Any:
     """Draw it; on hovering a button saves it as a picture named after ``key``.
 
-    Args:
-        figure: is not changed.
-        key: of the chart.
-        tools: plotly's names of further buttons, as "pan2d".
-        options: further ones of Streamlit's chart.
+    ``tools`` are plotly's names of further buttons, as "pan2d"; the options are those of Streamlit.
     """
     chosen, has_legend = st.session_state.get(PICTURES, (FORMATS[0], False))
     if has_legend:
@@ -203,6 +195,14 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
     return st.plotly_chart(figure, key=key, config=config, **options)
 
 
+def charts(drawn: Sequence[tuple[str, go.Figure]], page: str) -> None:
+    """Charts two by two, by name; a row each, so that a narrow screen keeps their order."""
+    for at in range(0, len(drawn), 2):
+        for column, (name, figure) in zip(st.columns(2), drawn[at : at + 2], strict=False):
+            with column:
+                chart(figure, f"{page}_{name}")
+
+
 def key(
     entries: Iterable[tuple[str, str]],
     faint: Container[str] = (),
@@ -210,15 +210,7 @@ def key(
     dotted: str = "",
     title: str = "",
 ) -> None:
-    """Names beside their colours.
-
-    Args:
-        entries: name and colour.
-        faint: names that are less visible.
-        dashed: what a dashed line means.
-        dotted: what a dotted line means.
-        title: stands before them.
-    """
+    """Names beside their colours, and what dashed and dotted lines mean; ``title`` comes first."""
     spans = [f"<span>{html.escape(title)}</span>"] if title else []
     spans += [
         f"<span{' class=faint' if name in faint else ''}>"
@@ -239,11 +231,7 @@ def vehicle_key(
 ) -> None:
     """The colour of each vehicle, once for all charts below.
 
-    Args:
-        segment: with the vehicles.
-        with_truth: whether the charts have true values.
-        shared: whether the charts have lines of what all followers share, as in Case I.
-        with_solved: whether the charts have the values of least squares.
+    ``shared`` adds that of all followers together, as in Case I.
     """
     leader, *followers = segment.labels
     colours = vehicle_colours(segment.vehicles)

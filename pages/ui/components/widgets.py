@@ -23,16 +23,12 @@ def bound(
     same value as its default, too: a browser that is still loading may miss the value set here,
     and would then report the default as the user's choice.
 
-    A value that was chosen elsewhere comes with a new widget. The browser may not have drawn it
-    when the user clicks on something else; it then reports what the old widget shows, which is no
-    choice.
+    A value that was chosen elsewhere comes with a new widget, whose key ends with a number. The
+    browser may not have drawn it when the user clicks on something else; it then reports what the
+    old widget shows, which is no choice.
 
-    Args:
-        key: of the widget; of those that follow, with a number at its end.
-        value: the present one.
-        change: called with the new value.
-        optional: an emptied field is a change to None; else it changes nothing.
-        default: the name of the widget's argument for its default; empty if it needs another.
+    An emptied field changes nothing unless it is ``optional``; then it is a change to None.
+    ``default`` names the widget's argument for its default; empty if it needs another.
     """
     replaced = f"{key} replaced"
     times = st.session_state.get(replaced, 0)
@@ -62,17 +58,9 @@ def select(
     place: Any = st,
     **look: Any,
 ) -> None:
-    """A select box.
+    """A select box, with what each option is called, in a column or container ``place``.
 
-    Args:
-        label: read aloud, and shown if it is ``labelled``.
-        options: what each option is called.
-        value: the present choice.
-        key: of the widget.
-        change: called with the new choice.
-        labelled: whether the label is shown.
-        place: the column or container that it stands in.
-        look: further options of Streamlit's widget.
+    The label is read aloud also where it is not shown; ``look`` are Streamlit's further options.
     """
     place.selectbox(
         label,
@@ -112,11 +100,6 @@ def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]
 
     On a narrow screen they come after what is chosen on the page, and that after the answer: what
     has a key that begins with "later_1" and so on stands below the rest there.
-
-    Args:
-        workspace: keeps which is open.
-        key: of the widget.
-        views: by title, what draws each tab.
     """
     titles, kept = list(views), workspace.tabs
     value = kept.get(key, "")

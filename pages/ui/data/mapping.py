@@ -50,10 +50,7 @@ LIKELY = {
 def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
     """What has to be asked of a file that could not be read; None where no answer would help.
 
-    Args:
-        source: the file.
-        name: of the file.
-        known: also ask for columns that are remembered.
+    ``known`` asks for columns that are remembered, too.
     """
     with suppress(AccpinnError):
         if known and preview(source, name).mapping:
@@ -66,12 +63,7 @@ def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingF
 
 
 def show_pending(workspace: Workspace, opened: Callable[[], None]) -> None:
-    """What is asked, and the button that opens the file.
-
-    Args:
-        workspace: with a pending file.
-        opened: called once it is open.
-    """
+    """What is asked of the pending file, and the button that opens it and then calls ``opened``."""
     file = workspace.pending
     assert file
     if file.trajectories:
@@ -192,7 +184,6 @@ def _uploaded() -> CsvMapping | None:
 
 
 def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
-    """Time, then a row for each vehicle."""
     known = seen.mapping
     speeds, gaps = _guess(names, "speed"), _guess(names, "gap")
     count = len(known.speeds) if known else min(max(2, len(speeds)), MOST_VEHICLES)
@@ -258,7 +249,6 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
 
 
 def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn, ...]:
-    """Who drives, where columns say so."""
     before = {mode.vehicle: mode for mode in (seen.mapping.modes if seen.mapping else ())}
     modes = []
     with st.expander("Who drives: ACC or a human", expanded=bool(before)):
@@ -342,7 +332,6 @@ def _numbers(seen: Preview, name: str) -> list[float]:
 
 
 def _cells(seen: Preview, name: str) -> list[str]:
-    """The first cells of a column."""
     at = seen.layout.names.index(name)
     return [row[at].strip() for row in seen.layout.rows if at < len(row)]
 

@@ -30,12 +30,12 @@ from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
 from accpinn.segment.quality import Grade, assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import Information, Suggestion, suggest_window
 from pages.ui.components import frame, show
+from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
-from pages.ui.data.validation import choose_validation
-from pages.ui.result.saved import banner, show_data
+from pages.ui.data.views import choose_validation
 from pages.ui.session.resources import BY_CONTENT, KEPT
 from pages.ui.session.workspace import Workspace
 
@@ -77,7 +77,6 @@ class _Whole:
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Data")
     st.html(_STYLE)
     recording = workspace.recording
@@ -111,7 +110,6 @@ def show_page() -> None:
 
 
 def _choose_another(workspace: Workspace) -> None:
-    """The ways to open another recording, behind a button."""
     popover = st.popover(
         "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
         on_change="rerun",
@@ -136,7 +134,6 @@ def _whole(recording: Recording, vehicles: tuple[int, ...]) -> _Whole:
 
 
 def _describe(recording: Recording) -> str:
-    """The recording's metadata in one line."""
     rate, setting = 1 / recording.sample_time, recording.distance_setting
     remembered = any(isinstance(one, MappingRemembered) for one in recording.findings)
     parts = [
@@ -156,7 +153,6 @@ def _describe(recording: Recording) -> str:
 
 
 def _controls(workspace: Workspace, recording: Recording, whole: _Whole) -> None:
-    """Vehicles, Case, window and the suggestion, in one row."""
     has_cases = len(workspace.vehicles) > 2
     widths = (1.3, 1.3, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.4)
     columns = st.columns(widths, gap="small", vertical_alignment="bottom")
@@ -201,7 +197,6 @@ def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[A
 
 
 def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any]) -> None:
-    """Start and length in seconds."""
     start, length = float(workspace.window.start), float(workspace.window.duration)
     longest = float(ceil(recording.duration))
 
@@ -346,7 +341,6 @@ def window_of(
 
 
 def _answer(workspace: Workspace, recording: Recording) -> None:
-    """The window's ratings and the button that trains on it."""
     segment = workspace.segment
     if segment is None:
         show.messages(workspace.fault, "error")

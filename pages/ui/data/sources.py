@@ -1,5 +1,6 @@
-"""Opening a recording: a sample, an upload, or a file in the server's folder of recordings."""
+"""Opening a recording: a sample, an upload, a published run, or a file in the server's folder."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -9,15 +10,19 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import catalogue
+from accpinn.recordings.catalogue import Run, catalogue
+from accpinn.recordings.download import PUBLISHED_AT
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from accpinn.storage import variable
+from accpinn.tasks.batches import DownloadTask
+from accpinn.tasks.task import Status
 from pages.ui.components import show
+from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ASK, pending_of, show_pending
-from pages.ui.data.published import choose_published
-from pages.ui.session.recordings import (
+from pages.ui.session.resources import (
+    download_queue,
     forget,
     from_file,
     listed,
@@ -31,6 +36,9 @@ from pages.ui.session.workspace import Workspace
 OPENING, ARRIVED = "data_opening", "data_arrived"
 """Entries in Streamlit's session state: whether the ways to open another recording are shown, and
 whether an upload has just been opened."""
+
+MIRROR_VARIABLE = "ACCPINN_MIRROR"
+"""Environment variable with the address of a mirror of the publisher's files."""
 
 Load = Callable[[], tuple[Recording, Truth | None]]
 
@@ -59,11 +67,7 @@ def open_with(
 ) -> None:
     """Open what ``load`` gives; if that fails, keep what was open and say why.
 
-    Args:
-        workspace: the session.
-        load: gives the recording.
-        source: the file itself, of which columns or a trajectory may be asked.
-        name: of the file.
+    ``source`` is the file itself, of which columns or a trajectory may be asked.
     """
     workspace.pending = None
     try:
@@ -100,12 +104,11 @@ def choose_source(workspace: Workspace) -> None:
         _choose_sample(workspace)
     with right:
         root = recordings_folder()
-        choose_published(workspace, root, lambda path: _open_file(workspace, path, "Open this run"))
-        _choose_file(workspace)
+        _choose_published(workspace, root)
+        _choose_file(workspace, root)
 
 
 def _close() -> None:
-    """After a file that asked for something was opened."""
     forget()  # what is remembered of columns may have changed
     st.session_state[OPENING] = False
 
@@ -113,12 +116,8 @@ def _close() -> None:
 def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
     """The field for a file of the user's own, and why the last attempt to open one failed.
 
-    Args:
-        workspace: the session that the recording is opened in.
-        announce: whether to return that a file was opened; else nothing is remembered of it.
-
     Returns:
-        Whether a file has just been opened.
+        Whether a file has just been opened, where the page asks to ``announce`` that.
     """
     limit = int(config.get_option("server.maxUploadSize"))
 
@@ -171,9 +170,8 @@ def _open_file(workspace: Workspace, path: Path, label: str) -> None:
     _open_button(label, workspace, lambda: (from_file(path), None), path, path.name)
 
 
-def _choose_file(workspace: Workspace) -> None:
+def _choose_file(workspace: Workspace, root: Path) -> None:
     """The files in the server's folder that are no published runs."""
-    root = recordings_folder()
     published = {run.path(root) for run in catalogue()}
     paths = [path for path in listed() if path not in published]
     if not paths:
@@ -190,3 +188,47 @@ def _choose_file(workspace: Workspace) -> None:
         help=f"The folder that `{variable('recordings')}` names, with its subfolders.",
     )
     _open_file(workspace, path, "Open this recording")
+
+
+def _choose_published(workspace: Workspace, root: Path) -> None:
+    """The list of runs; the one that is chosen is offered to be opened, or downloaded first."""
+    runs = catalogue()
+    present = {run for run in runs if run.path(root).is_file()}
+    states = {run: "on this server" if run in present else "to be downloaded" for run in runs}
+    run = st.selectbox(
+        f"Published OpenACC run ({len(present)} of {len(runs)} on this server)", runs, index=None,
+        format_func=lambda run: f"{run.key} · {states[run]}", key="data_run",
+        placeholder="Search by campaign or file",
+        help="All runs that the Joint Research Centre publishes. Those that are not on the server"
+        " yet are downloaded into its folder of recordings.",
+    )  # fmt: skip
+    submitted = download_queue().of(workspace.id, "download")
+    task = submitted if isinstance(submitted, DownloadTask) else None
+    if task and task.is_active:
+        watch(task, lambda: _line_of(task))
+        stop_button(task, "Stop the download", "data_download_stop")
+    elif run is not None and run in present:
+        _open_file(workspace, run.path(root), "Open this run")
+    elif run is not None:
+        latest = task.status if task and task.run == run else None
+        if task and latest is Status.FAILED:
+            show.messages(task.error, "error", "cloud_off")
+        stopped = latest is Status.STOPPED
+        st.button(
+            "Continue the download" if stopped else "Download this run",
+            icon=":material/download:", key="data_download", on_click=_download,
+            args=(workspace, run, root), help="From the publisher, with its checksum where known.",
+        )  # fmt: skip
+
+
+def _download(workspace: Workspace, run: Run, root: Path) -> None:
+    base = os.environ.get(MIRROR_VARIABLE) or PUBLISHED_AT
+    download_queue().submit(DownloadTask(workspace.id, run, root, base))
+
+
+def _line_of(task: DownloadTask) -> str:
+    now, waits = task.latest, task.status is Status.QUEUED
+    if waits or now is None:
+        return "Waiting: another download is running." if waits else "Connecting …"
+    size = f" of {now.size / 1e6:.1f}" if now.size else ""
+    return f"{task.run.file}: {now.received / 1e6:.1f}{size} MB"

@@ -1,32 +1,38 @@
-"""The tabs of page Data: the window, its regimes, what was done to it, and the recording."""
+"""The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import streamlit as st
 
 from accpinn.errors import SegmentError
+from accpinn.evaluation.validation import validate
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.files import read
+from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
+from accpinn.results.tables.estimates import validation_table
 from accpinn.results.tables.recording import (
     quality_table,
     recording_table,
     regimes_table,
     sensitivity_table,
 )
+from accpinn.segment.cut import DURATION, chains, complete_windows, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
+from accpinn.units import Seconds
 from pages.ui.components import show
-from pages.ui.components.widgets import bound, pick_follower
+from pages.ui.components.widgets import bound, pick_follower, select
 from pages.ui.session.resources import BY_CONTENT
 from pages.ui.session.workspace import Workspace
 
+SHORTEST: Seconds = 10.0
+"""Of a window for validation."""
 SHOWN = 3
 """Warnings that are shown without being asked for."""
 REGIMES = {
@@ -107,10 +113,10 @@ def show_about(recording: Recording) -> None:
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
     """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
-    segment = None
-    with suppress(SegmentError):
-        segment = workspace.whole_segment()
-    if segment is None:
+    window = workspace.window
+    try:  # with all its instants, whatever is left out now
+        segment = cut(recording, window.start, window.duration, workspace.vehicles)
+    except SegmentError:
         st.caption("The window cannot be used yet.")
         return
     regimes, excluded = label_regimes(segment, recording), workspace.excluded
@@ -164,3 +170,119 @@ def _sensitivity(
 ) -> tuple[SensitivityResult, ...]:
     """``digest`` is that of the segment."""
     return sensitivity(_segment, recording, case)
+
+
+# A window that nothing is learned from
+
+
+def choose_validation(workspace: Workspace, recording: Recording) -> None:
+    """The recording, vehicles and window to validate on, and the result where there is a fit."""
+    st.caption(
+        "The learned parameters are simulated behind the leader of this window, from which nothing"
+        " is learned. Page Train shows the errors beside those of the training window."
+    )
+    known = {recording.sha256: recording} | {key: one for key, (one, _) in workspace.opened.items()}
+    columns = st.columns((2, 1.6, 1, 1, 1.4), gap="small", vertical_alignment="bottom")
+    choice = workspace.data_choice
+    if choice.validation not in known:
+        choice.validation = recording.sha256
+    names = {key: one.source for key, one in known.items()}
+    names[recording.sha256] = "This recording"
+    select(
+        "Validation recording", names, choice.validation, "data_validation_recording",
+        lambda key: choice.set(validation=key), place=columns[0],
+        help="This one, or another that was opened in this session.",
+    )  # fmt: skip
+    chosen = known[choice.validation]
+    followers = len(workspace.vehicles) - 1
+    platoons = {
+        chain[k]: chain[k : k + followers + 1]
+        for chain in chains(chosen)
+        for k in range(len(chain) - followers)
+    }
+    if not platoons:
+        st.caption(f"{names[choice.validation]} has no platoon with {followers} followers.")
+        return
+    same = workspace.vehicles[0]
+    leader = columns[1].selectbox(
+        "Leader there", list(platoons), index=list(platoons).index(same) if same in platoons else 0,
+        format_func=chosen.label, key=f"data_validation_leader_{chosen.sha256[:12]}",
+        help="As many followers behind it are simulated as parameters are learned.",
+    )  # fmt: skip
+    vehicles = platoons[leader]
+    first = _first_window(workspace, chosen, vehicles)
+    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
+    start = columns[2].number_input(
+        "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
+        key=f"data_validation_start_{key}", help="In that recording's time.",
+    )  # fmt: skip
+    length = columns[3].number_input(
+        "Lasts [s]", SHORTEST, max(SHORTEST, chosen.duration), max(SHORTEST, first.duration), 10.0,
+        format="%.1f", key=f"data_validation_length_{key}",
+        help="Longer windows average over more driving.",
+    )  # fmt: skip
+    if columns[4].button(
+        f"Validate on {Window(start, start + length)}", key="data_validate", width="stretch",
+        help="Simulates the learned parameters on this window, now or once there are some.",
+    ):  # fmt: skip
+        try:
+            workspace.validation = cut(chosen, start, length, vehicles)
+        except SegmentError as fault:
+            show.messages(str(fault), "error")
+    _upload(workspace)
+    show_validation(workspace)
+
+
+def _first_window(workspace: Workspace, recording: Recording, vehicles: tuple[int, ...]) -> Window:
+    """The first stretch beside the window learned from that is as long, else the longest one."""
+    learned, length = workspace.window, min(workspace.window.duration, recording.duration)
+    stretches = complete_windows(recording, vehicles)
+    if recording is workspace.recording:
+        stretches = tuple(
+            part
+            for stretch in stretches
+            for part in (Window(stretch.start, min(stretch.end, learned.start)),
+                         Window(max(stretch.start, learned.end), stretch.end))
+        )  # fmt: skip
+    best = max(stretches, key=lambda window: min(window.duration, length), default=None)
+    if best is None or best.duration < SHORTEST:
+        return Window(0.0, min(DURATION, length))
+    return Window(best.start, min(best.end, best.start + length))
+
+
+def _upload(workspace: Workspace) -> None:
+    def uploaded() -> None:
+        upload = st.session_state["data_validation_upload"]
+        if upload is not None:
+            with show.flashing():
+                one = read(upload.getvalue(), upload.name)
+                if one.sha256 not in workspace.opened:
+                    workspace.remember(one)
+                workspace.data_choice.validation = one.sha256
+
+    st.file_uploader(
+        "Or drop a second recording here; the first one stays open.", key="data_validation_upload",
+        on_change=uploaded, help="It joins the list of validation recordings above.",
+    )  # fmt: skip
+    show.flashed()
+
+
+def show_validation(workspace: Workspace) -> None:
+    """The closed-loop errors on both windows; nothing where no validation was chosen."""
+    other, segment, result = workspace.validation, workspace.segment, workspace.result
+    if other is None:
+        return
+    if segment is None or result is None:
+        st.caption(
+            f"Chosen for validation: {show.escape_markdown(other.source)}, {other.window}. There"
+            " are no learned parameters yet."
+        )
+        return
+    found = show.attempt(lambda: validate(result.fit, segment, other))
+    if found is None:
+        return
+    table = validation_table(segment.info, other.info, found)
+    show.table(table, vehicle_colours(segment.vehicles)[1:])
+    said = (*messages(found.findings, segment), *messages(found.events, other))
+    show.messages(said, "warning")
+    show.downloads(table, f"{segment.source}_validation", "validation")

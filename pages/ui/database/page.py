@@ -48,7 +48,6 @@ LEAD = (
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Database")
     choice = workspace.database_choice
     follow_link(choice)
@@ -70,7 +69,6 @@ def show_page() -> None:
 
 
 def _show_body(workspace: Workspace, choice: DatabaseChoice, stamp: Stamp) -> None:
-    """The batch, and what it has found so far."""
     running.show_batch(choice.study, request_of(stamp))
     rows = study_rows(stamp) if stamp.state else pd.DataFrame()
     if len(rows):
@@ -82,7 +80,6 @@ def _show_body(workspace: Workspace, choice: DatabaseChoice, stamp: Stamp) -> No
 
 
 def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
-    """What a study is, and the way to the first one."""
     st.caption(LEAD)
     show.messages(
         "There is no study on this server yet. A study holds the estimates from every window in"
@@ -93,7 +90,6 @@ def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
 
 
 def _show_head(workspace: Workspace, choice: DatabaseChoice, names: tuple[str, ...]) -> None:
-    """The study, and what can be done with it."""
     named, new, link = st.columns((3.2, 1, 1), gap="small", vertical_alignment="bottom")
     with named:
         select(
@@ -151,7 +147,6 @@ def _show_study(
 
 
 def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]) -> None:
-    """Which rows, whose estimates, and what groups have in common, in one row."""
     columns = st.columns(
         (0.95, 0.95, 0.95, 0.95, 0.8, 1.35, 1.15), gap="small", vertical_alignment="bottom"
     )

@@ -18,13 +18,12 @@ from accpinn.study.studies import Request
 from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
-from pages.ui.components.monitor import POLL, stop_button
+from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown, format_duration
 from pages.ui.components.widgets import bound, select
 from pages.ui.database.selection import folder_of, known_studies
 from pages.ui.session.choices import DatabaseChoice
-from pages.ui.session.recordings import folders, recordings_folder
-from pages.ui.session.resources import batch_queue
+from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
 
 REDRAWN = 15.0
@@ -51,12 +50,7 @@ def _start(study: str, request: Request) -> None:
 
 
 def show_batch(study: str, request: Request | None) -> None:
-    """The study's batch: how far it is, or how it ended, and what can be done about it.
-
-    Args:
-        study: its name.
-        request: what it was last asked to do.
-    """
+    """The study's batch: how far it is, or how it ended, and what can be done about it."""
     task = _task(study)
     if task is not None and task.is_active:
         bar, button = st.columns((5, 1), vertical_alignment="center")
@@ -103,13 +97,11 @@ def _watch(task: StudyTask) -> None:
     """The bar, again and again; now and then the whole page, with the rows found meanwhile."""
     drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
-    def look() -> None:
+    def has_more() -> bool:
         known = task.latest.rows if task.latest else 0
-        if not task.is_active or (known > rows and time.monotonic() - drawn > REDRAWN):
-            st.rerun()
-        st.progress(task.share, _line_of(task))
+        return known > rows and time.monotonic() - drawn > REDRAWN
 
-    st.fragment(look, run_every=POLL)()
+    watch(task, lambda: _line_of(task), has_more)
 
 
 def _line_of(task: StudyTask) -> str:

@@ -18,33 +18,33 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound
 from pages.ui.database.selection import NOT_TOLD, ShownRows, study_rows
 from pages.ui.session.choices import DatabaseChoice
-from pages.ui.session.recordings import find_recording
+from pages.ui.session.resources import find_recording
 from pages.ui.session.workspace import Workspace
 
 LISTED = 100
 """Failures that are shown; the file has all of them."""
 TOOLS = ("zoom2d", "pan2d", "resetScale2d")
-COLUMNS = {
-    "make": ("Make", None),
-    "model": ("Model", None),
-    "distance_setting": ("Setting", None),
-    "campaign": ("Campaign", None),
-    "file": ("File", None),
-    "start": ("From [s]", "%.0f"),
-    "tau": ("τ [s]", "%.2f"),
-    "tau_low": ("τ from", "%.2f"),
-    "tau_high": ("τ to", "%.2f"),
-    "alpha": ("α [1/s²]", "%.3f"),
-    "beta": ("β [1/s]", "%.3f"),
-    "mean_time_gap": ("Time gap [s]", "%.2f"),
-    "mean_speed": ("Speed [m/s]", "%.1f"),
-    "p_l2_stable": ("P(L₂)", "%.2f"),
+_number = st.column_config.NumberColumn
+COLUMNS: dict[str, Any] = {
+    "make": "Make",
+    "model": "Model",
+    "distance_setting": "Setting",
+    "campaign": "Campaign",
+    "file": "File",
+    "start": _number("From [s]", format="%.0f"),
+    "tau": _number("τ [s]", format="%.2f"),
+    "tau_low": _number("τ from", format="%.2f"),
+    "tau_high": _number("τ to", format="%.2f"),
+    "alpha": _number("α [1/s²]", format="%.3f"),
+    "beta": _number("β [1/s]", format="%.3f"),
+    "mean_time_gap": _number("Time gap [s]", format="%.2f"),
+    "mean_speed": _number("Speed [m/s]", format="%.1f"),
+    "p_l2_stable": _number("P(L₂)", format="%.2f"),
 }
-"""Heading and format of each column in the list of rows, by its name in the results."""
+"""The columns of the list of rows, with headings and formats, by their names in the results."""
 
 
 def show_groups(selected: ShownRows, choice: DatabaseChoice) -> None:
-    """One row a group."""
     groups = selected.groups
     show.table(group_table(groups, with_spread=False))
     st.caption(
@@ -99,7 +99,6 @@ def _plane(selected: ShownRows, in_units_of_tau: bool) -> go.Figure:
 
 
 def show_gaps(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
-    """Time gap over speed, by groups."""
     labels = _labels(selected)
     show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
     _chart(_gaps(selected), "database_gaps", choice)
@@ -132,7 +131,7 @@ def _chart(figure: go.Figure, key: str, choice: DatabaseChoice) -> None:
 
 def show_rows(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows) -> None:
     """All rows that the filters leave; one of them can be chosen."""
-    rows = _listed(selected)
+    rows = selected.rows[list(COLUMNS)]
 
     def picked() -> None:
         if chosen := st.session_state["database_rows"]["selection"]["rows"]:
@@ -141,7 +140,7 @@ def show_rows(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows)
     # By a callback, as the browser goes on to report the row when other rows have taken its place.
     st.dataframe(
         rows, hide_index=True, height=420, on_select=picked, selection_mode="single-row",
-        key="database_rows", column_config=_config(),
+        key="database_rows", column_config=COLUMNS,
     )  # fmt: skip
     st.caption(
         f"{len(rows):,} rows; P(L₂): probability of L₂ string stability. Click on a heading to"
@@ -154,20 +153,6 @@ def show_rows(workspace: Workspace, choice: DatabaseChoice, selected: ShownRows)
         help="The rows shown, with intervals, stability and errors; results.parquet in the study's"
         " folder has all of them.",
     )  # fmt: skip
-
-
-@lru_cache(maxsize=8)
-def _listed(selected: ShownRows) -> pd.DataFrame:
-    return selected.rows[list(COLUMNS)]
-
-
-def _config() -> dict[str, Any]:
-    return {
-        name: st.column_config.NumberColumn(title, format=form)
-        if form
-        else st.column_config.TextColumn(title)
-        for name, (title, form) in COLUMNS.items()
-    }
 
 
 # One row
@@ -218,7 +203,6 @@ def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> No
 
 
 def show_failures(failures: Sequence[Failure], study: str) -> None:
-    """What has no result, and why."""
     if not failures:
         st.caption("Every file has a window, and every method a result on it.")
         return

@@ -166,7 +166,6 @@ def _planned(choice: PlatoonChoice, kind: Disturbance, platoon: Parameters) -> L
 def _setting(
     choice: PlatoonChoice, kind: Disturbance, setting: str, place: DeltaGenerator
 ) -> float:
-    """A number that the user may change."""
     name, usual = f"{kind}_{setting}", float(getattr(PLANNED[kind], setting))
     value, (label, step, meaning) = choice.settings.get(name, usual), LABELS[setting]
 

@@ -1,13 +1,19 @@
-"""What all browsers share: the store of results, the library of snapshots, queues of tasks."""
+"""What all browsers share: results, snapshots, queues of tasks, recordings and samples."""
 
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import streamlit as st
 
+from accpinn.errors import RecordingError
+from accpinn.recordings import files
 from accpinn.recordings.recording import Recording
+from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from accpinn.stability.report import stability_report
+from accpinn.storage import folder, variable
 from accpinn.study.result import Result
 from accpinn.study.store import Library, Store
 from accpinn.tasks.queue import TaskQueue
@@ -21,6 +27,16 @@ BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recordin
 
 report_of = lru_cache(maxsize=KEPT)(stability_report)
 """The stability report on (M,) parameters."""
+SAMPLES = Path(__file__).parents[3] / "sample_data"
+FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
+TITLES = {
+    "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
+    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
+    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
+}
+LISTED = 1000
+"""Files of a folder that are offered at most."""
 
 
 @st.cache_resource(show_spinner=False)
@@ -61,3 +77,98 @@ def batch_queue() -> TaskQueue:
 def download_queue() -> TaskQueue:
     """The queue of downloads."""
     return TaskQueue(prepare=lambda: None)
+
+
+# The server's own recordings, samples and files of its folder
+
+
+@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
+def _parse_file(path: str, size: int, changed: int, trajectory: str | None) -> Recording:
+    return files.read(path, trajectory=trajectory)
+
+
+def from_file(path: Path, trajectory: str | None = None) -> Recording:
+    """A file's recording; read again once the file has changed."""
+    try:
+        status = path.stat()
+    except OSError:
+        return files.read(path)  # which says what is wrong
+    return _parse_file(str(path), status.st_size, status.st_mtime_ns, trajectory)
+
+
+def find_recording(
+    file: str, sha256: str, trajectory: str | None, campaign: str | None
+) -> Recording:
+    """The recording with that content, from the server's folder or the samples.
+
+    Several campaigns have files of the same name; that of ``campaign`` is looked at first.
+
+    Raises:
+        RecordingError: where none is there.
+    """
+    root = recordings_folder()
+    paths = [path for path in (*root.rglob("*"), *SAMPLES.glob("*.csv")) if path.name == file]
+    for path in sorted(paths, key=lambda path: campaign not in path.parts):
+        inside = path.is_file() and any(path.resolve().is_relative_to(p.resolve())
+                                        for p in (root, SAMPLES))  # fmt: skip
+        if not inside:
+            continue
+        try:
+            recording = from_file(path, trajectory)
+        except RecordingError:  # another file of that name
+            continue
+        if recording.sha256 == sha256:
+            return recording
+    raise RecordingError(
+        f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
+        f" there ({variable('recordings')})."
+    )
+
+
+def sample(path: Path) -> tuple[Recording, Truth]:
+    """A sample and its true parameters."""
+    return from_file(path), load_truth(truth_path(path))
+
+
+def samples() -> list[Path]:
+    """The samples' files in the order of their titles, then any others by name."""
+    place = {stem: k for k, stem in enumerate(TITLES)}
+    return sorted(SAMPLES.glob("*.csv"), key=lambda path: (place.get(path.stem, len(place)), path))
+
+
+def sample_title(path: Path) -> str:
+    """What a sample is called."""
+    return TITLES.get(path.stem, path.stem)
+
+
+def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
+    """The sample of that file name and content, with its true parameters; None for none."""
+    path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
+    known = sample(path) if path else None
+    return known if known and known[0].sha256 == sha256 else None
+
+
+def forget() -> None:
+    """Read all files anew."""
+    _parse_file.clear()
+
+
+def recordings_folder() -> Path:
+    """The server's folder of recordings, which need not exist."""
+    return folder("recordings").resolve()
+
+
+def folders(root: Path) -> tuple[str, ...]:
+    """The folders of recordings below one, itself first as "."; none where there is no file."""
+    below = {path.parent.relative_to(root) for path in listed()}
+    every = {Path("."), *below, *(p for one in below for p in one.parents)} if below else set()
+    return tuple(str(path) for path in sorted(every))
+
+
+def listed() -> list[Path]:
+    """The CSV files in the server's folder; none where there is no folder."""
+    root = recordings_folder()
+    paths = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
+    # A link that leads out of the folder is left out.
+    inside = (path for path in paths if path.resolve().is_relative_to(root))
+    return list(islice(inside, LISTED))

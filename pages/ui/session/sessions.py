@@ -26,8 +26,7 @@ from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
 from accpinn.units import Seconds
 from pages.ui.session.identity import mark
-from pages.ui.session.recordings import find_recording, find_sample
-from pages.ui.session.resources import library, store, task_queue
+from pages.ui.session.resources import find_recording, find_sample, library, store, task_queue
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
@@ -86,12 +85,11 @@ class Workspaces:
         while len(self._kept) > KEPT_WORKSPACES:
             *others, _ = self._kept
             self._drop(next((n for n in others if self._kept[n][1].is_empty), others[0]))
-        while len(self._kept) > 1 and self._bytes() > KEPT_BYTES:
+        while len(self._kept) > 1 and (
+            sum(workspace.nbytes for _, workspace in self._kept.values()) > KEPT_BYTES
+        ):
             *others, _ = self._kept
             self._drop(next((n for n in others if self._kept[n][1].nbytes), others[0]))
-
-    def _bytes(self) -> int:
-        return sum(workspace.nbytes for _, workspace in self._kept.values())
 
     def _drop(self, name: str) -> None:
         _, workspace = self._kept.pop(name)

@@ -15,7 +15,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.segment.cut import DURATION, complete_windows, cut, default_vehicles
+from accpinn.segment.cut import DURATION, complete_windows, default_vehicles
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import Refused, results_among
@@ -255,10 +255,7 @@ class Workspace:
     ) -> None:
         """Show a result on every page.
 
-        Args:
-            result: a snapshot, or an earlier training.
-            recording: in place of the open one; it stays open if the result is of it.
-            truth: of that recording, where it is known.
+        The open recording stays if the result is of it, unless another is given with its truth.
         """
         self._leave()
         given, known = (recording, truth) if recording else (self.recording, self.truth)
@@ -288,11 +285,7 @@ class Workspace:
     ) -> None:
         """Change the segment or the case; earlier results become rows.
 
-        Args:
-            vehicles: numbers in the file, leader first.
-            window: of the recording.
-            case: "I" or "II".
-            excluded: regimes left out of the model's equations.
+        ``vehicles`` are numbers in the file, leader first; ``excluded`` names regimes left out.
         """
         self._leave()
         self.restored = None
@@ -309,23 +302,8 @@ class Workspace:
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
 
-    def whole_segment(self) -> Segment | None:
-        """The chosen segment with all its instants; None where no recording is open.
-
-        Raises:
-            SegmentError: where the window cannot be used.
-        """
-        if self.recording is None:
-            return None
-        return cut(self.recording, self.window.start, self.window.duration, self.vehicles)
-
     def train(self, config: PinnConfig, anew: bool = False) -> None:
-        """Queue a training of the segment.
-
-        Args:
-            config: all settings.
-            anew: begin at the first iteration, also where an earlier training stopped later.
-        """
+        """Queue a training of the segment; ``anew``: from no checkpoint of an earlier one."""
         asked = self.analysis(config)
         if asked and self.segment:
             if not (self.restored and self.restored.id):

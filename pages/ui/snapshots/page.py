@@ -1,26 +1,38 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
+from dataclasses import replace
+
 import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
+from accpinn.recordings.recording import Recording
+from accpinn.results.messages.stability import headline
 from accpinn.results.messages.summary import unfinished
-from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE
+from accpinn.results.report import render_report
+from accpinn.results.tables.estimates import learned_parameters
+from accpinn.results.tables.verification import verification_table
+from accpinn.study.result import Result
+from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, SUFFIX
 from accpinn.study.store import Entry
+from accpinn.study.verification import HOWEVER_LONG, QUICK, Verification, refit_seconds, verify
+from accpinn.units import Seconds
 from pages.ui.components import frame, show
-from pages.ui.result.saved import banner
+from pages.ui.components.result import banner, show_result
+from pages.ui.components.show import escape_markdown
 from pages.ui.session.identity import may_delete, owner_mark
-from pages.ui.session.resources import library, opened
+from pages.ui.session.resources import BY_CONTENT, library, opened
+from pages.ui.session.sessions import SNAPSHOT
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.listing import show_entries, title_of
-from pages.ui.snapshots.one import back_button, show_one
+from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
+LONGEST: Seconds = 300.0
+"""Methods that are expected to take longer are not run again while the page waits."""
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Snapshots")
     show.flashed()
     _undo_button()
@@ -56,7 +68,6 @@ def _view(workspace: Workspace, name: str) -> None:
 
 
 def _save_form(workspace: Workspace) -> None:
-    """Name, note and the question about the data, for the current result."""
     result = workspace.result
     st.subheader("Save the current result", anchor=False)
     if result is None or result.fit.outcome is Outcome.DIVERGED:
@@ -97,7 +108,6 @@ def suggested_name(workspace: Workspace) -> str:
 
 
 def _save(workspace: Workspace) -> None:
-    """Keep the current result with all that the session knows of it."""
     with show.flashing():
         snapshot = workspace.as_snapshot(
             name=st.session_state["snapshots_name"].strip() or suggested_name(workspace),
@@ -130,7 +140,6 @@ def _upload_form(workspace: Workspace) -> None:
 
 
 def _delete_button(workspace: Workspace, entry: Entry) -> None:
-    """For those who may delete it."""
     if not may_delete(workspace.id, entry.id):
         return
 
@@ -147,7 +156,6 @@ def _delete_button(workspace: Workspace, entry: Entry) -> None:
 
 
 def _undo_button() -> None:
-    """Brings back what this browser deleted last."""
     entry = st.session_state.get(UNDO)
     if entry is None:
         return
@@ -162,3 +170,150 @@ def _undo_button() -> None:
         f"Undo: bring {show.escape_markdown(title_of(entry))} back", icon=":material/undo:",
         key="snapshots_undo_button", on_click=restore,
     )  # fmt: skip
+
+
+# One snapshot in full
+
+
+def show_one(workspace: Workspace, snapshot: Result) -> None:
+    """The result, as whoever follows its link sees it: nothing here changes or deletes it."""
+    info, title = snapshot.info, title_of(snapshot)
+    st.subheader(escape_markdown(title), anchor=False)
+    when = snapshot.created[:16].replace("T", " ")
+    st.caption(f"{frame.segment_line(info, snapshot.fit.case)} · saved {escape_markdown(when)} UTC")
+    if snapshot.note:
+        st.text(snapshot.note)
+    _show_buttons(workspace, snapshot, title)
+    show.not_acc(info)
+    show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
+    if snapshot.stability and not unfinished(snapshot.fit):
+        chosen = learned_parameters(info, snapshot.fit)
+        said = headline(chosen, snapshot.stability, snapshot.uncertainty)
+        st.markdown(f"**{escape_markdown(said)}**")
+    _show_standing(workspace, snapshot)
+    complete = snapshot if snapshot.segments else snapshot.found_in(workspace.recording)
+    show_result(workspace, complete, "snapshots", lambda: snapshot, more={
+        "Verify": lambda: _show_verification(workspace, snapshot),
+        "Beside another": lambda: _show_beside(snapshot),
+    })  # fmt: skip
+
+
+def _show_buttons(workspace: Workspace, snapshot: Result, title: str) -> None:
+    # The title with nothing in it that a file name cannot have.
+    stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
+    stem = stem.strip("._")[:60] or snapshot.id
+
+    def open_it() -> None:
+        with show.flashing():
+            workspace.restore(snapshot)
+            show.flash("success", "Opened: every page now shows this snapshot.")
+
+    with st.container(horizontal=True):
+        back_button(workspace)
+        if workspace.restored is None or workspace.restored.id != snapshot.id:
+            st.button(
+                "Open on every page", type="primary", icon=":material/folder_open:",
+                key="snapshots_open", on_click=open_it,
+                help="Stability, Platoon and Train then show it; your present result stays in the"
+                " list of finished runs on page Train.",
+            )  # fmt: skip
+        with st.popover("Share", icon=":material/share:"):
+            st.caption("A link to this page; it opens on any page of this server.")
+            show.address(f"Snapshots?{SNAPSHOT}={snapshot.id}")
+        st.download_button(
+            "Report", lambda: render_report(snapshot, _verified(workspace, snapshot)),
+            f"{stem}.html", "text/html",
+            on_click="ignore", icon=":material/description:",
+            help="One web page that needs nothing but a browser; it can be printed.",
+        )  # fmt: skip
+        if library().has(snapshot.id):
+            st.download_button(
+                "Download", lambda: library().raw(snapshot.id), f"{stem}{SUFFIX}",
+                "application/zip", on_click="ignore", icon=":material/download:",
+                help="The file itself: it can be sent, kept, and imported on any server.",
+            )  # fmt: skip
+
+
+def back_button(workspace: Workspace) -> None:
+    def back() -> None:
+        workspace.viewed = ""
+        show.forget_flash()
+
+    st.button("All snapshots", icon=":material/arrow_back:", key="snapshots_back", on_click=back)
+
+
+def _again(snapshot: Result) -> str:
+    """The entry in Streamlit's session state that tells whether the methods are run again."""
+    return f"snapshots_again_{snapshot.id}"
+
+
+def _recording_of(workspace: Workspace, snapshot: Result) -> Recording | None:
+    """The open recording, where the snapshot is of it."""
+    recording = workspace.recording
+    source = snapshot.analysis.source
+    return recording if recording and recording.sha256 == source.sha256 else None
+
+
+def _verified(workspace: Workspace, snapshot: Result) -> Verification:
+    """All of it computed anew, and the methods run again where the user asked for that."""
+    again = bool(st.session_state.get(_again(snapshot)))
+    recording = _recording_of(workspace, snapshot)
+    return _verification(snapshot.digest, snapshot, recording, again)
+
+
+@st.cache_resource(max_entries=16, show_spinner=False, hash_funcs=BY_CONTENT)
+def _verification(
+    digest: str, _snapshot: Result, recording: Recording | None, again: bool
+) -> Verification:
+    """What was found before for the same file and recording is not computed again."""
+    return verify(_snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
+
+
+def _show_standing(workspace: Workspace, snapshot: Result) -> None:
+    if st.session_state.get(_again(snapshot)):
+        with st.spinner("Running the methods again"):
+            verification = _verified(workspace, snapshot)
+    else:
+        recording = _recording_of(workspace, snapshot)
+        verification = verify(snapshot, recording, refit_within=QUICK, parameters_only=True)
+    if not verification.ok:
+        show.messages(verification.sentence, "error")
+        return
+    own = Verification(tuple(check for check in verification.checks if not check.method))
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.caption(escape_markdown(own.sentence))
+        _offer_refit(workspace, snapshot)
+
+
+def _offer_refit(workspace: Workspace, snapshot: Result) -> None:
+    """A button that runs the methods again, where the data are at hand and time allows."""
+    whole = snapshot if snapshot.segments else snapshot.found_in(workspace.recording)
+    rows = (replace(row, segments=whole.segments) for row in whole.compared)
+    seconds = sum(refit_seconds(row) for row in (whole, *rows))
+    if 0 < seconds <= LONGEST and not st.session_state.get(_again(snapshot)):
+        st.button(
+            f"Refit, about {show.format_duration(seconds)}", icon=":material/replay:",
+            key="snapshots_again",
+            on_click=lambda: st.session_state.update({_again(snapshot): True}),
+            help="Runs every method of the snapshot anew on its data, with its settings.",
+        )  # fmt: skip
+
+
+def _show_verification(workspace: Workspace, snapshot: Result) -> None:
+    """How many of the stored numbers agree with those computed now, and every part."""
+    with st.spinner("Computing all of it anew"):
+        verification = _verified(workspace, snapshot)
+    st.markdown(f"**{escape_markdown(verification.counted)}**")
+    if not verification.ok:
+        show.messages(verification.sentence, "error")
+    show.table(verification_table(verification))
+
+
+def _show_beside(snapshot: Result) -> None:
+    """The same beside another of the server's snapshots, which the user picks."""
+    others = [entry for entry in library().readable() if entry.id != snapshot.id]
+    if not others:
+        st.caption("No other snapshot is kept on this server.")
+        return
+    other = choose_entry("The second snapshot", "snapshots_second", others)
+    show_both(snapshot, opened(other.id))

@@ -21,13 +21,18 @@ from accpinn.results.tables.stability import answer, verdict_table
 from accpinn.stability.report import CERTAIN
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import choose_parameters, show_missing
+from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, select, tabs
 from pages.ui.session.resources import KEPT, report_of
 from pages.ui.session.workspace import Workspace
-from pages.ui.stability.details import ShownVehicles, show_criteria, show_map, show_reasons
-from pages.ui.stability.measured import show_measured
+from pages.ui.stability.details import (
+    ShownVehicles,
+    show_criteria,
+    show_map,
+    show_measured,
+    show_reasons,
+)
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
@@ -38,13 +43,9 @@ WHOLE = -1
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Stability")
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
-        return
-    if chosen.missing:
-        show_missing(workspace, chosen)
         return
     report = show.attempt(lambda: report_of(chosen.vehicles.parameters))
     if report is None:
@@ -129,24 +130,18 @@ def _bode(chosen: ParameterSet, uncertainty: Uncertainty | None) -> go.Figure:
 
 
 def _show_verdicts(shown: ShownVehicles) -> None:
-    """The table."""
-    chosen = shown.chosen
-    table = verdict_table(chosen, shown.report, shown.known)
+    chosen, known, sure = shown.chosen, shown.known, 100 * CERTAIN
+    table = verdict_table(chosen, shown.report, known)
     show.table(table, figures.colours(chosen))
-    st.caption(f"{_posterior(shown.known)} {GAIN}" if shown.known else GAIN)
+    posterior = known and (
+        "Probability: the share of posterior samples that are string stable; the verdict is"
+        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
+        f" {100 * known.level:.0f} % intervals. "
+    )
+    st.caption(f"{posterior or ''}{GAIN}")
     if differ := criteria_differ(chosen, shown.report):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
-
-
-def _posterior(known: Uncertainty) -> str:
-    """What probabilities, verdicts and brackets in the table mean."""
-    sure = 100 * CERTAIN
-    return (
-        "Probability: the share of posterior samples that are string stable; the verdict is"
-        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
-        f" {100 * known.level:.0f} % intervals."
-    )
 
 
 def _show_simulate(shown: ShownVehicles) -> None:

@@ -1,4 +1,7 @@
-"""A result on a page: checks, parameters and fit on the first screen, all else in tabs."""
+"""A result on a page: checks, parameters and fit on the first screen, all else in tabs.
+
+`banner` and those below it say of a restored result which one it is, and what would complete it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
@@ -14,6 +17,7 @@ from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case, Parameters
 from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
+from accpinn.results.figures.recording import preview
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.summary import BAND, about_curves, conditional
@@ -23,10 +27,13 @@ from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
+from pages.ui.session.identity import owner_mark
+from pages.ui.session.resources import library
 from pages.ui.session.workspace import Workspace, recording_duration
+from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
@@ -48,7 +55,7 @@ def show_result(
         workspace: the session.
         result: to be shown.
         page: begins the keys of widgets.
-        snapshot: the result as a snapshot, made where it is asked for.
+        snapshot: makes the result as a snapshot, once it is asked for.
         next_step: draws what leads on.
         more: further tabs by title.
     """
@@ -88,7 +95,6 @@ def _show_outcome(result: Result) -> None:
 
 
 def _show_checks(result: Result) -> None:
-    """A button for each check, with its answer; it opens what the answer rests on."""
     info, fit, uncertainty = result.info, result.fit, result.uncertainty
     events, residual = result.evaluation.all_findings, result.evaluation.whiteness
     evidence: Mapping[CheckName, Sequence[str]] = {
@@ -118,14 +124,13 @@ def _show_check(
 
 
 def _parameter_table(result: Result) -> Table:
-    """All that is known of each vehicle."""
     info, fit, table = result.info, result.fit, tables.parameter_table(result)
     return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 
 def _show_fit(result: Result, table: Table, follower: int) -> None:
     """Errors, what happens in simulation, and what the intervals take for granted."""
-    info, fit = result.info, result.fit
+    info, fit, uncertainty = result.info, result.fit, result.uncertainty
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
@@ -138,18 +143,13 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     )
     after = "The simulation continues, and the closed-loop errors include what follows."
     show.messages(messages(result.evaluation.all_findings, info), "warning", "car_crash", after)
-    _show_limits(result)
-    show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
-    if said := _about_tracking(result, follower):
-        st.caption(escape_markdown(said))
-
-
-def _show_limits(result: Result) -> None:
-    """Which intervals are wide, and what would narrow them."""
-    info, uncertainty = result.info, result.uncertainty
-    wide = weakly_identified(info, result.quality, uncertainty, result.fit.case)
+    wide = weakly_identified(info, result.quality, uncertainty, fit.case)
     cure = narrower_intervals(info, uncertainty, wide, recording_duration(result))
     show.messages(messages((*wide, *cure), info), "warning")
+    show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
+    band = _band(result)
+    if said := ((BAND,) if band else ()) + about_curves(info, fit, follower, band):
+        st.caption(escape_markdown(" ".join(said)))
 
 
 def _show_comparison(
@@ -192,33 +192,20 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
     if segment is None and fit.surrogate is None:
         st.caption("The curves need the recording, which is not part of the snapshot.")
         return
+    own = "network" if fit.method == "pinn" else name_of(fit)
     figure = figures.tracking(
-        segment or result.info, follower, fit.surrogate, result.simulated, _own(result),
+        segment or result.info, follower, fit.surrogate, result.simulated, own,
         predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=BESIDE,
     )  # fmt: skip
     show.chart(figure, key)
 
 
-def _own(result: Result) -> str:
-    """What the method's own curves are called."""
-    return "network" if result.fit.method == "pinn" else name_of(result.fit)
-
-
 def _band(result: Result) -> GapBand | None:
-    if result.segment is None:
-        return None
-    return gap_band(result.segment, result.uncertainty, result.fit.case)
-
-
-def _about_tracking(result: Result, follower: int) -> str:
-    """What the band is, how much it covers, and what disturbs the vehicle."""
-    band = _band(result)
-    said = about_curves(result.info, result.fit, follower, band)
-    return " ".join(((BAND,) if band else ()) + said)
+    segment = result.segment
+    return gap_band(segment, result.uncertainty, result.fit.case) if segment else None
 
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
-    """Loss terms and parameters over iterations, two by two."""
     info = result.info
     show.vehicle_key(info, bool(truth), info.shares(result.fit.case))
     drawn = (
@@ -228,10 +215,7 @@ def _show_history(result: Result, history: History, truth: Parameters | None, pa
             for which in range(3)
         ),
     )  # fmt: skip
-    for pair in (drawn[:2], drawn[2:]):
-        for column, (name, figure) in zip(st.columns(2), pair, strict=True):
-            with column:
-                show.chart(figure, f"{page}_{name}")
+    show.charts(drawn, page)
 
 
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:
@@ -248,14 +232,7 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
 
 
 def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case: Case) -> None:
-    """Maximum-likelihood estimates with intervals, and the probability of string stability.
-
-    Args:
-        info: names the vehicles.
-        uncertainty: of the parameters.
-        more: the end of the caption.
-        case: in Case I all followers share one row.
-    """
+    """Maximum-likelihood estimates with intervals; ``more`` ends the caption."""
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(tables.intervals_table(info, uncertainty, case), colours)
     st.caption(
@@ -263,3 +240,64 @@ def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case:
         " the values consistent with the data. Probability of string stability: the share of"
         f" parameter sets consistent with the data (posterior samples) that are stable. {more}"
     )
+
+
+# A restored result
+
+
+def banner(workspace: Workspace) -> None:
+    """Which restored result a page shows, and what would complete it."""
+    restored = workspace.restored
+    if restored is None or not (restored.id or restored is workspace.result):
+        return
+    if workspace.result is not restored:
+        state = "the training is new, on the same window."
+    elif workspace.recording:
+        state = "its recording is open, so everything is complete."
+    elif workspace.segment:
+        state = "its data came with it."
+    else:
+        state = "it came without its data."
+    kind = "From the snapshot" if restored.id else "An earlier run"
+    name = escape_markdown(title_of(restored))
+    st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
+
+    def keep() -> None:
+        with show.flashing():
+            library().add(restored, owner_mark(workspace.id))
+
+    if restored.id and not library().has(restored.id):
+        show.messages(
+            "This snapshot was deleted from the server and lasts only as long as this session;"
+            " keep it again, and its link works again.",
+            "warning",
+            "delete",
+        )
+        st.button("Keep it again", key="snapshots_keep", on_click=keep)
+
+
+def recording_needed(workspace: Workspace, what: str, here: bool = False) -> None:
+    """Which recording would complete a page without data, which may be opened ``here``."""
+    if workspace.segment or workspace.restored is None:
+        return
+    source = workspace.restored.analysis.source
+    st.warning(
+        f"{what} the recording, which is not part of the snapshot. It is"
+        f" **{escape_markdown(source.name)}**, SHA-256 `{source.sha256 or 'not known'}`. Open that"
+        f" file {'below' if here else 'on the Data page'}, and the window is restored.",
+        icon=":material/database:",
+    )
+    if not here:
+        frame.link(frame.DATA, "Open the recording on Data", workspace)
+
+
+def show_data(workspace: Workspace) -> None:
+    """The window's own curves, if they came along; else which recording has them."""
+    banner(workspace)
+    segment = workspace.segment
+    if segment is None:
+        recording_needed(workspace, "Speeds and gaps are in", here=True)
+        return
+    st.caption("These curves are the snapshot's; the whole recording is not part of it.")
+    show.vehicle_key(segment)
+    show.chart(preview(segment), "snapshots_data")

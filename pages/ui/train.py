@@ -1,15 +1,18 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
+from typing import Any
 
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
-from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
 from accpinn.results.figures.training import (
     loss_history,
@@ -23,15 +26,13 @@ from accpinn.tasks.task import Status, Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
+from pages.ui.components.result import banner, recording_needed, show_result
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import segments
-from pages.ui.data.validation import show_validation
-from pages.ui.result.saved import banner, recording_needed
-from pages.ui.result.view import show_result
-from pages.ui.runs import show_runs
+from pages.ui.components.widgets import bound, segments, select
+from pages.ui.data.views import show_validation
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
-from pages.ui.train.options import show_options
+from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: the network's evidence, not its loss, is maximised: no bias.",
@@ -49,10 +50,13 @@ CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
 )
+START_HELP = (
+    "Where the search begins. From other starts the same minimum should be found: page Compare"
+    " trains from five."
+)
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Train")
     _show_page(workspace)
     with st.container(key="later_3_runs"):
@@ -60,7 +64,6 @@ def show_page() -> None:
 
 
 def _show_page(workspace: Workspace) -> None:
-    """All but the list of runs."""
     segment, result, training = workspace.segment, workspace.result, workspace.training
     if segment is None and result is None:
         frame.empty_state(workspace, "Nothing to train on")
@@ -103,22 +106,15 @@ def _show_result(workspace: Workspace, result: Result) -> None:
 def _show_live(
     training: Task[Result], segment: Segment, case: Case, truth: Parameters | None
 ) -> None:
-    """What is known so far of a training that runs.
-
-    Args:
-        training: whose history is shown as far as it is known.
-        segment: its data.
-        case: "I" or "II".
-        truth: the true parameters, where they are known.
-    """
+    """What is known so far of a training that runs."""
     history = training.history()
     if history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
     show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
     loss, alpha, beta, tau, *curves = _live_figures(training, segment, case, truth, step)
-    _show_row(("loss", loss), ("alpha", alpha))
-    _show_row(("beta", beta), ("tau", tau))
+    drawn = (("loss", loss), ("alpha", alpha), ("beta", beta), ("tau", tau))
+    show.charts(drawn, "train_live")
     for figure in curves:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
         st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
@@ -138,12 +134,6 @@ def _live_figures(
         *(parameter_history(drawn, k, segment.info, truth, solved.parameters) for k in range(3)),
         *([tracking(segment, 0, curves, None, points=POINTS)] if curves else ()),
     )
-
-
-def _show_row(*charts: tuple[str, go.Figure]) -> None:
-    for column, (name, figure) in zip(st.columns(len(charts)), charts, strict=True):
-        with column:
-            show.chart(figure, f"train_live_{name}")
 
 
 def _show_validation(workspace: Workspace) -> None:
@@ -168,7 +158,6 @@ def _next_button(workspace: Workspace) -> None:
 
 
 def _controls(workspace: Workspace) -> None:
-    """Preset, options and the buttons."""
     preset = workspace.preset
     with st.container(horizontal=True, vertical_alignment="center"):
         segments(
@@ -188,7 +177,6 @@ def _controls(workspace: Workspace) -> None:
 
 
 def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
-    """Start, Stop or Continue: whichever makes sense now."""
     training = workspace.training
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
@@ -218,11 +206,125 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
 
 
 def _start(workspace: Workspace, anew: bool = False) -> None:
-    """Train with the settings at the moment of the click, also when they were not drawn yet.
-
-    Args:
-        workspace: the session.
-        anew: begin at the first iteration, also where an earlier training stopped later.
-    """
     with suppress(ConfigError):  # the page shows what is wrong with a setting
         workspace.train(workspace.config, anew)
+
+
+# The preset's settings, and the user's changes to them
+
+
+def show_options(workspace: Workspace) -> None:
+    fields = _Fields(workspace)
+    rows = [st.columns(4) for _ in range(5)]
+    fields.number(
+        "iterations", "Iterations, at most", rows[0][0], step=100,
+        help="Of the optimiser Adam. The fast and calibrated presets end earlier once α, β and τ"
+        " stand still.",
+    )  # fmt: skip
+    fields.number(
+        "seed", "Seed", rows[0][1], step=1,
+        help="Of the network's random initial weights and of the instants drawn at random. The same"
+        " seed gives the same result.",
+    )  # fmt: skip
+    fields.number(
+        "learning_rate", "Learning rate", rows[0][2], step=0.001, format="%g",
+        help="Adam's step. Larger is faster, until the loss no longer falls; the paper's is 0.001.",
+    )  # fmt: skip
+    fields.number(
+        "weight_initial", "R, weight of the first instant (Ψ_R)", rows[0][3], step=0.1, format="%g",
+        help="Of the squared error at the first instant; 0 leaves the term out, the authors'"
+        " notebooks use 1.",
+    )  # fmt: skip
+    fields.start(rows[1])
+    fields.several(
+        "weight_physics", ("Q, weight of dp/dt in Ψ_F", "Q, weight of dv/dt in Ψ_F"), rows[2][:2],
+        "Of the squared residual of the model's equation. A larger weight binds the curves to the"
+        " model, a smaller one to the data.",
+    )  # fmt: skip
+    fields.several(
+        "weight_data", ("S, weight of gaps in Ψ_D", "S, weight of speeds in Ψ_D"), rows[2][2:],
+        "Of the squared distance of the network's curves from the data.",
+    )  # fmt: skip
+    fields.number(
+        "layers", "Hidden layers", rows[3][0], step=1,
+        help="Of the network; the paper's has three. A smaller network is quicker, and the curves"
+        " follow the data less closely.",
+    )  # fmt: skip
+    fields.number("width", "Neurons per layer", rows[3][1], step=10, help="The paper's have sixty.")
+    _special(workspace, fields, rows[3][2:])
+    with rows[4][3]:
+        st.space("stretch")
+        st.button(
+            "Back to the preset", on_click=fields.changes.clear, icon=":material/undo:",
+            help="Forgets all changes made here.",
+        )  # fmt: skip
+
+
+def _special(workspace: Workspace, fields: "_Fields", columns: Sequence[Any]) -> None:
+    left, right = columns
+    if workspace.preset == "paper":
+        fields.number(
+            "lbfgs_iterations", "L-BFGS iterations after Adam", left, step=100,
+            help="The paper suggests them for the last digits, but reports none.",
+        )  # fmt: skip
+        fields.number(
+            "test_share", "Share kept for testing", right, step=0.05, format="%g",
+            help="Instants drawn at random that the loss does not see; their loss is reported.",
+        )  # fmt: skip
+        return
+    fields.number(
+        "highest_frequency", "Highest frequency [Hz]", left, step=0.05, format="%g",
+        help="The network's curves cannot move faster than this. Platoons move below 0.1 Hz; the"
+        " calibrated preset resolves 0.5 Hz to tell noise from motion.",
+    )  # fmt: skip
+    fields.number(
+        "batch", "Instants per iteration", right, step=100,
+        help="Drawn at random for each step of Adam.",
+    )  # fmt: skip
+
+
+class _Fields:
+    """Number inputs for the settings of one preset; only what differs from it is kept."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.changes = workspace.settings.setdefault(workspace.preset, {})
+        self._preset = workspace.preset
+        self._default = PRESETS[workspace.preset].to_json()
+
+    def _value(self, name: str) -> Any:
+        return self.changes.get(name, self._default[name])
+
+    def number(self, name: str, label: str, column: Any, **look: Any) -> None:
+        """One number, whole or not as the preset has it."""
+
+        def changed(value: float) -> None:
+            self.changes[name] = value
+
+        shown = bound(f"train_{self._preset}_{name}", self._value(name), changed)
+        column.number_input(label, **shown, **look)
+
+    def several(
+        self, name: str, labels: Sequence[str], columns: Sequence[Any], explained: str
+    ) -> None:
+        """A setting of several numbers."""
+        values = [float(value) for value in self._value(name)]
+        for at, (label, column) in enumerate(zip(labels, columns, strict=True)):
+
+            def changed(value: float, at: int = at) -> None:
+                values[at] = float(value)
+                self.changes[name] = tuple(values)
+
+            shown = bound(f"train_{self._preset}_{name}_{at}", values[at], changed)
+            column.number_input(label, **shown, step=0.1, format="%g", help=explained)
+
+    def start(self, columns: Sequence[Any]) -> None:
+        """Initial values, each by itself or one of five sets."""
+        now = tuple(float(value) for value in self._value("initial"))
+        starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
+        select(
+            "Start from", {start: "α {:g}, β {:g}, τ {:g}".format(*start) for start in starts},
+            now, f"train_{self._preset}_start",
+            lambda initial: self.changes.update(initial=initial), place=columns[0], help=START_HELP,
+        )  # fmt: skip
+        labels = tuple(f"Initial {parameter.heading}" for parameter in PARAMETERS)
+        self.several("initial", labels, columns[1:], START_HELP)

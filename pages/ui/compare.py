@@ -34,10 +34,9 @@ from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
+from pages.ui.components.result import banner, recording_needed, show_intervals
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
-from pages.ui.result.saved import banner, recording_needed
-from pages.ui.result.view import show_intervals
 from pages.ui.session.workspace import Workspace, recording_duration
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
@@ -86,7 +85,6 @@ class _Shown:
 
 
 def show_page() -> None:
-    """Draw the page."""
     workspace = frame.begin("Compare")
     segment, task = workspace.segment, workspace.comparison
     if workspace.restored and task is None:
@@ -118,7 +116,6 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
-    """Run, or stop what runs."""
     task, training = workspace.comparison, workspace.training
     if task and task.is_active:
         stop_button(task, "Stop", "compare_stop")
@@ -201,7 +198,6 @@ def _show_collisions(shown: _Shown) -> None:
 
 
 def _show_failures(failures: Sequence[Refused]) -> None:
-    """The methods without a result, those with the same reason together."""
     reasons: dict[str, list[str]] = {}
     for failure in failures:
         reasons.setdefault(str(failure.fault), []).append(TITLES[failure.method])
@@ -231,7 +227,6 @@ def _show_methods(shown: _Shown) -> None:
 
 
 def _show_estimates(shown: _Shown) -> None:
-    """Dots over the intervals, for one follower."""
     follower, uncertainty = shown.follower, shown.uncertainty
     earlier = _choose_earlier(shown)
     dots = [
@@ -261,15 +256,11 @@ def _show_course(shown: _Shown) -> None:
     if name == ONLINE:
         _show_tracks(shown, tracks)
     else:
-        _show_curves(shown, name, by_name[name])
-
-
-def _show_curves(shown: _Shown, name: str, row: Result) -> None:
-    """One method against the data."""
-    segment, follower = shown.segment, shown.follower
-    st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
-    figure = tracking(segment, follower, row.fit.surrogate, row.simulated, name, with_error=True)
-    show.chart(figure, "compare_curves")
+        st.subheader(f"{escape_markdown(name)} against the data", anchor=False)
+        row = by_name[name]
+        curves, simulated = row.fit.surrogate, row.simulated
+        figure = tracking(shown.segment, shown.follower, curves, simulated, name, with_error=True)
+        show.chart(figure, "compare_curves")
 
 
 def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
@@ -292,7 +283,6 @@ def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
-    """The parameters over time of the online methods."""
     st.subheader(ONLINE, anchor=False)
     figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
@@ -373,7 +363,6 @@ def _show_disturbance(shown: _Shown) -> None:
 
 
 def _show_repeatability(shown: _Shown) -> None:
-    """Five starts, and what was found before."""
     _show_starts(shown)
     _show_earlier(shown)
 
