@@ -244,10 +244,9 @@ def runs_of(
     numbers = [mapping.time.column] if mapping.time else []
     numbers += [speed.column for speed in mapping.speeds] + [gap.column for gap in mapping.gaps]
     columns = read_columns(source_file, layout_of(source_file), numbers, words)
-    samples = len(columns.numbers[numbers[0]])
     rows_of: dict[str | None, list[int]] = {}
-    trajectories = columns.words[mapping.trajectory] if mapping.trajectory else [None] * samples
-    for row, trajectory in enumerate(trajectories):
+    for row in columns.rows.tolist():
+        trajectory = columns.words[mapping.trajectory][row] if mapping.trajectory else None
         rows_of.setdefault(trajectory, []).append(row)
     findings = (MappingRemembered(),) if remembered else ()
     return tuple(
@@ -268,17 +267,17 @@ def _recording(
     findings: tuple[MappingRemembered, ...],
 ) -> Recording:
     """The recording of the rows of one run, 0 = first below the column names."""
+    columns = columns[rows]
 
     def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
-        values = columns.measured(quantity, column, rows, factor, less)
-        if np.isnan(values).all():
-            raise columns.refusal("all cells are empty", "choose another column", column)
+        values = columns.measured(quantity, column, factor, less)
+        columns.require_some(column, "choose another column")
         return values
 
     speeds = [channel(c.column, SPEED_UNITS[c.unit], SPEED) for c in mapping.speeds]
     gaps = [channel(c.column, GAP_UNITS[c.unit], GAP, c.subtract) for c in mapping.gaps]
     if mapping.time:
-        time = columns.time(mapping.time.column, rows, TIME_UNITS[mapping.time.unit])
+        time = columns.time(mapping.time.column, TIME_UNITS[mapping.time.unit])
     elif len(rows) > 1:
         time = np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
     else:
@@ -291,18 +290,18 @@ def _recording(
         time=time,
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),
-        mode=_modes(columns, mapping, rows),
+        mode=_modes(columns, mapping),
         trajectory=trajectory,
     )
     names = {k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)}
     return completed(recording, names, findings)
 
 
-def _modes(columns: Columns, mapping: CsvMapping, rows: NDArray[np.int64]) -> NDArray[np.int8]:
+def _modes(columns: Columns, mapping: CsvMapping) -> NDArray[np.int8]:
     """(N, V) values of `Mode`."""
-    modes = np.full((len(rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
+    modes = np.full((len(columns.rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
     for mode in mapping.modes:
-        words = [columns.words[mode.column][row] for row in rows]
+        words = columns.words[mode.column]
         modes[[word in mode.acc for word in words], mode.vehicle - 1] = Mode.ACC
         modes[[word in mode.human for word in words], mode.vehicle - 1] = Mode.HUMAN
     return modes

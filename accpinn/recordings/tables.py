@@ -7,6 +7,7 @@ is neither empty nor a number is refused with its place, and so is a row of anot
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -102,50 +103,51 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-Rows = slice | NDArray[np.int64]
-"""Some rows of a table, 0 = first below the column names."""
-ALL = slice(None)
-
-
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Some columns of a table with N rows."""
+    """Some columns of N rows of a table."""
 
     source_file: SourceFile
     layout: Layout
+    rows: NDArray[np.int64]
+    """(N,) which rows of the table they are, 0 = first below the column names."""
     numbers: dict[str, FloatArray]
     """(N,) numbers by column; nan where a cell is empty."""
     words: dict[str, list[str]]
     """N texts by column, without white space around them; "" where a cell is empty."""
 
-    def refusal(
-        self, fault: str, cure: str, column: str, rows: Rows = ALL, row: int | None = None
-    ) -> RecordingError:
-        """The error about a column, or about the cell in one of some rows."""
-        at = None if row is None else int(np.arange(len(self.numbers[column]))[rows][row])
+    def __getitem__(self, part: slice | NDArray[np.int64]) -> "Columns":
+        """Some of the rows."""
+        numbers = {name: values[part] for name, values in self.numbers.items()}
+        at = range(len(self.rows))[part] if isinstance(part, slice) else part
+        words = {name: [texts[row] for row in at] for name, texts in self.words.items()}
+        return Columns(self.source_file, self.layout, self.rows[part], numbers, words)
+
+    def refusal(self, fault: str, cure: str, column: str, row: int | None = None) -> RecordingError:
+        """The error about a column, or about its cell in one of the rows."""
+        at = None if row is None else int(self.rows[row])
         return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
 
+    def require_some(self, column: str, cure: str) -> None:
+        """Refuse a column whose cells are all empty."""
+        if np.isnan(self.numbers[column]).all():
+            raise self.refusal("all cells are empty", cure, column)
+
     def measured(
-        self,
-        quantity: Quantity,
-        column: str,
-        rows: Rows = ALL,
-        factor: float = 1.0,
-        less: float = 0.0,
+        self, quantity: Quantity, column: str, factor: float = 1.0, less: float = 0.0
     ) -> FloatArray:
         """Numbers of a size that measurements have, in the quantity's unit; missing ones are nan.
 
         Args:
             quantity: what they are.
             column: where they stand.
-            rows: which of them.
             factor: the column's unit in that of the quantity.
             less: what to subtract from each, in the quantity's unit.
 
         Raises:
             RecordingError: about the first that cannot be a measurement.
         """
-        values = self.numbers[column][rows] * factor - less
+        values = self.numbers[column] * factor - less
         wrong = np.flatnonzero(np.abs(values) > quantity.possible)
         if len(wrong):
             row = int(wrong[0])
@@ -154,30 +156,28 @@ class Columns:
                 f" {quantity.possible:,.0f} {quantity.unit} is possible"
             )
             cure = f"correct it, give it in {quantity.unit}, or leave the cell empty"
-            raise self.refusal(fault, cure, column, rows, row)
+            raise self.refusal(fault, cure, column, row)
         return values
 
-    def time(self, column: str, rows: Rows = ALL, factor: float = 1.0) -> FloatArray:
-        """The time from the first of some rows on, in s: increasing and without holes.
+    def time(self, column: str, factor: float = 1.0) -> FloatArray:
+        """The time from the first row on, in s: increasing and without holes.
 
         Args:
             column: where it stands.
-            rows: which of its rows.
             factor: the column's unit in s.
 
         Raises:
             RecordingError: about the first row that is wrong.
         """
 
-        def refusal(fault: str, cure: str, row: int | None) -> RecordingError:
-            return self.refusal(fault, cure, column, rows, row)
-
-        stamps = self.numbers[column][rows]
+        refusal = partial(self.refusal, column=column)
+        stamps = self.numbers[column]
         missing = np.flatnonzero(np.isnan(stamps))
         if len(missing):
-            raise refusal("the time is missing", "fill it in or delete the row", int(missing[0]))
+            cure = "fill it in or delete the row"
+            raise refusal("the time is missing", cure, row=int(missing[0]))
         if len(stamps) < 2:
-            raise refusal("the trajectory has one row", "choose another trajectory", 0)
+            raise refusal("the trajectory has one row", "choose another trajectory", row=0)
         # From the first sample on, so that a large origin costs no digits.
         steps = np.diff((stamps - stamps[0]) * factor)
         backward = np.flatnonzero(steps <= 0)
@@ -185,16 +185,16 @@ class Columns:
             row = int(backward[0]) + 1
             late, early = (f"{stamps[k] * factor:.10g} s" for k in (row, row - 1))
             fault = f"the time does not increase, {late} follows {early}"
-            raise refusal(fault, "sort or delete the rows", row)
+            raise refusal(fault, "sort or delete the rows", row=row)
         typical = float(np.median(steps))
         if not SHORTEST_STEP <= typical <= LONGEST_STEP:
             fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
-            raise refusal(fault, "give the time in seconds", None)
+            raise refusal(fault, "give the time in seconds")
         holes = np.flatnonzero(steps > GAP_STEPS * typical)
         if len(holes):
             row = int(holes[0]) + 1
             fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
-            raise refusal(fault, "split the file here into two recordings", row)
+            raise refusal(fault, "split the file here into two recordings", row=row)
         return np.asarray((stamps - stamps[0]) * factor)
 
 
@@ -229,7 +229,7 @@ def read_columns(
             meanings = {cell: _word(cell) for cell in set(cells)}
             column.extend(meanings[cell] for cell in cells)
     joined = {name: np.concatenate(blocks) for name, blocks in parts.items()}
-    return Columns(source_file, layout, joined, texts)
+    return Columns(source_file, layout, np.arange(first + len(rows)), joined, texts)
 
 
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
