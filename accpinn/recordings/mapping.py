@@ -26,14 +26,7 @@ from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording, completed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import (
-    Columns,
-    Layout,
-    TableRun,
-    choose_run,
-    layout_of,
-    read_columns,
-)
+from accpinn.recordings.tables import Columns, Layout, TableRun, layout_of, read_columns
 from accpinn.storage import folder, reason_of, write_whole
 from accpinn.units import FloatArray, Metres, Seconds
 
@@ -191,38 +184,6 @@ def _check(mapping: CsvMapping, name: str) -> None:
             raise refuse(f"modes[{k}].vehicle: there is no vehicle {mode.vehicle}")
     if not all(np.isfinite(gap.subtract) for gap in mapping.gaps):
         raise refuse("gaps: subtract is no number")
-
-
-def read_mapped(
-    source: Source, mapping: CsvMapping, name: str | None = None, trajectory: str | None = None
-) -> Recording:
-    """Read a table whose columns a mapping names; nothing is remembered.
-
-    Args:
-        source: path of the file, or the bytes of an upload.
-        mapping: which columns hold what.
-        name: file name to show; needed for bytes only.
-        trajectory: which run, where the mapping names a column that tells them apart.
-
-    Raises:
-        RecordingError: one sentence of file, place, fault and cure.
-    """
-    source_file = read_bytes(source, name)
-    return choose_mapped(source_file, runs_of(source_file, mapping), trajectory).read()
-
-
-def choose_mapped(
-    source_file: SourceFile, runs: Sequence[TableRun], trajectory: str | None
-) -> TableRun:
-    """The run that has a trajectory, or the only one.
-
-    Raises:
-        RecordingError: for a name that is not there, or where a choice has to be made.
-    """
-    if trajectory is not None and not runs[0].trajectories:
-        fault = "the mapping names no column that tells trajectories apart"
-        raise source_file.refusal(fault, "name it in the mapping, or choose no trajectory")
-    return choose_run(source_file, runs, trajectory, "trajectories")
 
 
 def runs_of(

@@ -132,12 +132,13 @@ def _pairs(columns: Columns) -> list[Pair]:
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
     pairs: dict[tuple[str, ...], Pair] = {}
     for start, end in pairwise((*starts, len(names))):
+        trajectory, leader, follower = names[start]
         if names[start] in pairs:
-            fault = f"trajectory {excerpt(names[start][0])} continues here, behind rows of another"
+            fault = f"trajectory {excerpt(trajectory)} continues here, behind rows of another"
             cure = "sort the rows by trajectory and time, one pair a trajectory"
             place = f"row {columns.layout.header_row + start + 1}"
             raise source_file.refusal(fault, cure, place)
-        pairs[names[start]] = Pair(*names[start], columns[start:end])
+        pairs[names[start]] = Pair(trajectory, leader, follower, columns[start:end])
     return list(pairs.values())
 
 

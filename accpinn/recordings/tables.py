@@ -169,7 +169,6 @@ class Columns:
         Raises:
             RecordingError: about the first row that is wrong.
         """
-
         refusal = partial(self.refusal, column=column)
         stamps = self.numbers[column]
         missing = np.flatnonzero(np.isnan(stamps))
@@ -382,6 +381,9 @@ def choose_run(
     for run in runs:
         if trajectory is not None and trajectory.strip() in run.trajectories:
             return run
+    if trajectory is not None and not runs[0].trajectories:
+        fault = "the mapping names no column that tells trajectories apart"
+        raise source_file.refusal(fault, "name it in the mapping, or choose no trajectory")
     fault = f"the table holds {len(runs)} {kind}"
     if trajectory is not None:
         fault = f'there is no trajectory "{excerpt(trajectory)}"'
