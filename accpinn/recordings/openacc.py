@@ -8,7 +8,7 @@ Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -70,13 +70,6 @@ CAMPAIGNS = (
         ("2019-10-06", "2019-10-07", "2019-10-08", "2019-10-09"),
     ),
 )
-
-
-@dataclass(frozen=True)
-class _Row:
-    number: int
-    """Which row of the file it is, 1 = first."""
-    cells: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -217,49 +210,44 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, _Channels]:
     """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
     metadata: Metadata = {}
     keys = {key.lower(): key for key in METADATA}
-    for row in _rows(source_file.lines(HEADER_BYTES)):
-        first = row.cells[0].lower()
+    for number, line in enumerate(source_file.lines(HEADER_BYTES), start=1):
+        cells = cells_of(line.strip())
+        if not any(cells):
+            continue
+        first, place = cells[0].lower(), f"row {number}"
         if first == TIME.column.lower():
-            channels = _channels(source_file, row)
+            channels = _channels(source_file, Layout(cells, (), ",", ".", number))
             if metadata:
                 return metadata, channels
             fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
             raise source_file.refusal(fault, "add them, or download the file again", "row 1")
         if first not in keys:
-            raise _unexpected(source_file, row)
+            raise _unexpected(source_file, cells[0], place)
         if keys[first] in metadata:
             fault = f'"{keys[first]}" is given a second time'
-            raise source_file.refusal(fault, "delete one of the two rows", f"row {row.number}")
-        metadata[keys[first]] = row.cells[1:]
+            raise source_file.refusal(fault, "delete one of the two rows", place)
+        metadata[keys[first]] = cells[1:]
     fault = f'no row of column names that starts with "{TIME.column}" is found'
     raise source_file.refusal(fault, _CHOOSE_RUN)
 
 
-def _rows(lines: Iterable[str]) -> Iterator[_Row]:
-    """The first rows with content, cell by cell."""
-    for number, line in enumerate(lines, start=1):
-        cells = cells_of(line.strip())
-        if any(cells):
-            yield _Row(number, cells)
-
-
-def _unexpected(source_file: SourceFile, row: _Row) -> RecordingError:
+def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingError:
+    """The sentence about a row whose first cell no row above the data has."""
     if _TABLE_NAMES.search(source_file.name):
         return source_file.refusal("this table accompanies the runs and is none", _CHOOSE_RUN)
-    place = f"row {row.number}"
-    if ";" in row.cells[0]:
+    if ";" in cell:
         cure = "save it with commas between cells and points in numbers"
         return source_file.refusal("cells are separated by semicolons", cure, place)
     expected = ", ".join((*METADATA[:-1], f"{METADATA[-1]} or {TIME.column}"))
-    fault = f'the row starts with "{excerpt(row.cells[0])}" where {expected} is expected'
+    fault = f'the row starts with "{excerpt(cell)}" where {expected} is expected'
     return source_file.refusal(fault, _CHOOSE_RUN, place)
 
 
-def _channels(source_file: SourceFile, row: _Row) -> _Channels:
-    place = f"row {row.number}"
+def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
+    place = f"row {layout.header_row}"
     columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
     positions: dict[str, int] = {}
-    for position, cell in enumerate(row.cells):
+    for position, cell in enumerate(layout.names):
         if cell in positions:
             both = f"columns {positions[cell] + 1} and {position + 1}"
             fault = f'"{excerpt(cell)}" names {both}'
@@ -278,7 +266,7 @@ def _channels(source_file: SourceFile, row: _Row) -> _Channels:
         fault = f"no space-gap column (as {GAP.of(1)}) is among the column names"
         cure = f"a model of car-following cannot be estimated without space-gaps, {_CHOOSE_RUN}"
         raise source_file.refusal(fault, cure, place)
-    return _Channels(Layout(row.cells, (), ",", ".", row.number), speed, gap, driver)
+    return _Channels(layout, speed, gap, driver)
 
 
 def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -435,15 +435,8 @@ def facts_of(recording: Recording | None) -> Facts:
     """The facts of a recording; none without one."""
     if recording is None:
         return {}
-    return {
-        "campaign": recording.campaign,
-        "date": recording.date.isoformat() if recording.date else None,
-        "acc_flag": recording.acc_flag,
-        "distance_setting": recording.distance_setting,
-        "samples": recording.samples,
-        "duration": recording.duration,
-        "sample_time": recording.sample_time,
-    }
+    facts = {name: getattr(recording, name) for name in Facts.__annotations__}
+    return cast("Facts", facts | {"date": recording.date and recording.date.isoformat()})
 
 
 def completed(

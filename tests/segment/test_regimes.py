@@ -156,7 +156,14 @@ class TestMask:
         assert len({plain, segment.info.digest, other.info.digest}) == 3
         assert replace(segment, mask=None, excluded_regimes=()).info.digest == plain
         small = Segment(
-            np.arange(3.0), np.ones((3, 2)), np.ones((3, 1)), (1, 2), ("A", "B"), 0.0, "x", ""
+            time=np.arange(3.0),
+            speeds=np.ones((3, 2)),
+            gaps=np.ones((3, 1)),
+            start=0.0,
+            vehicles=(1, 2),
+            names=("A", "B"),
+            source="x",
+            sha256="",
         )
         assert small.info.digest == DIGEST
 
