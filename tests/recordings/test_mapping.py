@@ -34,16 +34,14 @@ def mappings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def foreign(frame: pd.DataFrame) -> pd.DataFrame:
     """An OpenACC frame with other names, units and origin of time."""
-    return pd.DataFrame(
-        {
-            "clock": (1e12 + 1000 * frame["Time"]).round(3),
-            "v2": frame["Speed2"],
-            "note": "a",
-            "range": (frame["IVS1"] + 4.5) / 0.3048,
-            "v lead": frame["Speed1"] * 3.6,
-            "engaged": np.where(frame["Time"] < 110, 0, 1),
-        }
-    )
+    return pd.DataFrame({
+        "clock": (1e12 + 1000 * frame["Time"]).round(3),
+        "v2": frame["Speed2"],
+        "note": "a",
+        "range": (frame["IVS1"] + 4.5) / 0.3048,
+        "v lead": frame["Speed1"] * 3.6,
+        "engaged": np.where(frame["Time"] < 110, 0, 1),
+    })  # fmt: skip
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
@@ -93,16 +91,11 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
         parse_mapping(MAPPING), time=None, sample_time=0.05, trajectory="run"
     )
     raw = frame.to_csv(index=False).encode()
-    found = [
-        one for one in read_all(raw, "mine.csv", mapping=changed) if isinstance(one, Recording)
-    ]
-    assert [(one.trajectory, one.samples, one.sample_time) for one in found] == [
-        ("x", 120, 0.05),
-        ("y", 80, 0.05),
-    ]
-    np.testing.assert_array_equal(
-        read(raw, "mine.csv", mapping=changed, trajectory="y").speed, found[1].speed
-    )
+    found = [r for r in read_all(raw, "mine.csv", mapping=changed) if isinstance(r, Recording)]
+    facts = [(run.trajectory, run.samples, run.sample_time) for run in found]
+    assert facts == [("x", 120, 0.05), ("y", 80, 0.05)]
+    chosen = read(raw, "mine.csv", mapping=changed, trajectory="y")
+    np.testing.assert_array_equal(chosen.speed, found[1].speed)
     assert trajectories(raw, "mine.csv", mapping=changed) == (("x", 2), ("y", 2))
     with pytest.raises(RecordingError, match=r"2 trajectories; .*x, y"):
         read(raw, "mine.csv", mapping=changed)

@@ -60,13 +60,6 @@ def test_near_equilibrium_is_found() -> None:
     )
 
 
-def test_perfect_equilibrium_is_finite_or_infinite_but_never_an_error() -> None:
-    quality = assess_quality(made(np.full((200, 2), 20.0), np.full((200, 1), 30.0)))
-    assert quality.condition == (float("inf"),)
-    assert quality.relative_deviation == (0.0,)
-    assert [type(one) for one in quality.findings] == [LittleLeaderMotion, NearEquilibrium]
-
-
 def test_standing_vehicles_have_no_time_gap() -> None:
     speeds = np.full((200, 2), 10.0)
     speeds[:100, 1] = 0.5
@@ -81,29 +74,18 @@ def test_standing_vehicles_have_no_time_gap() -> None:
     assert still.car_following == (0.0,)
 
 
-def test_catching_up_is_not_car_following() -> None:
-    gaps = np.linspace(20, 80, 200)[:, None]
-    quality = assess_quality(made(np.full((200, 2), 20.0), gaps))
-    assert quality.car_following[0] == pytest.approx((gaps <= 40).mean())
-    assert quality.findings[-1] == LittleCarFollowing(vehicles=(2,), shares=quality.car_following)
-    assert quality.car_following[0] == pytest.approx(0.335)
-
-
-def test_negative_gaps_are_found() -> None:
-    segment = following(3.0)
-    gaps = segment.gaps.copy()
-    gaps[5:8] = -1.0
-    quality = assess_quality(made(segment.speeds, gaps))
-    assert quality.findings == (GapsNegative(vehicles=(2,), instants=(3,)),)
-
-
-def test_a_finding_has_all_the_followers_it_holds_for() -> None:
-    speeds = np.full((200, 11), 20.0)
+def test_findings_have_all_the_followers_they_hold_for() -> None:
+    """Perfect equilibrium, every other one far behind, and one gap that is negative at times."""
     gaps = np.tile([60.0, 30.0], (200, 5))
-    _, still, elsewhere = assess_quality(made(speeds, gaps)).findings
+    gaps[5:8, 1] = -1.0
+    quality = assess_quality(made(np.full((200, 11), 20.0), gaps))
+    leader, still, elsewhere, negative = quality.findings
+    assert isinstance(leader, LittleLeaderMotion)
     assert isinstance(still, NearEquilibrium)
     assert still.vehicles == tuple(range(2, 12))
+    assert (quality.condition[0], quality.relative_deviation[0]) == (np.inf, 0.0)
     assert elsewhere == LittleCarFollowing(vehicles=(2, 4, 6, 8, 10), shares=(0.0,) * 5)
+    assert negative == GapsNegative(vehicles=(3,), instants=(3,))
 
 
 def test_the_condition_number_is_of_what_counts() -> None:
@@ -129,17 +111,14 @@ def test_deviations_are_those_of_the_motion() -> None:
     assert quality.acceleration_deviation[0] == pytest.approx(rate, rel=1e-3)
 
 
-def test_the_papers_mean_time_gaps(astazero: Recording) -> None:
+def test_the_papers_mean_time_gaps(astazero: Recording, casale: Recording) -> None:
     """The mean time gaps published for AstaZero, at the two digits that they have."""
     quality = assess_quality(cut(astazero, start=320.0, duration=300.0))
     assert [f"{gap:.2f}" for gap in quality.mean_time_gap] == ["1.25", "1.23", "1.20", "1.30"]
     assert quality.findings == ()
-
-
-def test_casale_catches_up_for_a_fifth_of_the_time(casale: Recording) -> None:
-    quality = assess_quality(cut(casale))
-    assert f"{1 - quality.car_following[0]:.2f}" == "0.21"
-    assert quality.findings == ()
+    catching = assess_quality(cut(casale))
+    assert f"{1 - catching.car_following[0]:.2f}" == "0.21"
+    assert catching.findings == ()
 
 
 # Ratings of a window: each answer from data that deserve it
