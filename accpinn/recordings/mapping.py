@@ -103,10 +103,6 @@ class Preview:
 def preview(source: Source, name: str | None = None) -> Preview:
     """The columns and first rows of a table, and the mapping that is remembered for it.
 
-    Args:
-        source: path of the file, or the bytes of an upload.
-        name: file name to show; needed for bytes only.
-
     Raises:
         RecordingError: when it is no table with column names.
     """
@@ -115,11 +111,7 @@ def preview(source: Source, name: str | None = None) -> Preview:
 
 
 def parse_mapping(text: str | bytes, name: str = "mapping") -> CsvMapping:
-    """The mapping of a JSON document.
-
-    Args:
-        text: the document.
-        name: of its file, for the error.
+    """The mapping of a JSON document, whose file the error names.
 
     Raises:
         RecordingError: naming the place that is wrong.
@@ -191,10 +183,7 @@ def runs_of(
 ) -> tuple[TableRun, ...]:
     """The runs of a table, in the order of their first rows.
 
-    Args:
-        source_file: the file.
-        mapping: which columns hold what.
-        remembered: whether the mapping was not given but remembered, which is among the findings.
+    A mapping that was not given but ``remembered`` is among the findings.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.

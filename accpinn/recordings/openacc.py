@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
+from accpinn.findings import Finding
 from accpinn.recordings.recording import (
     GapsUnused,
     LineEndMissing,
@@ -26,7 +27,6 @@ from accpinn.recordings.recording import (
     ModesUnknown,
     NamesWithoutData,
     Recording,
-    RecordingFinding,
     VehicleCountMismatch,
     VehiclesWithoutName,
     completed,
@@ -100,9 +100,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     source_file = source if isinstance(source, SourceFile) else read_bytes(source, name)
     metadata, channels = _read_header(source_file)
     names = _names(source_file, metadata.get("Vehicle_order", ()))
-    findings: list[RecordingFinding] = [
-        MetadataMissing(key=key) for key in METADATA if key not in metadata
-    ]
+    findings: list[Finding] = [MetadataMissing(key=key) for key in METADATA if key not in metadata]
     day = _date(metadata.get("Date", ()), findings)
     stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
     acc_flag = _integer("ACC", metadata, range(3), findings)
@@ -129,7 +127,7 @@ def _read_samples(
     source_file: SourceFile,
     channels: _Channels,
     vehicles: int,
-    findings: list[RecordingFinding],
+    findings: list[Finding],
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
     """Time (N,), speeds (N, V), space-gaps (N, V-1) and modes (N, V) of the V vehicles.
 
@@ -159,7 +157,7 @@ def _read_samples(
     return time, speed, gap, mode[:, :vehicles]
 
 
-def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) -> NDArray[np.int8]:
+def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArray[np.int8]:
     """(N,) values of `Mode`; what is neither ACC nor Human is unknown, and a finding."""
     known = {name.lower(): Mode[name.upper()] for name in MODE_NAMES}
     meanings = {word: known.get(word.lower(), Mode.UNKNOWN) for word in set(words)}
@@ -172,7 +170,7 @@ def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) 
 
 def _check_names(
     names: Mapping[int, str], stated: int | None, channels: _Channels
-) -> Iterator[RecordingFinding]:
+) -> Iterator[Finding]:
     """Findings where names, number of vehicles and columns disagree."""
     speeds = channels.speed
     if absent := tuple(number for number in names if number not in speeds):
@@ -278,7 +276,7 @@ def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:
     return {number: excerpt(cell, LONGEST_NAME) for number, cell in enumerate(cells[:last], 1)}
 
 
-def _date(cells: tuple[str, ...], findings: list[RecordingFinding]) -> date | None:
+def _date(cells: tuple[str, ...], findings: list[Finding]) -> date | None:
     if not any(cells):
         return None
     try:
@@ -294,7 +292,7 @@ def _integer(
     key: str,
     metadata: Metadata,
     allowed: range,
-    findings: list[RecordingFinding],
+    findings: list[Finding],
 ) -> int | None:
     cell = next(iter(metadata.get(key, ())), "")
     if not cell:

@@ -73,12 +73,7 @@ def rounded_percent(share: float) -> str:
 
 
 def longest(windows: Sequence[Window], unlisted: int = 0) -> str:
-    """The longest windows in order of time, and how many others there are.
-
-    Args:
-        windows: in any order.
-        unlisted: further windows, to be counted only.
-    """
+    """The longest windows in order of time, and how many others, with unlisted ones, there are."""
     listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
     text = ", ".join(map(str, sorted(listed, key=lambda window: window.start)))
     others = len(windows) - len(listed) + unlisted
@@ -265,24 +260,6 @@ class LittleLeaderMotion(Finding, frozen=True):
     """Standard deviation."""
 
 
-RecordingFinding = (
-    MetadataMissing
-    | MetadataUnreadable
-    | NamesWithoutData
-    | VehiclesWithoutName
-    | VehicleCountMismatch
-    | GapsUnused
-    | LineEndMissing
-    | ModesUnknown
-    | SamplesMissing
-    | GapContradictsSpeeds
-    | ValuesOutOfRange
-    | ValuesFrozen
-    | MappingRemembered
-    | LittleLeaderMotion
-)
-
-
 @dataclass(frozen=True)
 class Vehicle:
     """One vehicle of the platoon, numbered as in the file."""
@@ -337,7 +314,7 @@ class Recording:
     """(N, V-1) in m; NaN where missing, column i - 1 is IVS<i>, between vehicles i and i+1."""
     mode: NDArray[np.int8]
     """(N, V) values of `Mode`."""
-    findings: tuple[RecordingFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """Findings about the data that the user should know."""
     trajectory: str | None = None
     """Name of the table's trajectory; None where the file holds one run."""
@@ -440,7 +417,7 @@ def facts_of(recording: Recording | None) -> Facts:
 
 
 def completed(
-    recording: Recording, names: Mapping[int, str], findings: Iterable[RecordingFinding]
+    recording: Recording, names: Mapping[int, str], findings: Iterable[Finding]
 ) -> Recording:
     """Describe the vehicles of a recording and check its data.
 
@@ -470,7 +447,7 @@ def _vehicle(recording: Recording, number: int, name: str) -> Vehicle:
     )
 
 
-def check(recording: Recording) -> Iterator[RecordingFinding]:
+def check(recording: Recording) -> Iterator[Finding]:
     """All findings about the data of a recording."""
     gaps = _gaps(recording)
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]

@@ -61,9 +61,6 @@ class Layout:
 def layout_of(source_file: SourceFile) -> Layout:
     """The layout of a table.
 
-    Args:
-        source_file: any text.
-
     Raises:
         RecordingError: where no row of column names is found.
     """
@@ -159,12 +156,8 @@ class Columns:
             raise self.refusal(fault, cure, column, row)
         return values
 
-    def time(self, column: str, factor: float = 1.0) -> FloatArray:
+    def time(self, column: str, unit: Seconds = 1.0) -> FloatArray:
         """The time from the first row on, in s: increasing and without holes.
-
-        Args:
-            column: where it stands.
-            factor: the column's unit in s.
 
         Raises:
             RecordingError: about the first row that is wrong.
@@ -178,11 +171,11 @@ class Columns:
         if len(stamps) < 2:
             raise refusal("the trajectory has one row", "choose another trajectory", row=0)
         # From the first sample on, so that a large origin costs no digits.
-        steps = np.diff((stamps - stamps[0]) * factor)
+        steps = np.diff((stamps - stamps[0]) * unit)
         backward = np.flatnonzero(steps <= 0)
         if len(backward):
             row = int(backward[0]) + 1
-            late, early = (f"{stamps[k] * factor:.10g} s" for k in (row, row - 1))
+            late, early = (f"{stamps[k] * unit:.10g} s" for k in (row, row - 1))
             fault = f"the time does not increase, {late} follows {early}"
             raise refusal(fault, "sort or delete the rows", row=row)
         typical = float(np.median(steps))
@@ -194,19 +187,13 @@ class Columns:
             row = int(holes[0]) + 1
             fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
             raise refusal(fault, "split the file here into two recordings", row=row)
-        return np.asarray((stamps - stamps[0]) * factor)
+        return np.asarray((stamps - stamps[0]) * unit)
 
 
 def read_columns(
     source_file: SourceFile, layout: Layout, numbers: Sequence[str], words: Sequence[str] = ()
 ) -> Columns:
-    """Read some columns of a table, by name.
-
-    Args:
-        source_file: the file.
-        layout: how it is written.
-        numbers: columns of numbers.
-        words: columns of texts.
+    """Read some columns of numbers and some of texts from a table, by name.
 
     Raises:
         RecordingError: which cell, row or column is wrong.
@@ -365,13 +352,7 @@ class TableRun:
 def choose_run(
     source_file: SourceFile, runs: Sequence[TableRun], trajectory: str | None, kind: str
 ) -> TableRun:
-    """The run that has a trajectory, or the only one.
-
-    Args:
-        source_file: the file.
-        runs: all of its runs.
-        trajectory: any name of a run; None for the only one.
-        kind: what the runs are called in the sentence.
+    """The run that has a trajectory, or the only one; ``kind`` names runs in sentences.
 
     Raises:
         RecordingError: for a name that is not there, or where a choice has to be made.
