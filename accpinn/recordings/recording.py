@@ -453,15 +453,12 @@ def check(recording: Recording) -> Iterator[Finding]:
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
     for number in recording.present:
-        absent = np.isnan(recording.speed_of(number))
-        if absent.any():
-            yield _missing(recording, SPEED, number, absent)
+        yield from _missing(recording, SPEED, number, np.isnan(recording.speed_of(number)))
     for number in gaps:
         # Gaps vanish along with a speed; only what goes beyond that is news.
         speeds = recording.speed[:, number - 1 : number + 1]
         alone = np.isnan(recording.gap_behind(number)) & np.isfinite(speeds).all(axis=1)
-        if alone.any():
-            yield _missing(recording, GAP, number, alone)
+        yield from _missing(recording, GAP, number, alone)
     for number in gaps:
         value = agreement(recording, number)
         if value is not None and value < AGREEMENT_LIMIT:
@@ -512,12 +509,15 @@ def _gaps(recording: Recording) -> list[int]:
     ]
 
 
-def _missing(recording: Recording, channel: Quantity, number: int, mask: Mask) -> SamplesMissing:
+def _missing(
+    recording: Recording, channel: Quantity, number: int, mask: Mask
+) -> Iterator[SamplesMissing]:
     blocks = stretches(mask)
     longest = sorted(sorted(blocks, key=len, reverse=True)[:BLOCKS_LISTED], key=lambda b: b.first)
-    windows = tuple(recording.window(block) for block in longest)
-    shorter = len(blocks) - len(longest)
-    return SamplesMissing(channel.column, number, float(mask.mean()), windows, shorter)
+    windows = tuple(map(recording.window, longest))
+    if blocks:
+        shorter = len(blocks) - len(longest)
+        yield SamplesMissing(channel.column, number, float(mask.mean()), windows, shorter)
 
 
 def _frozen(

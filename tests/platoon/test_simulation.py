@@ -154,17 +154,15 @@ class TestFindings:
         assert (ends[:5] == run.trajectories.time[-1]).all()
         assert (ends[7:] == ends[6]).all()
 
-    def test_a_collision_at_the_start_leaves_two_samples(self) -> None:
-        run = simulate_platoon(Parameters(0.1, 0.2, 0.0), SpeedStep())
-        assert (run.collisions[0].time, run.meaningful.tolist()) == (0, [3001, 2])
-        assert simulate_platoon(AUDI, SpeedStep(0.0)).meaningful.tolist() == [3001, 3001]
-
     def test_a_stop_behind_a_stopped_leader_is_no_collision(self) -> None:
         """At standstill the equilibrium gap is zero; rounding makes that -1e-13 m."""
         platoon = row(*[Parameters(0.02, 0.5, 2.0)] * 2)
         run = simulate_platoon(platoon, SpeedStep(-20.0, speed=20.0))
         assert run.minimum_gap[-1] == pytest.approx(0.0, abs=1e-9)
         assert run.collisions == ()
+        assert run.meaningful.tolist() == [3001] * 3
+        at_once = simulate_platoon(Parameters(0.1, 0.2, 0.0), SpeedStep())
+        assert (at_once.collisions[0].time, at_once.meaningful.tolist()) == (0, [3001, 2])
 
 
 @pytest.mark.parametrize(

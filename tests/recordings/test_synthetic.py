@@ -99,12 +99,11 @@ def errors() -> Trajectories:
 
 
 class TestNoise:
-    def test_speed_error_has_the_stated_size(self, errors: Trajectories) -> None:
+    def test_errors_have_the_stated_sizes(self, errors: Trajectories) -> None:
         # Cubic splines through white reports keep about nine tenths of their size on average.
         assert 0.8 * Noise().speed < errors.speeds.std() < Noise().speed
 
-    def test_gap_error_wanders_by_decimetres_over_a_minute(self, errors: Trajectories) -> None:
-        gaps = errors.gaps
+        gaps = errors.gaps  # they wander by decimetres over a minute
         assert 0.1 < gaps.std() < 0.2
         lag = 600  # one minute
         assert -0.75 < np.corrcoef(gaps.T)[0, 1] < -0.25, "neighbours share a receiver"

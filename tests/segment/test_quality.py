@@ -47,6 +47,12 @@ def test_an_excited_segment_has_no_findings() -> None:
     assert quality.mean_time_gap[0] == pytest.approx(1.5, abs=0.05)
     assert quality.car_following == (1.0,)
     assert quality.condition[0] < 30
+    # A sinusoid's standard deviation is its amplitude over √2, and ω times that of its rate.
+    time = 0.1 * np.arange(2000)
+    wave = np.sin(2 * np.pi / 20 * time)
+    swing = assess_quality(made(np.stack([20 + 3 * wave, 20 - wave], 1), np.full((2000, 1), 30.0)))
+    figures = swing.leader_deviation, *swing.relative_deviation, *swing.acceleration_deviation
+    assert figures == pytest.approx(np.array([3, 4, np.pi / 10]) / np.sqrt(2), rel=1e-3)
 
 
 def test_near_equilibrium_is_found() -> None:
@@ -96,19 +102,6 @@ def test_the_condition_number_is_of_what_counts() -> None:
     assert kept.condition == pytest.approx(assess_quality(half).condition)
     assert kept.mean_time_gap == assess_quality(segment).mean_time_gap
     assert assess_quality(replace(segment, mask=out & ~out)).condition == (float("inf"),)
-
-
-def test_deviations_are_those_of_the_motion() -> None:
-    """A sinusoid's standard deviation is its amplitude over √2, and ω times that of its rate."""
-    time = 0.1 * np.arange(2000)
-    wave = np.sin(2 * np.pi / 20 * time)
-    quality = assess_quality(
-        made(np.stack([20 + 3 * wave, 20 - wave], 1), np.full((2000, 1), 30.0))
-    )
-    assert quality.leader_deviation == pytest.approx(3 / np.sqrt(2), rel=1e-3)
-    assert quality.relative_deviation[0] == pytest.approx(4 / np.sqrt(2), rel=1e-3)
-    rate = 2 * np.pi / 20 / np.sqrt(2)
-    assert quality.acceleration_deviation[0] == pytest.approx(rate, rel=1e-3)
 
 
 def test_the_papers_mean_time_gaps(astazero: Recording, casale: Recording) -> None:
