@@ -10,11 +10,9 @@ import pytest
 from accpinn.errors import RecordingError
 from accpinn.recordings.files import is_unknown, read, read_all, trajectories
 from accpinn.recordings.mapping import (
-    CsvMapping,
     load_mapping,
     parse_mapping,
     preview,
-    write_mapping,
 )
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording
 from tests.support.openacc_files import csv, metadata, platoon
@@ -80,7 +78,10 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     other = foreign(frame).rename(columns={"note": "remark"}).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match="--mapping"):
         read(other, "other.csv")
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        load_mapping(mappings / "none.json")
     for kept in mappings.iterdir():
+        assert load_mapping(kept) == mapping
         kept.write_text("{")
     assert preview(raw, "next.csv").mapping is None
 
@@ -141,12 +142,3 @@ def test_a_faulty_row_is_refused_with_its_place(row: str, words: str) -> None:
     cut = "\n".join([*lines[:20], "1;2;a"]).encode()
     with pytest.raises(RecordingError, match=r"row 21: the file is cut short, .* 3 of 6 cells"):
         read(cut, "mine.csv", mapping=parse_mapping(MAPPING))
-
-
-def test_a_mapping_survives_its_file(tmp_path: Path) -> None:
-    mapping: CsvMapping = parse_mapping(MAPPING)
-    path = tmp_path / "mapping.json"
-    path.write_bytes(write_mapping(mapping))
-    assert load_mapping(path) == mapping
-    with pytest.raises(RecordingError, match="cannot be opened"):
-        load_mapping(tmp_path / "none.json")

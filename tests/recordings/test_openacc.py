@@ -470,20 +470,3 @@ def test_every_file_of_the_folder_loads_or_is_refused(openacc_dir: Path) -> None
     assert not {name for name in loaded if name.startswith("corrupt/")}
     for words in ("row 570: NUL bytes", "the file is empty"):
         assert any(words in sentence for sentence in refused)
-
-
-def test_real_modes_blocks_and_holes(openacc_dir: Path) -> None:
-    low = read(openacc_dir / "JRC low speed/part12.csv")
-    driven = [{"ACC": 3672, "Human": 94}, {"ACC": 3265, "Human": 501}]
-    assert [v.modes for v in low.vehicles] == [None, *driven]
-    assert low.vehicles[1].missing == 2157
-    missing = next(one for one in low.findings if isinstance(one, data.SamplesMissing))
-    assert (missing.channel, missing.vehicle) == ("Speed", 2)
-    assert missing.share == pytest.approx(2157 / 3766)
-    assert Window(219.2, 376.5) in missing.windows
-    zala = read(openacc_dir / "ZalaZone/handling_part10.csv")
-    assert found(data.NamesWithoutData, zala).vehicles == (1, 3)
-    negative = [one for one in zala.findings if isinstance(one, data.ValuesOutOfRange)]
-    assert ("Speed", 2, 5) in [(one.channel, one.vehicle, one.samples) for one in negative]
-    vicolungo = read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv")
-    assert found(data.ValuesFrozen, vicolungo).vehicle == 2

@@ -177,19 +177,14 @@ def test_at_the_edges_as_well() -> None:
     assert set(made.gaps[380:, 1]) == {frame["IVS2"].round(DECIMALS)[379]}
 
 
-def test_an_instant_between_samples_is_missing_with_either() -> None:
+def test_an_instant_between_samples_is_missing_with_either_and_none_is_none() -> None:
+    others = recording(without(slice(0, 300), "Speed3", "IVS2"))
+    made = cut(others, vehicles=(1, 2), duration=20.0, allow_missing=True)
+    assert (made.missing, made.findings) == (None, ())
     frame = without(slice(100, 103), "IVS1").drop(index=[50, 200])
     made = cut(recording(frame), start=2.05, duration=30.0)
     time = 2.05 + made.time[made.missing[:, 3]]
     assert time == pytest.approx([9.95, 10.05, 10.15, 10.25, 10.35])
-
-
-def test_nothing_missing_is_none_and_other_vehicles_may_miss_anything() -> None:
-    missing = recording(without(slice(150, 199), "Speed2"))
-    assert cut(missing, duration=14.0, allow_missing=True).missing is None
-    assert segment(missing=np.zeros((4, 3), bool)).missing is None
-    others = recording(without(slice(0, 300), "Speed3", "IVS2"))
-    assert cut(others, vehicles=(1, 2), duration=20.0).findings == ()
 
 
 # The vehicles
