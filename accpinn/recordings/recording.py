@@ -165,7 +165,7 @@ class SamplesMissing(Finding, frozen=True):
     """Stem of the column's name in the file, as Speed or IVS; likewise below."""
     vehicle: int
     share: float
-    """Of all samples, 0 to 1."""
+    """Share of all samples, 0 to 1."""
     windows: tuple[Window, ...]
     """The longest blocks, in order of time."""
     shorter: int
@@ -192,7 +192,7 @@ class GapContradictsSpeeds(Finding, frozen=True):
 
     vehicle: int
     correlation: float
-    """Of the gap's rate of change with the difference of the speeds; 1 for sound data."""
+    """Correlation of the gap's rate of change with the speeds' difference; 1 for sound data."""
 
     def _words(self, about: Labelled) -> Words:
         ahead = self.vehicle

@@ -70,7 +70,7 @@ class BlocksMissing(Finding, frozen=True):
     columns: tuple[str, ...]
     """Names in the file of all that is missing at the same time, as Speed2 and IVS1."""
     share: float
-    """Of the window's samples, 0 to 1; bridged ones do not count."""
+    """Share of the window's samples, 0 to 1; bridged ones do not count."""
     windows: tuple[Window, ...]
     """Where, in the recording's time."""
 

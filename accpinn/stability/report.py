@@ -155,7 +155,7 @@ def stability_report(parameters: Parameters) -> StabilityReport:
 
 def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
     """The string stability of one vehicle, by its parameters as given and as checked."""
-    metrics, (peak,) = step_metrics(vehicle), peaks(vehicle[None]).each()
+    metrics, (peak,) = step_metrics(vehicle), peaks(vehicle[None])
     gain, crossover = float(metrics.gain), float(crossovers(vehicle))
     paper, value = float(paper_margin(vehicle)), float(paper_criterion(vehicle))
     closeness = float(l2_margin(vehicle)) if vehicle.alpha else 0.0  # without α on the boundary
@@ -199,7 +199,7 @@ def _damping_ratio(vehicle: Parameters) -> float | None:
 
 
 def _platoon(vehicles: tuple[VehicleStability, ...], parameters: Parameters) -> PlatoonStability:
-    along, linf = head_to_tail_peaks(parameters).each(), head_to_tail_gains(parameters)
+    along, linf = tuple(head_to_tail_peaks(parameters)), head_to_tail_gains(parameters)
     l2_strict = _strict(Criterion.L2_STRICT, [(v.l2, v.peak.gain) for v in vehicles])
     linf_strict = _strict(Criterion.LINF_STRICT, [(v.linf_exact, v.linf_gain) for v in vehicles])
     # Is no frequency larger at the last follower than at the leader?

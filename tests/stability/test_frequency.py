@@ -33,7 +33,7 @@ def test_the_response_is_one_at_the_crossover_and_largest_at_the_peak(vehicle: P
     one, (slow, fast) = row(vehicle), poles(vehicle)
     assert slow + fast == pytest.approx(-vehicle.alpha * vehicle.tau - vehicle.beta, rel=1e-9)
     assert slow * fast == pytest.approx(vehicle.alpha, rel=1e-9)
-    (peak,), (crossover,) = peaks(one).each(), crossovers(one)
+    (peak,), (crossover,) = peaks(one), crossovers(one)
     if np.isnan(crossover):
         assert (peak.gain, peak.omega) == (1, 0)
         return
