@@ -121,9 +121,6 @@ class TransientLeft(Finding, frozen=True):
         return {"settled": 100 * SETTLED}
 
 
-PlatoonFinding = Collision | Reversal | NeverSettles | TooShort | TransientLeft
-
-
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
     """Amplitudes of speed along the platoon, leader first."""
@@ -138,7 +135,7 @@ class Amplitudes:
     """Number of last whole periods that were measured."""
     free: bool
     """Whether all transients were over before that."""
-    findings: tuple[PlatoonFinding, ...]
+    findings: tuple[Finding, ...]
     """Why the measured amplitudes may differ from those predicted: one reason, or none."""
 
 
@@ -162,7 +159,7 @@ class PlatoonRun:
     least, and all without a collision."""
     amplitudes: Amplitudes | None
     """Amplitudes behind a sinusoid; None behind any other leader."""
-    findings: tuple[PlatoonFinding, ...]
+    findings: tuple[Finding, ...]
     """Findings where the run leaves what cars can do, or the amplitudes cannot be measured."""
 
     @cached_property
@@ -354,9 +351,7 @@ def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> 
     )
 
 
-def _amplitude_findings(
-    leader: Sinusoid, settled: FloatArray, periods: int
-) -> tuple[PlatoonFinding, ...]:
+def _amplitude_findings(leader: Sinusoid, settled: FloatArray, periods: int) -> tuple[Finding, ...]:
     last = int(np.argmax(settled))
     needed = leader.settle + float(settled[last]) + leader.period
     if isinf(needed):

@@ -85,11 +85,7 @@ OnTransfer = Callable[[Transfer], None]
 """Called from several threads."""
 
 
-class _Refused(RecordingError):
-    """No further attempt would help."""
-
-
-class _Unreachable(_Refused):
+class _Unreachable(RecordingError):
     """No server answers."""
 
 
@@ -229,14 +225,14 @@ class _Publisher:
         if known is None:
             _require_run(run, Path(place))
         elif pooch.file_hash(place) != known:
-            raise _Refused(
+            raise RecordingError(
                 f"{run.key}: what {self.host} sends is not the published file (its SHA-256"
                 " differs); it was not kept."
             )
 
     def undelivered(self, run: Run, reason: str) -> RecordingError:
         """The sentence about a file of which no attempt succeeded."""
-        return _Refused(
+        return RecordingError(
             f"{run.key}: {self.host} does not deliver the file ({reason}, {ATTEMPTS} attempts);"
             " try again later."
         )
@@ -246,7 +242,7 @@ class _Publisher:
             raise self.undelivered(run, f"status {status}")
         if status != 200:
             missing = "it is not there" if status in (404, 410) else "it is refused"
-            raise _Refused(f"{run.key}: {missing} on {self.host} (status {status}).")
+            raise RecordingError(f"{run.key}: {missing} on {self.host} (status {status}).")
 
     def _receive(self, run: Run, answer: requests.Response, place: Path) -> None:
         length = answer.headers.get("Content-Length", "")
@@ -258,7 +254,7 @@ class _Publisher:
                 file.write(chunk)
                 received += len(chunk)
                 if received > LIMIT_BYTES:
-                    raise _Refused(f"{run.key}: the file is far too large for a recording.")
+                    raise RecordingError(f"{run.key}: the file is far too large for a recording.")
                 if self.on_transfer:
                     self.on_transfer(Transfer(run, received, size))
                 if self.should_stop():
@@ -270,7 +266,9 @@ def _require_run(run: Run, place: Path) -> None:
     with place.open("rb") as file:
         first = file.read(200).lstrip(b"\xef\xbb\xbf \r\n").decode("utf-8", "replace")
     if first.partition(",")[0].strip().lower() not in {key.lower() for key in METADATA}:
-        raise _Refused(f"{run.key}: what the server sends is no OpenACC run; it was not kept.")
+        raise RecordingError(
+            f"{run.key}: what the server sends is no OpenACC run; it was not kept."
+        )
 
 
 class _Checksums:

@@ -1,6 +1,8 @@
 """One way to read a file, whatever it is: an OpenACC run, a table of pairs, or a mapped table."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
 
 from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
@@ -11,8 +13,6 @@ from accpinn.recordings.recording import Recording
 from accpinn.recordings.source import Source, SourceFile, read_bytes
 from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
 
-_HEADER_STARTS = tuple(key.lower() for key in (*METADATA, TIME.column))
-
 
 def read(
     source: Source,
@@ -20,6 +20,7 @@ def read(
     *,
     trajectory: str | None = None,
     mapping: CsvMapping | None = None,
+    is_kept: bool = True,
 ) -> Recording:
     """Read a recording.
 
@@ -27,28 +28,13 @@ def read(
         source: path of the file, or the bytes of an upload.
         name: file name to show; needed for bytes only.
         trajectory: which one of a table that holds several; any pair of a platoon names it.
-        mapping: which columns hold what, for a table of one's own; it is remembered for the next
-            file with the same column names.
+        mapping: which columns hold what, for a table of one's own.
+        is_kept: whether the mapping is remembered for the next file with the same column names.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    source_file = read_bytes(source, name)
-    layout, used = _table_of(source_file, mapping)
-    runs = _runs_of(source_file, layout, used, remembered=mapping is None)
-    if runs and used:
-        recording = mapped.choose_mapped(source_file, runs, trajectory).read()
-        if mapping:
-            remember(mapping, layout_of(source_file).names)
-        return recording
-    if runs:
-        return choose_run(source_file, runs, trajectory, "platoons").read()
-    if layout and not _is_openacc(source_file):
-        return _refuse_unknown(source_file)
-    if trajectory is not None:
-        fault = "an OpenACC file is one run, without trajectories"
-        raise source_file.refusal(fault, "leave the trajectory out")
-    return openacc.read(source_file)
+    return _open(source, name, mapping).read(trajectory, is_kept)
 
 
 def read_all(
@@ -56,21 +42,16 @@ def read_all(
 ) -> Iterator[Recording | RecordingError]:
     """All recordings of a file, one after the other; for one that cannot be read, why.
 
-    Args:
-        source: see `read`, as all others.
-        name: needed for bytes only.
-        mapping: for a table of one's own.
+    Arguments are those of `read`.
 
     Raises:
         RecordingError: when the file as a whole cannot be read.
     """
-    source_file = read_bytes(source, name)
-    layout, used = _table_of(source_file, mapping)
-    has_names = used.trajectory if used else layout and pairs.is_pair_table(layout)
-    if not has_names:
-        yield read(source, name, mapping=mapping)
+    file = _open(source, name, mapping)
+    if not any(run.trajectories for run in file.runs):
+        yield file.read()
         return
-    for run in _runs_of(source_file, layout, used, remembered=mapping is None):
+    for run in file.runs:
         try:
             yield run.read()
         except RecordingError as fault:
@@ -82,31 +63,19 @@ def mapping_of(
 ) -> CsvMapping | None:
     """The mapping by which a file is read: the given one, or the one remembered for its columns.
 
-    Args:
-        source: see `read`, as all others.
-        name: needed for bytes only.
-        mapping: that is given, if any.
-
     Raises:
         RecordingError: when the file is no text at all.
     """
-    return _table_of(read_bytes(source, name), mapping)[1]
+    return _open(source, name, mapping).mapping
 
 
 def is_unknown(source: Source, name: str | None = None) -> bool:
     """Whether a file is a table of no known layout, which a mapping could serve.
 
-    Args:
-        source: see `read`.
-        name: needed for bytes only.
-
     Raises:
         RecordingError: when the file is no text at all.
     """
-    source_file = read_bytes(source, name)
-    layout, used = _table_of(source_file, None)
-    known = used or layout is None or pairs.is_pair_table(layout) or _is_openacc(source_file)
-    return not known
+    return _open(source, name).is_unknown
 
 
 def trajectories(
@@ -114,10 +83,7 @@ def trajectories(
 ) -> tuple[tuple[str, int], ...]:
     """The runs of a table among which a choice has to be made: names and numbers of vehicles.
 
-    Args:
-        source: see `read`, as all others.
-        name: needed for bytes only.
-        mapping: for a table of one's own.
+    Arguments are those of `read`.
 
     Returns:
         Names for `read`; empty where there is nothing to choose.
@@ -125,55 +91,77 @@ def trajectories(
     Raises:
         RecordingError: when the file as a whole cannot be read.
     """
-    source_file = read_bytes(source, name)
-    runs = _runs_of(source_file, *_table_of(source_file, mapping))
+    runs = _open(source, name, mapping).runs
     return tuple((run.trajectories[0], run.vehicles) for run in runs) if len(runs) > 1 else ()
 
 
-def _runs_of(
-    source_file: SourceFile,
-    layout: Layout | None,
-    mapping: CsvMapping | None,
-    remembered: bool = False,
-) -> tuple[TableRun, ...]:
-    """The runs of a table of pairs, or of one whose mapping is known; none of any other file."""
-    if mapping:
-        return mapped.runs_of(source_file, mapping, remembered)
-    if layout and pairs.is_pair_table(layout):
-        return pairs.runs_of(source_file, layout)
-    return ()
+@dataclass(frozen=True)
+class _File:
+    """A file, and how it is read."""
+
+    content: SourceFile
+    layout: Layout | None = None
+    """None where it is no table, or where a mapping is given."""
+    mapping: CsvMapping | None = None
+    is_remembered: bool = False
+    """Whether the mapping was not given but remembered."""
+
+    @property
+    def is_pair_table(self) -> bool:
+        """Whether it is a table of leader-follower pairs."""
+        return self.layout is not None and pairs.is_pair_table(self.layout)
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether it is a table of no known layout."""
+        known = (
+            self.mapping or self.is_pair_table or _first_cell(self.content) == TIME.column.lower()
+        )
+        return self.layout is not None and not known
+
+    @cached_property
+    def runs(self) -> tuple[TableRun, ...]:
+        """The runs of a table of pairs, or of one with a mapping; none of any other file."""
+        if self.mapping:
+            return mapped.runs_of(self.content, self.mapping, self.is_remembered)
+        if self.layout and self.is_pair_table:
+            return pairs.runs_of(self.content, self.layout)
+        return ()
+
+    def read(self, trajectory: str | None = None, is_kept: bool = True) -> Recording:
+        """The recording of a trajectory, or the only one; a given mapping may be remembered."""
+        if self.runs:
+            kind = "trajectories" if self.mapping else "platoons"
+            recording = choose_run(self.content, self.runs, trajectory, kind).read()
+            if self.mapping and is_kept and not self.is_remembered:
+                remember(self.mapping, layout_of(self.content).names)
+            return recording
+        if trajectory is not None and not self.is_unknown:
+            fault = "an OpenACC file is one run, without trajectories"
+            raise self.content.refusal(fault, "leave the trajectory out")
+        try:
+            return openacc.read(self.content)
+        except RecordingError as fault:
+            if not self.is_unknown:
+                raise
+            sentence = str(fault).removesuffix(".")
+        raise RecordingError(f"{sentence}, or name its columns in a mapping (--mapping).")
 
 
-def _is_openacc(source_file: SourceFile) -> bool:
-    """Whether the first cell is one that an OpenACC file begins with."""
-    first = source_file.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[:1]
-    return bool(first) and first[0].split(",")[0].strip().lower() in _HEADER_STARTS
-
-
-def _table_of(
-    source_file: SourceFile, mapping: CsvMapping | None
-) -> tuple[Layout | None, CsvMapping | None]:
-    """Layout of a table that is no OpenACC run, and the mapping that it is read by; None for none.
-
-    A given mapping counts, whatever the file is.
-    """
-    if mapping:
-        return None, mapping
-    starts = source_file.text.lstrip()[:60].decode("utf-8", "replace").lower()
-    if starts.startswith(tuple(f"{key.lower()}," for key in METADATA)):
-        return None, None
+def _open(source: Source, name: str | None, mapping: CsvMapping | None = None) -> _File:
+    """The file, and how it is read; a given mapping counts, whatever the file is."""
+    content = read_bytes(source, name)
+    if mapping or _first_cell(content) in {key.lower() for key in METADATA}:
+        return _File(content, mapping=mapping)
     try:
-        layout = layout_of(source_file)
+        layout = layout_of(content)
     except RecordingError:
-        return None, None
-    return layout, None if pairs.is_pair_table(layout) else recall(layout.names)
+        return _File(content)
+    known = None if pairs.is_pair_table(layout) else recall(layout.names)
+    return _File(content, layout, known, is_remembered=True)
 
 
-def _refuse_unknown(source_file: SourceFile) -> Recording:
-    """OpenACC's own sentence, which says what is expected; a mapping is the other way."""
-    try:
-        return openacc.read(source_file)
-    except RecordingError as fault:
-        raise RecordingError(
-            f"{str(fault).removesuffix('.')}, or name its columns in a mapping (--mapping)."
-        ) from None
+def _first_cell(content: SourceFile) -> str:
+    """The cell with which an OpenACC file says that it is one, in small letters."""
+    line = content.text.lstrip()[:60].decode("utf-8", "replace").splitlines()[0]
+    return line.partition(",")[0].strip().lower()

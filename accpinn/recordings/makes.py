@@ -16,11 +16,7 @@ _PARTS = re.compile(r"\s*([^()_]+?)\s*(?:\(([^()]*)\)|_(.+))\s*")
 
 
 def make_and_model(name: str) -> tuple[str, str]:
-    """Make and model; the latter empty where the name does not tell.
-
-    Args:
-        name: as in the header.
-    """
+    """Make and model by the name in a header; the model is empty where it does not tell."""
     listed = _table().get(_key(name))
     if listed:
         return listed

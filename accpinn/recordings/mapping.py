@@ -26,14 +26,7 @@ from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording, completed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import (
-    Columns,
-    Layout,
-    TableRun,
-    choose_run,
-    layout_of,
-    read_columns,
-)
+from accpinn.recordings.tables import Columns, Layout, TableRun, layout_of, read_columns
 from accpinn.storage import folder, reason_of, write_whole
 from accpinn.units import FloatArray, Metres, Seconds
 
@@ -110,10 +103,6 @@ class Preview:
 def preview(source: Source, name: str | None = None) -> Preview:
     """The columns and first rows of a table, and the mapping that is remembered for it.
 
-    Args:
-        source: path of the file, or the bytes of an upload.
-        name: file name to show; needed for bytes only.
-
     Raises:
         RecordingError: when it is no table with column names.
     """
@@ -122,11 +111,7 @@ def preview(source: Source, name: str | None = None) -> Preview:
 
 
 def parse_mapping(text: str | bytes, name: str = "mapping") -> CsvMapping:
-    """The mapping of a JSON document.
-
-    Args:
-        text: the document.
-        name: of its file, for the error.
+    """The mapping of a JSON document, whose file the error names.
 
     Raises:
         RecordingError: naming the place that is wrong.
@@ -193,47 +178,12 @@ def _check(mapping: CsvMapping, name: str) -> None:
         raise refuse("gaps: subtract is no number")
 
 
-def read_mapped(
-    source: Source, mapping: CsvMapping, name: str | None = None, trajectory: str | None = None
-) -> Recording:
-    """Read a table whose columns a mapping names; nothing is remembered.
-
-    Args:
-        source: path of the file, or the bytes of an upload.
-        mapping: which columns hold what.
-        name: file name to show; needed for bytes only.
-        trajectory: which run, where the mapping names a column that tells them apart.
-
-    Raises:
-        RecordingError: one sentence of file, place, fault and cure.
-    """
-    source_file = read_bytes(source, name)
-    return choose_mapped(source_file, runs_of(source_file, mapping), trajectory).read()
-
-
-def choose_mapped(
-    source_file: SourceFile, runs: Sequence[TableRun], trajectory: str | None
-) -> TableRun:
-    """The run that has a trajectory, or the only one.
-
-    Raises:
-        RecordingError: for a name that is not there, or where a choice has to be made.
-    """
-    if trajectory is not None and not runs[0].trajectories:
-        fault = "the mapping names no column that tells trajectories apart"
-        raise source_file.refusal(fault, "name it in the mapping, or choose no trajectory")
-    return choose_run(source_file, runs, trajectory, "trajectories")
-
-
 def runs_of(
     source_file: SourceFile, mapping: CsvMapping, remembered: bool = False
 ) -> tuple[TableRun, ...]:
     """The runs of a table, in the order of their first rows.
 
-    Args:
-        source_file: the file.
-        mapping: which columns hold what.
-        remembered: whether the mapping was not given but remembered, which is among the findings.
+    A mapping that was not given but ``remembered`` is among the findings.
 
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
@@ -244,10 +194,9 @@ def runs_of(
     numbers = [mapping.time.column] if mapping.time else []
     numbers += [speed.column for speed in mapping.speeds] + [gap.column for gap in mapping.gaps]
     columns = read_columns(source_file, layout_of(source_file), numbers, words)
-    samples = len(columns.numbers[numbers[0]])
     rows_of: dict[str | None, list[int]] = {}
-    trajectories = columns.words[mapping.trajectory] if mapping.trajectory else [None] * samples
-    for row, trajectory in enumerate(trajectories):
+    for row in columns.rows.tolist():
+        trajectory = columns.words[mapping.trajectory][row] if mapping.trajectory else None
         rows_of.setdefault(trajectory, []).append(row)
     findings = (MappingRemembered(),) if remembered else ()
     return tuple(
@@ -268,17 +217,17 @@ def _recording(
     findings: tuple[MappingRemembered, ...],
 ) -> Recording:
     """The recording of the rows of one run, 0 = first below the column names."""
+    columns = columns[rows]
 
     def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
-        values = columns.measured(quantity, column, rows, factor, less)
-        if np.isnan(values).all():
-            raise columns.refusal("all cells are empty", "choose another column", column)
+        values = columns.measured(quantity, column, factor, less)
+        columns.require_some(column, "choose another column")
         return values
 
     speeds = [channel(c.column, SPEED_UNITS[c.unit], SPEED) for c in mapping.speeds]
     gaps = [channel(c.column, GAP_UNITS[c.unit], GAP, c.subtract) for c in mapping.gaps]
     if mapping.time:
-        time = columns.time(mapping.time.column, rows, TIME_UNITS[mapping.time.unit])
+        time = columns.time(mapping.time.column, TIME_UNITS[mapping.time.unit])
     elif len(rows) > 1:
         time = np.arange(len(rows), dtype=np.float64) * (mapping.sample_time or 0.0)
     else:
@@ -291,18 +240,18 @@ def _recording(
         time=time,
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),
-        mode=_modes(columns, mapping, rows),
+        mode=_modes(columns, mapping),
         trajectory=trajectory,
     )
     names = {k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)}
     return completed(recording, names, findings)
 
 
-def _modes(columns: Columns, mapping: CsvMapping, rows: NDArray[np.int64]) -> NDArray[np.int8]:
+def _modes(columns: Columns, mapping: CsvMapping) -> NDArray[np.int8]:
     """(N, V) values of `Mode`."""
-    modes = np.full((len(rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
+    modes = np.full((len(columns.rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
     for mode in mapping.modes:
-        words = [columns.words[mode.column][row] for row in rows]
+        words = columns.words[mode.column]
         modes[[word in mode.acc for word in words], mode.vehicle - 1] = Mode.ACC
         modes[[word in mode.human for word in words], mode.vehicle - 1] = Mode.HUMAN
     return modes

@@ -8,7 +8,7 @@ Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
+from accpinn.findings import Finding
 from accpinn.recordings.recording import (
     GapsUnused,
     LineEndMissing,
@@ -26,7 +27,6 @@ from accpinn.recordings.recording import (
     ModesUnknown,
     NamesWithoutData,
     Recording,
-    RecordingFinding,
     VehicleCountMismatch,
     VehiclesWithoutName,
     completed,
@@ -73,13 +73,6 @@ CAMPAIGNS = (
 
 
 @dataclass(frozen=True)
-class _Row:
-    number: int
-    """Which row of the file it is, 1 = first."""
-    cells: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class _Channels:
     """The columns of a run: the name of each by vehicle number, and how the table is written."""
 
@@ -107,9 +100,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     source_file = source if isinstance(source, SourceFile) else read_bytes(source, name)
     metadata, channels = _read_header(source_file)
     names = _names(source_file, metadata.get("Vehicle_order", ()))
-    findings: list[RecordingFinding] = [
-        MetadataMissing(key=key) for key in METADATA if key not in metadata
-    ]
+    findings: list[Finding] = [MetadataMissing(key=key) for key in METADATA if key not in metadata]
     day = _date(metadata.get("Date", ()), findings)
     stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
     acc_flag = _integer("ACC", metadata, range(3), findings)
@@ -136,7 +127,7 @@ def _read_samples(
     source_file: SourceFile,
     channels: _Channels,
     vehicles: int,
-    findings: list[RecordingFinding],
+    findings: list[Finding],
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
     """Time (N,), speeds (N, V), space-gaps (N, V-1) and modes (N, V) of the V vehicles.
 
@@ -166,7 +157,7 @@ def _read_samples(
     return time, speed, gap, mode[:, :vehicles]
 
 
-def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) -> NDArray[np.int8]:
+def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArray[np.int8]:
     """(N,) values of `Mode`; what is neither ACC nor Human is unknown, and a finding."""
     known = {name.lower(): Mode[name.upper()] for name in MODE_NAMES}
     meanings = {word: known.get(word.lower(), Mode.UNKNOWN) for word in set(words)}
@@ -179,7 +170,7 @@ def _modes(number: int, words: Sequence[str], findings: list[RecordingFinding]) 
 
 def _check_names(
     names: Mapping[int, str], stated: int | None, channels: _Channels
-) -> Iterator[RecordingFinding]:
+) -> Iterator[Finding]:
     """Findings where names, number of vehicles and columns disagree."""
     speeds = channels.speed
     if absent := tuple(number for number in names if number not in speeds):
@@ -217,49 +208,44 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, _Channels]:
     """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
     metadata: Metadata = {}
     keys = {key.lower(): key for key in METADATA}
-    for row in _rows(source_file.lines(HEADER_BYTES)):
-        first = row.cells[0].lower()
+    for number, line in enumerate(source_file.lines(HEADER_BYTES), start=1):
+        cells = cells_of(line.strip())
+        if not any(cells):
+            continue
+        first, place = cells[0].lower(), f"row {number}"
         if first == TIME.column.lower():
-            channels = _channels(source_file, row)
+            channels = _channels(source_file, Layout(cells, (), ",", ".", number))
             if metadata:
                 return metadata, channels
             fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
             raise source_file.refusal(fault, "add them, or download the file again", "row 1")
         if first not in keys:
-            raise _unexpected(source_file, row)
+            raise _unexpected(source_file, cells[0], place)
         if keys[first] in metadata:
             fault = f'"{keys[first]}" is given a second time'
-            raise source_file.refusal(fault, "delete one of the two rows", f"row {row.number}")
-        metadata[keys[first]] = row.cells[1:]
+            raise source_file.refusal(fault, "delete one of the two rows", place)
+        metadata[keys[first]] = cells[1:]
     fault = f'no row of column names that starts with "{TIME.column}" is found'
     raise source_file.refusal(fault, _CHOOSE_RUN)
 
 
-def _rows(lines: Iterable[str]) -> Iterator[_Row]:
-    """The first rows with content, cell by cell."""
-    for number, line in enumerate(lines, start=1):
-        cells = cells_of(line.strip())
-        if any(cells):
-            yield _Row(number, cells)
-
-
-def _unexpected(source_file: SourceFile, row: _Row) -> RecordingError:
+def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingError:
+    """The sentence about a row whose first cell no row above the data has."""
     if _TABLE_NAMES.search(source_file.name):
         return source_file.refusal("this table accompanies the runs and is none", _CHOOSE_RUN)
-    place = f"row {row.number}"
-    if ";" in row.cells[0]:
+    if ";" in cell:
         cure = "save it with commas between cells and points in numbers"
         return source_file.refusal("cells are separated by semicolons", cure, place)
     expected = ", ".join((*METADATA[:-1], f"{METADATA[-1]} or {TIME.column}"))
-    fault = f'the row starts with "{excerpt(row.cells[0])}" where {expected} is expected'
+    fault = f'the row starts with "{excerpt(cell)}" where {expected} is expected'
     return source_file.refusal(fault, _CHOOSE_RUN, place)
 
 
-def _channels(source_file: SourceFile, row: _Row) -> _Channels:
-    place = f"row {row.number}"
+def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
+    place = f"row {layout.header_row}"
     columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
     positions: dict[str, int] = {}
-    for position, cell in enumerate(row.cells):
+    for position, cell in enumerate(layout.names):
         if cell in positions:
             both = f"columns {positions[cell] + 1} and {position + 1}"
             fault = f'"{excerpt(cell)}" names {both}'
@@ -278,7 +264,7 @@ def _channels(source_file: SourceFile, row: _Row) -> _Channels:
         fault = f"no space-gap column (as {GAP.of(1)}) is among the column names"
         cure = f"a model of car-following cannot be estimated without space-gaps, {_CHOOSE_RUN}"
         raise source_file.refusal(fault, cure, place)
-    return _Channels(Layout(row.cells, (), ",", ".", row.number), speed, gap, driver)
+    return _Channels(layout, speed, gap, driver)
 
 
 def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:
@@ -290,7 +276,7 @@ def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:
     return {number: excerpt(cell, LONGEST_NAME) for number, cell in enumerate(cells[:last], 1)}
 
 
-def _date(cells: tuple[str, ...], findings: list[RecordingFinding]) -> date | None:
+def _date(cells: tuple[str, ...], findings: list[Finding]) -> date | None:
     if not any(cells):
         return None
     try:
@@ -306,7 +292,7 @@ def _integer(
     key: str,
     metadata: Metadata,
     allowed: range,
-    findings: list[RecordingFinding],
+    findings: list[Finding],
 ) -> int | None:
     cell = next(iter(metadata.get(key, ())), "")
     if not cell:

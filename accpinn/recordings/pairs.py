@@ -22,15 +22,7 @@ from numpy.typing import NDArray
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings.recording import Mode, Recording, completed
 from accpinn.recordings.source import SourceFile, excerpt
-from accpinn.recordings.tables import (
-    ALL,
-    MINIMUM_SAMPLES,
-    Columns,
-    Layout,
-    Rows,
-    TableRun,
-    read_columns,
-)
+from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
 from accpinn.units import FloatArray, MetresPerSecond
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
@@ -67,17 +59,28 @@ class Pair:
     trajectory: str
     leader: str
     follower: str
-    has_human_leader: bool
-    rows: slice
-    """The N rows of the table, 0 = first."""
-    leader_speed: FloatArray
-    """(N,) in m/s; not checked yet, as that below."""
-    follower_speed: FloatArray
-    """(N,) in m/s."""
+    columns: Columns
+    """The N rows of the pair, whose numbers are not checked yet."""
 
     def __len__(self) -> int:
         """The number of samples, N."""
-        return len(self.leader_speed)
+        return len(self.columns.rows)
+
+    @property
+    def leader_speed(self) -> FloatArray:
+        """(N,) speed of the leader in m/s."""
+        return self.columns.numbers[LEADER_SPEED]
+
+    @property
+    def follower_speed(self) -> FloatArray:
+        """(N,) speed of the follower in m/s."""
+        return self.columns.numbers[FOLLOWER_SPEED]
+
+    @property
+    def has_human_leader(self) -> bool:
+        """Whether the table says that a driver controls the leader."""
+        types = self.columns.words.get(LEADER_TYPE)
+        return types is not None and _plain(types[0]) == HUMAN_LEADER
 
 
 def is_pair_table(layout: Layout) -> bool:
@@ -111,7 +114,7 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
         TableRun(
             tuple(pair.trajectory for pair in chain),
             len(chain) + 1,
-            partial(_recording, columns, chain, begins, is_only),
+            partial(_recording, chain, begins, is_only),
         )
         for chain, begins in platoons
     )
@@ -120,15 +123,13 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
 def _pairs(columns: Columns) -> list[Pair]:
     source_file = columns.source_file
     for column in NUMBERS:
-        _require_some(columns, column, ALL, "choose another table")
+        columns.require_some(column, "choose another table")
     names = list(zip(*(map(_plain, columns.words[word]) for word in WORDS), strict=True))
     # A name that comes again after other rows is another stretch of rows out of order.
     starts = [0, *(row for row in range(1, len(names)) if names[row] != names[row - 1])]
     if len(starts) > max(SEVERAL, len(names) / MINIMUM_SAMPLES):
         fault = f"its {len(names):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
-    types = columns.words.get(LEADER_TYPE)
-    leading, following = columns.numbers[LEADER_SPEED], columns.numbers[FOLLOWER_SPEED]
     pairs: dict[tuple[str, ...], Pair] = {}
     for start, end in pairwise((*starts, len(names))):
         trajectory, leader, follower = names[start]
@@ -137,17 +138,8 @@ def _pairs(columns: Columns) -> list[Pair]:
             cure = "sort the rows by trajectory and time, one pair a trajectory"
             place = f"row {columns.layout.header_row + start + 1}"
             raise source_file.refusal(fault, cure, place)
-        is_human = types is not None and _plain(types[start]) == HUMAN_LEADER
-        rows = slice(start, end)
-        pairs[names[start]] = Pair(
-            trajectory, leader, follower, is_human, rows, leading[rows], following[rows]
-        )
+        pairs[names[start]] = Pair(trajectory, leader, follower, columns[start:end])
     return list(pairs.values())
-
-
-def _require_some(columns: Columns, column: str, rows: Rows, cure: str) -> None:
-    if np.isnan(columns.numbers[column][rows]).all():
-        raise columns.refusal("all cells are empty", cure, column)
 
 
 def _plain(word: str) -> str:
@@ -244,16 +236,13 @@ def _difference(first: FloatArray, second: FloatArray) -> float:
     return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 
 
-def _recording(
-    columns: Columns, pairs: Sequence[Pair], begins: Sequence[int], is_only: bool
-) -> Recording:
+def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> Recording:
     """The recording of a platoon; V vehicles are one more than its pairs.
 
     Its time runs from the first sample of any pair to the last one; where a pair has none, the
     channels that only it knows are missing.
 
     Args:
-        columns: those of the table.
         pairs: those of the platoon, first vehicle first.
         begins: at which sample of the first pair's time each begins.
         is_only: whether the file holds no other platoon.
@@ -261,8 +250,8 @@ def _recording(
     Raises:
         RecordingError: about the first row that is wrong.
     """
-    source_file = columns.source_file
-    clocks = [_checked_time(columns, pair) for pair in pairs]
+    source_file = pairs[0].columns.source_file
+    clocks = [_checked_time(pair.columns) for pair in pairs]
     starts = np.array(begins) - min(begins)
     places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
     samples, vehicles = max(place.stop for place in places), len(pairs) + 1
@@ -277,7 +266,7 @@ def _recording(
         _fill(time[place], instants + offset)
         _fill(speed[place, k], pair.leader_speed)
         speed[place, k + 1] = pair.follower_speed
-        gap[place, k] = columns.numbers[PAIR_GAP][pair.rows]
+        gap[place, k] = pair.columns.numbers[PAIR_GAP]
         mode[place, k + 1] = Mode.ACC
         if k == 0 and pair.has_human_leader:
             mode[place, 0] = Mode.HUMAN
@@ -303,13 +292,13 @@ def _fill(place: NDArray[np.float64], values: FloatArray) -> None:
     place[empty] = values[empty]
 
 
-def _checked_time(columns: Columns, pair: Pair) -> FloatArray:
+def _checked_time(columns: Columns) -> FloatArray:
     """(N,) time of a pair in s, from its first sample on, once all its values are checked."""
     for column, quantity in ((LEADER_SPEED, SPEED), (FOLLOWER_SPEED, SPEED), (PAIR_GAP, GAP)):
-        columns.measured(quantity, column, pair.rows)
-        _require_some(columns, column, pair.rows, "choose another trajectory")
-    columns.measured(TIME, TIME_INDEX, pair.rows)
-    return columns.time(TIME_INDEX, pair.rows)
+        columns.measured(quantity, column)
+        columns.require_some(column, "choose another trajectory")
+    columns.measured(TIME, TIME_INDEX)
+    return columns.time(TIME_INDEX)
 
 
 def _data_set(name: str) -> str | None:

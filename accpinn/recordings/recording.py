@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,12 +73,7 @@ def rounded_percent(share: float) -> str:
 
 
 def longest(windows: Sequence[Window], unlisted: int = 0) -> str:
-    """The longest windows in order of time, and how many others there are.
-
-    Args:
-        windows: in any order.
-        unlisted: further windows, to be counted only.
-    """
+    """The longest windows in order of time, and how many others, with unlisted ones, there are."""
     listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
     text = ", ".join(map(str, sorted(listed, key=lambda window: window.start)))
     others = len(windows) - len(listed) + unlisted
@@ -170,7 +165,7 @@ class SamplesMissing(Finding, frozen=True):
     """Stem of the column's name in the file, as Speed or IVS; likewise below."""
     vehicle: int
     share: float
-    """Of all samples, 0 to 1."""
+    """Share of all samples, 0 to 1."""
     windows: tuple[Window, ...]
     """The longest blocks, in order of time."""
     shorter: int
@@ -197,7 +192,7 @@ class GapContradictsSpeeds(Finding, frozen=True):
 
     vehicle: int
     correlation: float
-    """Of the gap's rate of change with the difference of the speeds; 1 for sound data."""
+    """Correlation of the gap's rate of change with the speeds' difference; 1 for sound data."""
 
     def _words(self, about: Labelled) -> Words:
         ahead = self.vehicle
@@ -265,24 +260,6 @@ class LittleLeaderMotion(Finding, frozen=True):
     """Standard deviation."""
 
 
-RecordingFinding = (
-    MetadataMissing
-    | MetadataUnreadable
-    | NamesWithoutData
-    | VehiclesWithoutName
-    | VehicleCountMismatch
-    | GapsUnused
-    | LineEndMissing
-    | ModesUnknown
-    | SamplesMissing
-    | GapContradictsSpeeds
-    | ValuesOutOfRange
-    | ValuesFrozen
-    | MappingRemembered
-    | LittleLeaderMotion
-)
-
-
 @dataclass(frozen=True)
 class Vehicle:
     """One vehicle of the platoon, numbered as in the file."""
@@ -337,7 +314,7 @@ class Recording:
     """(N, V-1) in m; NaN where missing, column i - 1 is IVS<i>, between vehicles i and i+1."""
     mode: NDArray[np.int8]
     """(N, V) values of `Mode`."""
-    findings: tuple[RecordingFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """Findings about the data that the user should know."""
     trajectory: str | None = None
     """Name of the table's trajectory; None where the file holds one run."""
@@ -435,19 +412,12 @@ def facts_of(recording: Recording | None) -> Facts:
     """The facts of a recording; none without one."""
     if recording is None:
         return {}
-    return {
-        "campaign": recording.campaign,
-        "date": recording.date.isoformat() if recording.date else None,
-        "acc_flag": recording.acc_flag,
-        "distance_setting": recording.distance_setting,
-        "samples": recording.samples,
-        "duration": recording.duration,
-        "sample_time": recording.sample_time,
-    }
+    facts = {name: getattr(recording, name) for name in Facts.__annotations__}
+    return cast("Facts", facts | {"date": recording.date and recording.date.isoformat()})
 
 
 def completed(
-    recording: Recording, names: Mapping[int, str], findings: Iterable[RecordingFinding]
+    recording: Recording, names: Mapping[int, str], findings: Iterable[Finding]
 ) -> Recording:
     """Describe the vehicles of a recording and check its data.
 
@@ -477,21 +447,18 @@ def _vehicle(recording: Recording, number: int, name: str) -> Vehicle:
     )
 
 
-def check(recording: Recording) -> Iterator[RecordingFinding]:
+def check(recording: Recording) -> Iterator[Finding]:
     """All findings about the data of a recording."""
     gaps = _gaps(recording)
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
     for number in recording.present:
-        absent = np.isnan(recording.speed_of(number))
-        if absent.any():
-            yield _missing(recording, SPEED, number, absent)
+        yield from _missing(recording, SPEED, number, np.isnan(recording.speed_of(number)))
     for number in gaps:
         # Gaps vanish along with a speed; only what goes beyond that is news.
         speeds = recording.speed[:, number - 1 : number + 1]
         alone = np.isnan(recording.gap_behind(number)) & np.isfinite(speeds).all(axis=1)
-        if alone.any():
-            yield _missing(recording, GAP, number, alone)
+        yield from _missing(recording, GAP, number, alone)
     for number in gaps:
         value = agreement(recording, number)
         if value is not None and value < AGREEMENT_LIMIT:
@@ -542,12 +509,15 @@ def _gaps(recording: Recording) -> list[int]:
     ]
 
 
-def _missing(recording: Recording, channel: Quantity, number: int, mask: Mask) -> SamplesMissing:
+def _missing(
+    recording: Recording, channel: Quantity, number: int, mask: Mask
+) -> Iterator[SamplesMissing]:
     blocks = stretches(mask)
     longest = sorted(sorted(blocks, key=len, reverse=True)[:BLOCKS_LISTED], key=lambda b: b.first)
-    windows = tuple(recording.window(block) for block in longest)
-    shorter = len(blocks) - len(longest)
-    return SamplesMissing(channel.column, number, float(mask.mean()), windows, shorter)
+    windows = tuple(map(recording.window, longest))
+    if blocks:
+        shorter = len(blocks) - len(longest)
+        yield SamplesMissing(channel.column, number, float(mask.mean()), windows, shorter)
 
 
 def _frozen(

@@ -72,11 +72,7 @@ class SourceFile:
         return self.text.endswith((b"\n", b"\r"))
 
     def lines(self, limit: int | None = None) -> TextIO:
-        """The rows as texts, whatever their line ends; blank ones at the end are left out.
-
-        Args:
-            limit: how many bytes to look at; all of them by default.
-        """
+        """The rows of the first bytes as texts, whatever their ends, without blank last ones."""
         text = io.BytesIO(self.text[:limit].rstrip())
         return io.TextIOWrapper(text, self.encoding, "replace")
 

@@ -7,6 +7,7 @@ is neither empty nor a number is refused with its place, and so is a row of anot
 import csv
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -60,9 +61,6 @@ class Layout:
 def layout_of(source_file: SourceFile) -> Layout:
     """The layout of a table.
 
-    Args:
-        source_file: any text.
-
     Raises:
         RecordingError: where no row of column names is found.
     """
@@ -102,50 +100,51 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-Rows = slice | NDArray[np.int64]
-"""Some rows of a table, 0 = first below the column names."""
-ALL = slice(None)
-
-
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Some columns of a table with N rows."""
+    """Some columns of N rows of a table."""
 
     source_file: SourceFile
     layout: Layout
+    rows: NDArray[np.int64]
+    """(N,) which rows of the table they are, 0 = first below the column names."""
     numbers: dict[str, FloatArray]
     """(N,) numbers by column; nan where a cell is empty."""
     words: dict[str, list[str]]
     """N texts by column, without white space around them; "" where a cell is empty."""
 
-    def refusal(
-        self, fault: str, cure: str, column: str, rows: Rows = ALL, row: int | None = None
-    ) -> RecordingError:
-        """The error about a column, or about the cell in one of some rows."""
-        at = None if row is None else int(np.arange(len(self.numbers[column]))[rows][row])
+    def __getitem__(self, part: slice | NDArray[np.int64]) -> "Columns":
+        """Some of the rows."""
+        numbers = {name: values[part] for name, values in self.numbers.items()}
+        at = range(len(self.rows))[part] if isinstance(part, slice) else part
+        words = {name: [texts[row] for row in at] for name, texts in self.words.items()}
+        return Columns(self.source_file, self.layout, self.rows[part], numbers, words)
+
+    def refusal(self, fault: str, cure: str, column: str, row: int | None = None) -> RecordingError:
+        """The error about a column, or about its cell in one of the rows."""
+        at = None if row is None else int(self.rows[row])
         return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
 
+    def require_some(self, column: str, cure: str) -> None:
+        """Refuse a column whose cells are all empty."""
+        if np.isnan(self.numbers[column]).all():
+            raise self.refusal("all cells are empty", cure, column)
+
     def measured(
-        self,
-        quantity: Quantity,
-        column: str,
-        rows: Rows = ALL,
-        factor: float = 1.0,
-        less: float = 0.0,
+        self, quantity: Quantity, column: str, factor: float = 1.0, less: float = 0.0
     ) -> FloatArray:
         """Numbers of a size that measurements have, in the quantity's unit; missing ones are nan.
 
         Args:
             quantity: what they are.
             column: where they stand.
-            rows: which of them.
             factor: the column's unit in that of the quantity.
             less: what to subtract from each, in the quantity's unit.
 
         Raises:
             RecordingError: about the first that cannot be a measurement.
         """
-        values = self.numbers[column][rows] * factor - less
+        values = self.numbers[column] * factor - less
         wrong = np.flatnonzero(np.abs(values) > quantity.possible)
         if len(wrong):
             row = int(wrong[0])
@@ -154,60 +153,47 @@ class Columns:
                 f" {quantity.possible:,.0f} {quantity.unit} is possible"
             )
             cure = f"correct it, give it in {quantity.unit}, or leave the cell empty"
-            raise self.refusal(fault, cure, column, rows, row)
+            raise self.refusal(fault, cure, column, row)
         return values
 
-    def time(self, column: str, rows: Rows = ALL, factor: float = 1.0) -> FloatArray:
-        """The time from the first of some rows on, in s: increasing and without holes.
-
-        Args:
-            column: where it stands.
-            rows: which of its rows.
-            factor: the column's unit in s.
+    def time(self, column: str, unit: Seconds = 1.0) -> FloatArray:
+        """The time from the first row on, in s: increasing and without holes.
 
         Raises:
             RecordingError: about the first row that is wrong.
         """
-
-        def refusal(fault: str, cure: str, row: int | None) -> RecordingError:
-            return self.refusal(fault, cure, column, rows, row)
-
-        stamps = self.numbers[column][rows]
+        refusal = partial(self.refusal, column=column)
+        stamps = self.numbers[column]
         missing = np.flatnonzero(np.isnan(stamps))
         if len(missing):
-            raise refusal("the time is missing", "fill it in or delete the row", int(missing[0]))
+            cure = "fill it in or delete the row"
+            raise refusal("the time is missing", cure, row=int(missing[0]))
         if len(stamps) < 2:
-            raise refusal("the trajectory has one row", "choose another trajectory", 0)
+            raise refusal("the trajectory has one row", "choose another trajectory", row=0)
         # From the first sample on, so that a large origin costs no digits.
-        steps = np.diff((stamps - stamps[0]) * factor)
+        steps = np.diff((stamps - stamps[0]) * unit)
         backward = np.flatnonzero(steps <= 0)
         if len(backward):
             row = int(backward[0]) + 1
-            late, early = (f"{stamps[k] * factor:.10g} s" for k in (row, row - 1))
+            late, early = (f"{stamps[k] * unit:.10g} s" for k in (row, row - 1))
             fault = f"the time does not increase, {late} follows {early}"
-            raise refusal(fault, "sort or delete the rows", row)
+            raise refusal(fault, "sort or delete the rows", row=row)
         typical = float(np.median(steps))
         if not SHORTEST_STEP <= typical <= LONGEST_STEP:
             fault = f"the rows are {typical:g} s apart where 0.1 s is usual"
-            raise refusal(fault, "give the time in seconds", None)
+            raise refusal(fault, "give the time in seconds")
         holes = np.flatnonzero(steps > GAP_STEPS * typical)
         if len(holes):
             row = int(holes[0]) + 1
             fault = f"the recording pauses for {steps[row - 1]:.1f} s before this row"
-            raise refusal(fault, "split the file here into two recordings", row)
-        return np.asarray((stamps - stamps[0]) * factor)
+            raise refusal(fault, "split the file here into two recordings", row=row)
+        return np.asarray((stamps - stamps[0]) * unit)
 
 
 def read_columns(
     source_file: SourceFile, layout: Layout, numbers: Sequence[str], words: Sequence[str] = ()
 ) -> Columns:
-    """Read some columns of a table, by name.
-
-    Args:
-        source_file: the file.
-        layout: how it is written.
-        numbers: columns of numbers.
-        words: columns of texts.
+    """Read some columns of numbers and some of texts from a table, by name.
 
     Raises:
         RecordingError: which cell, row or column is wrong.
@@ -229,7 +215,7 @@ def read_columns(
             meanings = {cell: _word(cell) for cell in set(cells)}
             column.extend(meanings[cell] for cell in cells)
     joined = {name: np.concatenate(blocks) for name, blocks in parts.items()}
-    return Columns(source_file, layout, joined, texts)
+    return Columns(source_file, layout, np.arange(first + len(rows)), joined, texts)
 
 
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
@@ -366,13 +352,7 @@ class TableRun:
 def choose_run(
     source_file: SourceFile, runs: Sequence[TableRun], trajectory: str | None, kind: str
 ) -> TableRun:
-    """The run that has a trajectory, or the only one.
-
-    Args:
-        source_file: the file.
-        runs: all of its runs.
-        trajectory: any name of a run; None for the only one.
-        kind: what the runs are called in the sentence.
+    """The run that has a trajectory, or the only one; ``kind`` names runs in sentences.
 
     Raises:
         RecordingError: for a name that is not there, or where a choice has to be made.
@@ -382,6 +362,9 @@ def choose_run(
     for run in runs:
         if trajectory is not None and trajectory.strip() in run.trajectories:
             return run
+    if trajectory is not None and not runs[0].trajectories:
+        fault = "the mapping names no column that tells trajectories apart"
+        raise source_file.refusal(fault, "name it in the mapping, or choose no trajectory")
     fault = f"the table holds {len(runs)} {kind}"
     if trajectory is not None:
         fault = f'there is no trajectory "{excerpt(trajectory)}"'

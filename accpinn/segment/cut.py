@@ -171,21 +171,17 @@ class _Platoon:
     """(N, 2M+1) in m/s and m; NaN where a block could not be bridged."""
     missing: Mask
     """(N, 2M+1) True where nothing was measured, bridged or not."""
-    bridged: tuple[tuple[str, Stretch], ...]
-    """The bridged blocks of each column."""
+    bridged: dict[str, list[Stretch]]
+    """The bridged blocks by column."""
     bridge: Seconds
 
     def bridged_among(self, rows: Stretch) -> list[Bridged]:
         """The finding of each column that has bridged samples among ``rows``."""
         findings = []
-        for column in self.columns:
-            blocks = [
-                block
-                for name, block in self.bridged
-                if name == column and block.last >= rows.first and block.first <= rows.last
-            ]
+        for column, bridged in self.bridged.items():
+            blocks = [b for b in bridged if b.last >= rows.first and b.first <= rows.last]
             if blocks:
-                windows = tuple(self.recording.window(block) for block in blocks)
+                windows = tuple(map(self.recording.window, blocks))
                 findings.append(Bridged(column, sum(map(len, blocks)), windows))
         return findings
 
@@ -226,7 +222,7 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -
     channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
     values = np.column_stack(list(channels.values()))
     missing: Mask = np.isnan(values)
-    time, bridged = recording.time, []
+    time, bridged = recording.time, {column: list[Stretch]() for column in channels}
     for column, series in zip(channels, values.T, strict=True):
         for block in stretches(np.isnan(series)):
             enclosed = block.first > 0 and block.last < recording.samples - 1
@@ -234,8 +230,8 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -
             if enclosed and length <= bridge + SLACK:
                 ends = [block.first - 1, block.last + 1]
                 series[block.rows] = np.interp(time[block.rows], time[ends], series[ends])
-                bridged.append((column, block))
-    return _Platoon(recording, tuple(channels), values, missing, tuple(bridged), bridge)
+                bridged[column].append(block)
+    return _Platoon(recording, tuple(channels), values, missing, bridged, bridge)
 
 
 def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:

@@ -249,9 +249,7 @@ class Regimes:
 def label_regimes(segment: Segment, recording: Recording | None = None) -> Regimes:
     """The regime of each follower at each instant.
 
-    Args:
-        segment: the data.
-        recording: what it was cut from, for the driver modes; without it none is manual.
+    The recording that it was cut from gives the driver modes; without it none is manual.
 
     Raises:
         SegmentError: for another recording.
@@ -381,13 +379,7 @@ class Rating:
 
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
-    """All ratings of a window, in the order of the questions.
-
-    Args:
-        segment: the window.
-        recording: what it was cut from.
-        quality: the segment's.
-    """
+    """All ratings of a window of a recording, in the order of the questions."""
     return (
         _complete(segment),
         _excited(quality),

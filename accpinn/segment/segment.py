@@ -70,7 +70,7 @@ class BlocksMissing(Finding, frozen=True):
     columns: tuple[str, ...]
     """Names in the file of all that is missing at the same time, as Speed2 and IVS1."""
     share: float
-    """Of the window's samples, 0 to 1; bridged ones do not count."""
+    """Share of the window's samples, 0 to 1; bridged ones do not count."""
     windows: tuple[Window, ...]
     """Where, in the recording's time."""
 
@@ -139,13 +139,22 @@ SegmentFinding = (
 )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Platoon:
-    """Facts that follow from the vehicles' numbers and names, and from the findings."""
+    """Vehicles and origin of a segment."""
 
     vehicles: tuple[int, ...]
+    """(M+1,) the vehicles' numbers in the file (1 = first), leader first."""
     names: tuple[str, ...]
-    findings: tuple[SegmentFinding, ...]
-    excluded_regimes: tuple[str, ...]
+    """(M+1,) their names in the file's header."""
+    source: str
+    """File name of the recording."""
+    sha256: str
+    """SHA-256 of the recording's bytes; empty for data made in memory."""
+    findings: tuple[SegmentFinding, ...] = ()
+    """Findings: data that were moved, resampled, bridged or excluded, and data that are missing."""
+    excluded_regimes: tuple[str, ...] = ()
+    """Regimes whose instants do not count in the model's equation (see `segment.quality`)."""
 
     @property
     def driven_by_hand(self) -> DrivenByHand | None:
@@ -172,33 +181,21 @@ class _Platoon:
         return self.labels[self.vehicles.index(number)] if number else "All followers together"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SegmentInfo(_Platoon):
     """A segment's window, vehicles and origin without its data: enough for tables and a report."""
 
-    vehicles: tuple[int, ...]
-    """(M+1,) the vehicles' numbers in the file (1 = first), leader first."""
-    names: tuple[str, ...]
-    """(M+1,) their names in the file's header."""
     window: Window
     samples: int
     """N, both ends of the window included."""
     sample_time: Seconds
-    source: str
-    """File name of the recording."""
-    sha256: str
-    """SHA-256 of the recording's bytes; empty for data made in memory."""
-    findings: tuple[SegmentFinding, ...]
-    """Findings: data that were moved, resampled, bridged or excluded, and data that are missing."""
     digest: str
     """SHA-256 of the segment's data: equal digests mean equal data."""
-    excluded_regimes: tuple[str, ...] = ()
-    """Regimes whose instants do not count in the model's equation; empty where all count."""
     excluded_share: tuple[float, ...] = ()
     """(M,) share of each follower's instants excluded, 0 to 1; empty where all count."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Segment(_Platoon):
     """Speeds and space-gaps of consecutive vehicles on evenly spaced instants.
 
@@ -214,22 +211,10 @@ class Segment(_Platoon):
     """(N, M+1) in m/s, leader first."""
     gaps: FloatArray
     """(N, M) in m; column k is the space-gap between vehicles k and k+1 of this segment."""
-    vehicles: tuple[int, ...]
-    """(M+1,) the vehicles' numbers in the file (1 = first), leader first."""
-    names: tuple[str, ...]
-    """(M+1,) their names in the file's header."""
     start: Seconds
     """Start of the window, in s from the recording's first sample."""
-    source: str
-    """File name of the recording."""
-    sha256: str
-    """SHA-256 of the recording's bytes; empty for data made in memory."""
-    findings: tuple[SegmentFinding, ...] = ()
-    """Findings: data that were moved, resampled, bridged or excluded, and data that are missing."""
     mask: Mask | None = None
     """(N, M) True where the model's equation of dv/dt counts; None where it does throughout."""
-    excluded_regimes: tuple[str, ...] = ()
-    """The regimes that the mask excludes (see `segment.quality`)."""
     missing: Mask | None = None
     """(N, 2M+1) True where a speed (the first M+1 columns) or a space-gap was not measured; None
     where all were."""

@@ -10,14 +10,15 @@ so frequencies below ω_c = √-κ are amplified where κ < 0, and none elsewher
     q = -κ' / (1 + √(1 - κ'β²/α)),   κ' = κ/α,      |H|² = 1 / (1 - q²)
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import checked, l2_criterion, l2_margin, spacing_gain
-from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
+from accpinn.units import FloatArray, PerSecond
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -26,41 +27,29 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest amplification; gain 1 at ω = 0 where no frequency is amplified."""
+    """The largest amplification of one vehicle, in floats, or of many, in arrays of their shape.
 
-    gain: float
+    The gain is 1 at ω = 0 where no frequency is amplified.
+    """
+
+    gain: Any
     """max |H|; infinite for an undamped vehicle, 0 for one that does not react."""
-    db: float
+    db: Any
     """The gain in decibels, 20 log10 max |H|."""
-    omega: RadiansPerSecond
-
-
-@dataclass(frozen=True, eq=False)
-class Peaks:
-    """Peaks of many vehicles; arrays of their shape."""
-
-    log_gain: FloatArray
-    """Natural logarithm of max |H|."""
-    omega: FloatArray
+    omega: Any
     """ω of the peak in rad/s."""
 
-    @property
-    def gain(self) -> FloatArray:
-        """Largest |H|."""
-        return np.asarray(np.exp(self.log_gain))
+    @classmethod
+    def of(cls, log_gain: FloatArray, omega: FloatArray) -> "Peak":
+        """The peaks with (..) natural logarithms of their gains at (..) ω in rad/s."""
+        return cls(np.exp(log_gain), log_gain * (20.0 / np.log(10.0)), omega)
 
-    @property
-    def db(self) -> FloatArray:
-        """Largest |H| in decibels."""
-        return np.asarray(self.log_gain * (20.0 / np.log(10.0)))
-
-    def each(self) -> tuple[Peak, ...]:
-        """The peak of each vehicle, where the arrays have the shape (V,)."""
-        columns = self.gain.tolist(), self.db.tolist(), self.omega.tolist()
-        return tuple(map(Peak, *columns))
+    def __iter__(self) -> Iterator["Peak"]:
+        """Iterate over the vehicles, where the arrays have the shape (V,)."""
+        return map(Peak, self.gain.tolist(), self.db.tolist(), self.omega.tolist())
 
 
-def peaks(parameters: Parameters) -> Peaks:
+def peaks(parameters: Parameters) -> Peak:
     """The largest gain over all frequencies, and where it is."""
     beta_squared = parameters.beta**2 / spacing_gain(parameters)
     reduced = np.where(parameters.alpha > 0, np.minimum(2.0 * l2_margin(parameters), 0.0), 0.0)
@@ -73,7 +62,7 @@ def peaks(parameters: Parameters) -> Peaks:
         far = np.log(complement) + np.log1p(q)
     log_gain = -0.5 * np.where(q < 0.5, near, far)
     silent = (parameters.alpha == 0) & (parameters.beta == 0)
-    return Peaks(np.where(silent, -np.inf, log_gain), np.sqrt(parameters.alpha * q))
+    return Peak.of(np.where(silent, -np.inf, log_gain), np.sqrt(parameters.alpha * q))
 
 
 def crossovers(parameters: Parameters) -> FloatArray:

@@ -22,7 +22,7 @@ from scipy.special import gammainccinv
 
 from accpinn.model.cthp import Parameters, in_blocks, motion_matrix, orbit
 from accpinn.stability.criteria import checked, l2_criterion, step_metrics
-from accpinn.stability.frequency import Peaks, crossovers, peaks, poles, slowest_rate
+from accpinn.stability.frequency import Peak, crossovers, peaks, poles, slowest_rate
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -57,7 +57,7 @@ class Gains:
     """(M,): estimated error, the change of the sum when every second state is left out."""
 
 
-def head_to_tail_peaks(parameters: Parameters) -> Peaks:
+def head_to_tail_peaks(parameters: Parameters) -> Peak:
     """The largest |H_1 .. H_k| over all frequencies, for k = 1 .. M."""
     parameters = checked(parameters)
     known = _limits(parameters)
@@ -67,9 +67,8 @@ def head_to_tail_peaks(parameters: Parameters) -> Peaks:
     if ordinary < len(parameters):
         omega[np.isinf(known)] = np.sqrt(parameters.alpha[ordinary])
     if ordinary:
-        inner = _ordinary_peaks(parameters[:ordinary])
-        log_gain[:ordinary], omega[:ordinary] = inner.log_gain, inner.omega
-    return Peaks(frozen(log_gain), frozen(omega))
+        log_gain[:ordinary], omega[:ordinary] = _ordinary_peaks(parameters[:ordinary])
+    return Peak.of(log_gain, omega)
 
 
 def _limits(parameters: Parameters) -> FloatArray:
@@ -84,11 +83,11 @@ def _limits(parameters: Parameters) -> FloatArray:
     return np.where(silent, 0.0, np.where(undamped, np.inf, np.nan))
 
 
-def _ordinary_peaks(parameters: Parameters) -> Peaks:
-    """Peaks of damped vehicles that react."""
+def _ordinary_peaks(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+    """Natural logarithm of the peaks of damped vehicles that react, and ω in rad/s; both (M,)."""
     edges = crossovers(parameters)
     if np.isnan(edges).all():
-        return Peaks(np.zeros(len(edges)), np.zeros(len(edges)))
+        return np.zeros(len(edges)), np.zeros(len(edges))
     span = np.geomspace(LOWEST * np.nanmin(edges), np.nanmax(edges), GRID)
     single = peaks(parameters).omega  # of each vehicle alone
     x = np.unique(np.concatenate([span, single[single > 0]])) ** 2
@@ -102,7 +101,7 @@ def _ordinary_peaks(parameters: Parameters) -> Peaks:
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
     log_gain = -0.5 * (reach * _attenuation(parameters, high[:, None])).sum(axis=1)
     amplified = log_gain > 0
-    return Peaks(np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(high), 0.0))
+    return np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(high), 0.0)
 
 
 def _parts(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -3,14 +3,10 @@
 The sentences about them are in `results.messages.stability`.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 from math import isnan
 from typing import Literal
-
-import numpy as np
 
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
@@ -28,7 +24,7 @@ from accpinn.stability.criteria import (
 )
 from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
-from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds
+from accpinn.units import RadiansPerSecond, Seconds
 
 CERTAIN = 0.95
 """A vehicle is called string stable from this probability on, and unstable up to its complement."""
@@ -153,63 +149,46 @@ def stability_report(parameters: Parameters) -> StabilityReport:
     """
     parameters = Parameters.of(parameters.values.reshape(-1, 3))  # a single one as a platoon of one
     clean = checked(parameters)
-    vehicles = tuple(_vehicles(parameters, clean))
+    vehicles = tuple(map(_vehicle, parameters, clean))
     return StabilityReport(vehicles, _platoon(vehicles, clean))
 
 
-def _vehicles(given: Parameters, clean: Parameters) -> Iterator[VehicleStability]:
-    metrics, top, paper = step_metrics(clean), peaks(clean), paper_margin(clean)
-    closeness = np.where(clean.alpha > 0, l2_margin(clean), 0.0)  # without α on the boundary
+def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
+    """The string stability of one vehicle, by its parameters as given and as checked."""
+    metrics, (peak,) = step_metrics(vehicle), peaks(vehicle[None])
+    gain, crossover = float(metrics.gain), float(crossovers(vehicle))
+    paper, value = float(paper_margin(vehicle)), float(paper_criterion(vehicle))
+    closeness = float(l2_margin(vehicle)) if vehicle.alpha else 0.0  # without α on the boundary
     kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
-    columns = zip(
-        given,
-        clean,
-        _verdicts(Criterion.L2, l2_criterion(clean), *_against(closeness, top.gain)),
-        _verdicts(
-            Criterion.LINF_PAPER, paper_criterion(clean), paper > MARGINAL, abs(paper) <= MARGINAL
-        ),
-        _verdicts(Criterion.LINF_EXACT, metrics.gain, *_against(exact_margin(clean), metrics.gain)),
-        metrics.overshoot.tolist(),
-        top.each(),
-        crossovers(clean).tolist(),
-        map(Headways, *(kind(clean).tolist() for kind in kinds)),
-        strict=True,
+    headways = Headways(*(float(kind(vehicle)) for kind in kinds)) if vehicle.alpha else None
+    kappa, exact = float(l2_criterion(vehicle)), float(exact_margin(vehicle))
+    return VehicleStability(
+        parameters=given,
+        behaviour=_behaviour(vehicle, value),
+        l2=Verdict(Criterion.L2, *_against(closeness, peak.gain), kappa),
+        linf_paper=Verdict(Criterion.LINF_PAPER, paper > MARGINAL, abs(paper) <= MARGINAL, value),
+        linf_exact=Verdict(Criterion.LINF_EXACT, *_against(exact, gain), gain),
+        overshoot=float(metrics.overshoot),
+        peak=peak,
+        crossover=crossover if crossover > 0 else None,
+        damping_ratio=_damping_ratio(vehicle),
+        poles=poles(vehicle),
+        smallest_tau=headways,
     )
-    for row, vehicle, l2, linf_paper, linf_exact, overshoot, peak, crossover, headways in columns:
-        yield VehicleStability(
-            parameters=row,
-            behaviour=_behaviour(vehicle, linf_paper),
-            l2=l2,
-            linf_paper=linf_paper,
-            linf_exact=linf_exact,
-            overshoot=overshoot,
-            peak=peak,
-            crossover=crossover if crossover > 0 else None,
-            damping_ratio=_damping_ratio(vehicle),
-            poles=poles(vehicle),
-            smallest_tau=headways if vehicle.alpha else None,
-        )
 
 
-def _verdicts(
-    criterion: Criterion, value: FloatArray, stable: Mask, marginal: Mask
-) -> Iterator[Verdict]:
-    """The verdict on each vehicle, from arrays (M,)."""
-    return map(partial(Verdict, criterion), stable.tolist(), marginal.tolist(), value.tolist())
-
-
-def _against(margin: FloatArray, gain: FloatArray) -> tuple[Mask, Mask]:
-    """(M,) whether stable, and whether marginal, by the distance to the boundary and the gain."""
+def _against(margin: float, gain: float) -> tuple[bool, bool]:
+    """Whether stable, and whether marginal, by the distance to the boundary and the gain."""
     stable = margin >= -MARGINAL
-    return stable, (abs(margin) <= MARGINAL) | (~stable & (gain <= 1.0 + MARGINAL))
+    return stable, abs(margin) <= MARGINAL or (not stable and gain <= 1.0 + MARGINAL)
 
 
-def _behaviour(vehicle: Parameters, linf_paper: Verdict) -> Behaviour:
+def _behaviour(vehicle: Parameters, discriminant: float) -> Behaviour:
     if not vehicle.alpha:
         return Behaviour.NO_GAP_CONTROL if vehicle.beta else Behaviour.NO_REACTION
     if not vehicle.beta and not vehicle.tau:
         return Behaviour.UNDAMPED
-    return Behaviour.REAL_POLES if linf_paper.value >= 0 else Behaviour.COMPLEX_POLES
+    return Behaviour.REAL_POLES if discriminant >= 0 else Behaviour.COMPLEX_POLES
 
 
 def _damping_ratio(vehicle: Parameters) -> float | None:
@@ -220,7 +199,7 @@ def _damping_ratio(vehicle: Parameters) -> float | None:
 
 
 def _platoon(vehicles: tuple[VehicleStability, ...], parameters: Parameters) -> PlatoonStability:
-    along, linf = head_to_tail_peaks(parameters).each(), head_to_tail_gains(parameters)
+    along, linf = tuple(head_to_tail_peaks(parameters)), head_to_tail_gains(parameters)
     l2_strict = _strict(Criterion.L2_STRICT, [(v.l2, v.peak.gain) for v in vehicles])
     linf_strict = _strict(Criterion.LINF_STRICT, [(v.linf_exact, v.linf_gain) for v in vehicles])
     # Is no frequency larger at the last follower than at the leader?

@@ -104,8 +104,9 @@ def test_innovations_that_are_not_those_of_the_model_are_told() -> None:
     """Measured space-gaps in steps of a metre."""
     segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(), duration=150.0)
     jumping = Segment(
-        segment.time, segment.speeds + 0.4 * (np.sin(4 * segment.time) > 0.9)[:, None],
-        segment.gaps, segment.vehicles, segment.names, 0.0, "jumping", "",
+        time=segment.time, speeds=segment.speeds + 0.4 * (np.sin(4 * segment.time) > 0.9)[:, None],
+        gaps=segment.gaps, vehicles=segment.vehicles, names=segment.names, start=0.0,
+        source="jumping", sha256="",
     )  # fmt: skip
     (told,) = [one for one in model_forms(jumping).findings if isinstance(one, Inadequate)]
     assert told.vehicle == 2

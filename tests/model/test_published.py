@@ -28,13 +28,10 @@ def test_published_sets_are_those_of_the_paper() -> None:
     assert len({group.title for group in PUBLISHED}) == len(PUBLISHED)
 
 
-def test_followers_without_a_recording_go_by_their_names() -> None:
+def test_followers_go_by_a_recordings_numbers_or_their_names() -> None:
     assert ASTAZERO.labels == ASTAZERO.spoken == ASTAZERO.names
     assert ASTAZERO.vehicles == (1, 2, 3, 4, 5)
     assert not ASTAZERO.numbered
-
-
-def test_a_recordings_followers_go_by_its_numbers() -> None:
     ours = ParameterSet("run", ("X", "Y"), ASTAZERO.parameters[:2], (3, 4, 5), ("4 X", "5 Y"))
     assert ours.numbered
     assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")

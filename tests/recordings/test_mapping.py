@@ -10,11 +10,9 @@ import pytest
 from accpinn.errors import RecordingError
 from accpinn.recordings.files import is_unknown, read, read_all, trajectories
 from accpinn.recordings.mapping import (
-    CsvMapping,
     load_mapping,
     parse_mapping,
     preview,
-    write_mapping,
 )
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording
 from tests.support.openacc_files import csv, metadata, platoon
@@ -34,16 +32,14 @@ def mappings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def foreign(frame: pd.DataFrame) -> pd.DataFrame:
     """An OpenACC frame with other names, units and origin of time."""
-    return pd.DataFrame(
-        {
-            "clock": (1e12 + 1000 * frame["Time"]).round(3),
-            "v2": frame["Speed2"],
-            "note": "a",
-            "range": (frame["IVS1"] + 4.5) / 0.3048,
-            "v lead": frame["Speed1"] * 3.6,
-            "engaged": np.where(frame["Time"] < 110, 0, 1),
-        }
-    )
+    return pd.DataFrame({
+        "clock": (1e12 + 1000 * frame["Time"]).round(3),
+        "v2": frame["Speed2"],
+        "note": "a",
+        "range": (frame["IVS1"] + 4.5) / 0.3048,
+        "v lead": frame["Speed1"] * 3.6,
+        "engaged": np.where(frame["Time"] < 110, 0, 1),
+    })  # fmt: skip
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
@@ -82,7 +78,10 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     other = foreign(frame).rename(columns={"note": "remark"}).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match="--mapping"):
         read(other, "other.csv")
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        load_mapping(mappings / "none.json")
     for kept in mappings.iterdir():
+        assert load_mapping(kept) == mapping
         kept.write_text("{")
     assert preview(raw, "next.csv").mapping is None
 
@@ -93,16 +92,11 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
         parse_mapping(MAPPING), time=None, sample_time=0.05, trajectory="run"
     )
     raw = frame.to_csv(index=False).encode()
-    found = [
-        one for one in read_all(raw, "mine.csv", mapping=changed) if isinstance(one, Recording)
-    ]
-    assert [(one.trajectory, one.samples, one.sample_time) for one in found] == [
-        ("x", 120, 0.05),
-        ("y", 80, 0.05),
-    ]
-    np.testing.assert_array_equal(
-        read(raw, "mine.csv", mapping=changed, trajectory="y").speed, found[1].speed
-    )
+    found = [r for r in read_all(raw, "mine.csv", mapping=changed) if isinstance(r, Recording)]
+    facts = [(run.trajectory, run.samples, run.sample_time) for run in found]
+    assert facts == [("x", 120, 0.05), ("y", 80, 0.05)]
+    chosen = read(raw, "mine.csv", mapping=changed, trajectory="y")
+    np.testing.assert_array_equal(chosen.speed, found[1].speed)
     assert trajectories(raw, "mine.csv", mapping=changed) == (("x", 2), ("y", 2))
     with pytest.raises(RecordingError, match=r"2 trajectories; .*x, y"):
         read(raw, "mine.csv", mapping=changed)
@@ -148,12 +142,3 @@ def test_a_faulty_row_is_refused_with_its_place(row: str, words: str) -> None:
     cut = "\n".join([*lines[:20], "1;2;a"]).encode()
     with pytest.raises(RecordingError, match=r"row 21: the file is cut short, .* 3 of 6 cells"):
         read(cut, "mine.csv", mapping=parse_mapping(MAPPING))
-
-
-def test_a_mapping_survives_its_file(tmp_path: Path) -> None:
-    mapping: CsvMapping = parse_mapping(MAPPING)
-    path = tmp_path / "mapping.json"
-    path.write_bytes(write_mapping(mapping))
-    assert load_mapping(path) == mapping
-    with pytest.raises(RecordingError, match="cannot be opened"):
-        load_mapping(tmp_path / "none.json")

@@ -66,13 +66,6 @@ def test_equal_identifiers_at_another_time_are_no_platoon() -> None:
     assert not is_unknown(raw, "pairs.csv")
 
 
-def test_vehicles_in_a_circle_end_somewhere() -> None:
-    frame = platoon(2, 300)
-    back = pair(frame, 1, "b").assign(ID_LV=102, ID_FAV=101)
-    back["Speed_LV"], back["Speed_FAV"] = back["Speed_FAV"], back["Speed_LV"]
-    assert len(recordings(table(pair(frame, 1, "a"), back))) == 1
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -91,8 +84,11 @@ def test_a_faulty_table_is_refused_with_its_place(change: object, words: str) ->
 
 
 def test_hostile_tables_are_refused_before_they_take_long() -> None:
-    """Speeds beyond all bounds where pairs are joined, one vehicle everywhere, a run a row."""
+    """A circle, speeds beyond all bounds in joined pairs, one vehicle everywhere, a run a row."""
     frame = platoon(samples=200)
+    back = pair(frame, 1, "b").assign(ID_LV=102, ID_FAV=101)
+    back["Speed_LV"], back["Speed_FAV"] = back["Speed_FAV"], back["Speed_LV"]
+    assert len(recordings(table(pair(frame, 1, "a"), back))) == 1
     huge = pd.concat([pair(frame, 1, "a"), pair(frame, 2, "b").assign(Speed_LV=1e300)])
     with pytest.raises(RecordingError, match="cannot be a measurement"):
         read(huge.to_csv(index=False).encode(), "pairs.csv", trajectory="b")

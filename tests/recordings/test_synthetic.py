@@ -13,7 +13,6 @@ from accpinn.recordings import openacc, synthetic
 from accpinn.recordings.synthetic import SCENARIOS, Noise, Scenario, Truth
 from accpinn.segment.cut import cut
 from accpinn.units import FloatArray
-from tests.support.driving import segment_of
 from tests.support.samples import FOLDER
 
 LAST_DIGIT = 1e-4
@@ -40,16 +39,13 @@ def numbers(rows: list[list[str]], columns: int) -> FloatArray:
     return np.array([row[:columns] for row in rows], dtype=float)
 
 
-def learned(data: Trajectories) -> FloatArray:
-    """(M, 3) α, β, τ by least squares on smoothed signals."""
-    return fit_smoothed(segment_of(data.time, data.speeds, data.gaps)).parameters.values
-
-
 class TestCommittedFiles:
     @every_scenario
     def test_are_what_the_generator_writes(self, scenario: Scenario, written: Path) -> None:
         name, truth = f"{scenario.name}.csv", f"{scenario.name}.truth.json"
         assert (FOLDER / truth).read_bytes() == (written / truth).read_bytes()
+        expected = {f"{s.name}{ending}" for s in SCENARIOS for ending in (".csv", ".truth.json")}
+        assert {path.name for path in FOLDER.iterdir()} == expected
         header, rows = table(FOLDER / name)
         new_header, new_rows = table(written / name)
         assert header == new_header
@@ -60,10 +56,6 @@ class TestCommittedFiles:
         np.testing.assert_allclose(
             numbers(rows, columns), numbers(new_rows, columns), rtol=0, atol=1.01 * LAST_DIGIT
         )
-
-    def test_are_all_there_and_nothing_else(self) -> None:
-        expected = {f"{s.name}{ending}" for s in SCENARIOS for ending in (".csv", ".truth.json")}
-        assert {path.name for path in FOLDER.iterdir()} == expected
 
     @every_scenario
     def test_read_as_recordings_without_findings(self, scenario: Scenario) -> None:
@@ -107,23 +99,16 @@ def errors() -> Trajectories:
 
 
 class TestNoise:
-    def test_speed_error_has_the_stated_size(self, errors: Trajectories) -> None:
+    def test_errors_have_the_stated_sizes(self, errors: Trajectories) -> None:
         # Cubic splines through white reports keep about nine tenths of their size on average.
         assert 0.8 * Noise().speed < errors.speeds.std() < Noise().speed
 
-    def test_gap_error_wanders_by_decimetres_over_a_minute(self, errors: Trajectories) -> None:
-        gaps = errors.gaps
+        gaps = errors.gaps  # they wander by decimetres over a minute
         assert 0.1 < gaps.std() < 0.2
         lag = 600  # one minute
         assert -0.75 < np.corrcoef(gaps.T)[0, 1] < -0.25, "neighbours share a receiver"
         kept = np.mean(gaps[lag:] * gaps[:-lag]) / np.mean(gaps**2)
         assert 0.15 < kept < 0.6  # 1/e, give or take what an hour can tell
-
-    def test_none_records_the_truth(self) -> None:
-        true = synthetic.true_trajectories(SCENARIOS[0])
-        recorded = synthetic.record(true, None, 0)
-        np.testing.assert_array_equal(recorded.gaps, true.gaps[::2])
-        np.testing.assert_allclose(np.diff(recorded.time), 0.1)
 
 
 class TestRecovery:
@@ -132,13 +117,6 @@ class TestRecovery:
         whole = cut(openacc.read(FOLDER / f"{scenario.name}.csv"), duration=np.inf)
         learned = fit_smoothed(whole).parameters.values
         np.testing.assert_allclose(learned, scenario.parameters.values, rtol=0.03)
-
-    def test_noisy_study_is_no_lucky_seed(self) -> None:
-        scenario = BY_NAME["synthetic_paper_study"]
-        true = synthetic.true_trajectories(scenario)
-        found = [learned(synthetic.record(true, scenario.noise, 100 + k))[0] for k in range(20)]
-        np.testing.assert_allclose(np.mean(found, axis=0), scenario.parameters.values[0], rtol=0.01)
-        assert (np.std(found, axis=0) < 0.02 * scenario.parameters.values[0]).all()
 
 
 class TestTruth:
@@ -150,13 +128,7 @@ class TestTruth:
 
     @pytest.mark.parametrize(
         "content",
-        [
-            "",
-            "[]",
-            '{"description": 1',
-            '{"description": "", "parameters": [{"alpha": 1}], "noise": null}',
-            '{"description": "", "parameters": 3, "noise": null}',
-        ],
+        ["", "[]", '{"description": "", "parameters": [{"alpha": 1}], "noise": null}'],
     )
     def test_what_is_no_truth_file_is_one_sentence(self, tmp_path: Path, content: str) -> None:
         path = tmp_path / "x.truth.json"

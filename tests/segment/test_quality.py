@@ -47,6 +47,12 @@ def test_an_excited_segment_has_no_findings() -> None:
     assert quality.mean_time_gap[0] == pytest.approx(1.5, abs=0.05)
     assert quality.car_following == (1.0,)
     assert quality.condition[0] < 30
+    # A sinusoid's standard deviation is its amplitude over √2, and ω times that of its rate.
+    time = 0.1 * np.arange(2000)
+    wave = np.sin(2 * np.pi / 20 * time)
+    swing = assess_quality(made(np.stack([20 + 3 * wave, 20 - wave], 1), np.full((2000, 1), 30.0)))
+    figures = swing.leader_deviation, *swing.relative_deviation, *swing.acceleration_deviation
+    assert figures == pytest.approx(np.array([3, 4, np.pi / 10]) / np.sqrt(2), rel=1e-3)
 
 
 def test_near_equilibrium_is_found() -> None:
@@ -58,13 +64,6 @@ def test_near_equilibrium_is_found() -> None:
             vehicles=(2,), deviations=quality.relative_deviation, conditions=quality.condition
         ),
     )
-
-
-def test_perfect_equilibrium_is_finite_or_infinite_but_never_an_error() -> None:
-    quality = assess_quality(made(np.full((200, 2), 20.0), np.full((200, 1), 30.0)))
-    assert quality.condition == (float("inf"),)
-    assert quality.relative_deviation == (0.0,)
-    assert [type(one) for one in quality.findings] == [LittleLeaderMotion, NearEquilibrium]
 
 
 def test_standing_vehicles_have_no_time_gap() -> None:
@@ -81,29 +80,18 @@ def test_standing_vehicles_have_no_time_gap() -> None:
     assert still.car_following == (0.0,)
 
 
-def test_catching_up_is_not_car_following() -> None:
-    gaps = np.linspace(20, 80, 200)[:, None]
-    quality = assess_quality(made(np.full((200, 2), 20.0), gaps))
-    assert quality.car_following[0] == pytest.approx((gaps <= 40).mean())
-    assert quality.findings[-1] == LittleCarFollowing(vehicles=(2,), shares=quality.car_following)
-    assert quality.car_following[0] == pytest.approx(0.335)
-
-
-def test_negative_gaps_are_found() -> None:
-    segment = following(3.0)
-    gaps = segment.gaps.copy()
-    gaps[5:8] = -1.0
-    quality = assess_quality(made(segment.speeds, gaps))
-    assert quality.findings == (GapsNegative(vehicles=(2,), instants=(3,)),)
-
-
-def test_a_finding_has_all_the_followers_it_holds_for() -> None:
-    speeds = np.full((200, 11), 20.0)
+def test_findings_have_all_the_followers_they_hold_for() -> None:
+    """Perfect equilibrium, every other one far behind, and one gap that is negative at times."""
     gaps = np.tile([60.0, 30.0], (200, 5))
-    _, still, elsewhere = assess_quality(made(speeds, gaps)).findings
+    gaps[5:8, 1] = -1.0
+    quality = assess_quality(made(np.full((200, 11), 20.0), gaps))
+    leader, still, elsewhere, negative = quality.findings
+    assert isinstance(leader, LittleLeaderMotion)
     assert isinstance(still, NearEquilibrium)
     assert still.vehicles == tuple(range(2, 12))
+    assert (quality.condition[0], quality.relative_deviation[0]) == (np.inf, 0.0)
     assert elsewhere == LittleCarFollowing(vehicles=(2, 4, 6, 8, 10), shares=(0.0,) * 5)
+    assert negative == GapsNegative(vehicles=(3,), instants=(3,))
 
 
 def test_the_condition_number_is_of_what_counts() -> None:
@@ -116,30 +104,14 @@ def test_the_condition_number_is_of_what_counts() -> None:
     assert assess_quality(replace(segment, mask=out & ~out)).condition == (float("inf"),)
 
 
-def test_deviations_are_those_of_the_motion() -> None:
-    """A sinusoid's standard deviation is its amplitude over √2, and ω times that of its rate."""
-    time = 0.1 * np.arange(2000)
-    wave = np.sin(2 * np.pi / 20 * time)
-    quality = assess_quality(
-        made(np.stack([20 + 3 * wave, 20 - wave], 1), np.full((2000, 1), 30.0))
-    )
-    assert quality.leader_deviation == pytest.approx(3 / np.sqrt(2), rel=1e-3)
-    assert quality.relative_deviation[0] == pytest.approx(4 / np.sqrt(2), rel=1e-3)
-    rate = 2 * np.pi / 20 / np.sqrt(2)
-    assert quality.acceleration_deviation[0] == pytest.approx(rate, rel=1e-3)
-
-
-def test_the_papers_mean_time_gaps(astazero: Recording) -> None:
+def test_the_papers_mean_time_gaps(astazero: Recording, casale: Recording) -> None:
     """The mean time gaps published for AstaZero, at the two digits that they have."""
     quality = assess_quality(cut(astazero, start=320.0, duration=300.0))
     assert [f"{gap:.2f}" for gap in quality.mean_time_gap] == ["1.25", "1.23", "1.20", "1.30"]
     assert quality.findings == ()
-
-
-def test_casale_catches_up_for_a_fifth_of_the_time(casale: Recording) -> None:
-    quality = assess_quality(cut(casale))
-    assert f"{1 - quality.car_following[0]:.2f}" == "0.21"
-    assert quality.findings == ()
+    catching = assess_quality(cut(casale))
+    assert f"{1 - catching.car_following[0]:.2f}" == "0.21"
+    assert catching.findings == ()
 
 
 # Ratings of a window: each answer from data that deserve it

@@ -89,6 +89,7 @@ class TestMethods:
         ("name", "case"), [*product(TOLERANCE, ["II"]), *product(ESTIMATORS, ["I"])]
     )
     def test_every_method_learns_from_the_rest_alone(self, name: str, case: Case) -> None:
+        assert set(TOLERANCE) == {"pinn", *ESTIMATORS}
         truth = PLATOON[[1, 1]] if case == "I" else PLATOON
         estimated = estimate(name, without_block(disturbed(truth)), case).parameters
         assert relative_error(estimated, truth).max() < TOLERANCE[name]
@@ -97,18 +98,6 @@ class TestMethods:
     def test_the_excluded_instants_would_have_mattered(self, name: str) -> None:
         everything = estimate(name, disturbed(), "II").parameters
         assert relative_error(everything).max(axis=1).min() > 0.1
-
-    def test_no_method_is_missing_here(self) -> None:
-        assert set(TOLERANCE) == {"pinn", *ESTIMATORS}
-
-    def test_each_follower_has_its_own_mask(self) -> None:
-        segment = without_block(disturbed())
-        mask = np.array(segment.mask)
-        mask[:, 1] = True
-        estimated = ESTIMATORS["least-squares"](replace(segment, mask=mask), "II").parameters
-        errors = relative_error(estimated).max(axis=1)
-        assert errors[0] < TOLERANCE["least-squares"]
-        assert errors[1] > 0.1
 
     def test_intervals_rest_on_the_rest_alone(self) -> None:
         segment = without_block(disturbed())
@@ -156,8 +145,9 @@ class TestMask:
         assert len({plain, segment.info.digest, other.info.digest}) == 3
         assert replace(segment, mask=None, excluded_regimes=()).info.digest == plain
         small = Segment(
-            np.arange(3.0), np.ones((3, 2)), np.ones((3, 1)), (1, 2), ("A", "B"), 0.0, "x", ""
-        )
+            time=np.arange(3.0), speeds=np.ones((3, 2)), gaps=np.ones((3, 1)), start=0.0,
+            vehicles=(1, 2), names=("A", "B"), source="x", sha256="",
+        )  # fmt: skip
         assert small.info.digest == DIGEST
 
     def test_goes_with_a_part_and_into_the_description(self) -> None:
@@ -236,21 +226,13 @@ class TestRibbons:
         assert set(ends) == {f"2 {name}" for name in REGIMES}
         assert ends["2 catching up"] == pytest.approx([9.95, 29.95])
         assert ends["2 standstill"] == pytest.approx([39.95, 42.95])
-        covered = sum(b - a for x in ends.values() for a, b in zip(x[::2], x[1::2], strict=True))
-        assert covered == pytest.approx(40.1)
-
-    def test_stand_on_a_strip_of_the_overview(self, recording: Recording) -> None:
-        segment = cut(recording, 5.0, 40.0)
-        drawn = regime_ribbons(segment, label_regimes(segment, recording))
+        key = [name for name, _ in regime_key(label_regimes(cut(recording, 0, 12.0), recording))]
+        assert key == ["car-following", "catching up"], "colours are explained for what occurs"
         plain = overview(recording, (1, 2), Window(5.0, 45.0))
         figure = overview(recording, (1, 2), Window(5.0, 45.0), [drawn])
         assert len(figure.data) - len(plain.data) == len(drawn)
-        assert len(list(figure.select_yaxes())) - len(list(plain.select_yaxes())) == 1
-
-    def test_colours_are_explained_for_what_occurs(self, recording: Recording) -> None:
-        segment = cut(recording, 0, 12.0)
-        names = [name for name, _ in regime_key(label_regimes(segment, recording))]
-        assert names == ["car-following", "catching up"]
+        covered = sum(b - a for x in ends.values() for a, b in zip(x[::2], x[1::2], strict=True))
+        assert covered == pytest.approx(40.1)
 
 
 class TestExcluding:

@@ -44,22 +44,16 @@ def test_closed_forms_and_the_papers_verdicts_are_reproduced(reference: Referenc
 
 class TestVerdictsAgree:
     @given(st.one_of(ordinary, extreme))
-    def test_exactly_linf_stable_means_l2_stable_and_real_poles(self, vehicle: Parameters) -> None:
+    def test_criteria_gains_and_peaks_with_each_other(self, vehicle: Parameters) -> None:
         found = of(vehicle)
+        assert not isnan(found.peak.gain)
+        assert found.linf_gain >= found.peak.gain * (1 - 1e-9)
+        assert (found.l2.value < 0) == (found.peak.db > 0) == (found.crossover is not None)
         if found.linf_exact.stable and found.behaviour is not Behaviour.NO_REACTION:
             assert found.l2.stable
             assert found.linf_paper.stable or found.linf_paper.marginal
-
-    @given(st.one_of(ordinary, extreme))
-    def test_the_l2_criterion_has_the_sign_of_the_peak(self, vehicle: Parameters) -> None:
-        found = of(vehicle)
-        assert (found.l2.value < 0) == (found.peak.db > 0) == (found.crossover is not None)
-
-    @given(ordinary)
-    def test_the_exact_gain_is_one_exactly_where_stable(self, vehicle: Parameters) -> None:
-        found = of(vehicle)
-        clear = found.linf_exact.stable and not found.linf_exact.marginal
-        assert (found.linf_gain, found.overshoot) == (1, 0) if clear else found.linf_gain >= 1
+            clear = not found.linf_exact.marginal
+            assert (found.linf_gain, found.overshoot) == (1, 0) or not clear
 
     @given(ordinary)
     def test_the_papers_criterion_asks_for_real_poles(self, vehicle: Parameters) -> None:
@@ -97,11 +91,7 @@ class TestDegenerate:
         assert (found.l2.stable, found.l2.marginal) == (stable, marginal)
         assert (found.linf_exact.stable, found.linf_exact.marginal) == (stable, False)
         assert (found.smallest_tau is None) == (found.damping_ratio is None) == stable
-
-    def test_parameters_are_reported_as_given(self) -> None:
-        found = of(Parameters(1e-60, 0.3, 1.2))
-        assert found.behaviour is Behaviour.NO_GAP_CONTROL
-        assert found.parameters == Parameters(1e-60, 0.3, 1.2)
+        assert of(Parameters(1e-60, 0.3, 1.2)).parameters == Parameters(1e-60, 0.3, 1.2)
 
     def test_a_gain_barely_above_one_is_marginal(self) -> None:
         # Complex poles with damping ratio 0.999: a swing of exp(-70).
@@ -110,12 +100,6 @@ class TestDegenerate:
         assert not found.linf_exact.stable
         assert found.linf_exact.marginal
         assert 1 <= found.linf_exact.value <= 1 + MARGINAL
-
-    @given(st.lists(st.one_of(ordinary, extreme), min_size=1, max_size=4))
-    def test_huge_tiny_and_zero_values_get_an_answer(self, platoon: list[Parameters]) -> None:
-        for found in stability_report(row(*platoon)).vehicles:
-            assert not isnan(found.peak.gain)
-            assert found.linf_gain >= found.peak.gain * (1 - 1e-9)
 
 
 class TestPlatoon:

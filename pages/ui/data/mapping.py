@@ -22,7 +22,6 @@ from accpinn.recordings.mapping import (
     TimeColumn,
     parse_mapping,
     preview,
-    read_mapped,
     write_mapping,
 )
 from accpinn.results.tables.table import Column, Table
@@ -136,7 +135,9 @@ def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[
     try:
         runs = files.trajectories(file.source, file.name, mapping=mapping)
         first = runs[0][0] if runs else None
-        recording = read_mapped(file.source, mapping, name=file.name, trajectory=first)
+        recording = files.read(
+            file.source, file.name, trajectory=first, mapping=mapping, is_kept=False
+        )
         several = f"; {len(runs)} runs" if runs else ""
         step = 1 / recording.sample_time
         st.caption(
