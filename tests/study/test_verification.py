@@ -288,7 +288,7 @@ class TestCompare:
         assert check.stored != check.computed
 
     def test_rounding_and_times_do_not_count(self) -> None:
-        compare = partial(verification._compare, "fit")
+        compare = partial(verification._compare, "info")
         stored = {"a": 1.0, "seconds": 5.0, "b": float("nan"), "c": np.full(100, np.inf)}
         found = {"a": 1 + 1e-12, "seconds": 6.0, "b": float("nan"), "c": np.full(100, np.inf)}
         assert compare(stored, found).ok
