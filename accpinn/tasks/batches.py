@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from accpinn.errors import RecordingError
@@ -33,9 +34,6 @@ class StudyTask(Task[BatchSummary]):
         """Also of a batch that was stopped; None before its end."""
 
     def _work(self, context: TaskContext) -> Iterator[BatchSummary]:
-        def note(now: BatchProgress) -> None:
-            self.latest = now
-
         asked = self._request
         self.summary = batch(
             asked.sources,
@@ -46,7 +44,7 @@ class StudyTask(Task[BatchSummary]):
             workers=asked.workers,
             scheduler=asked.scheduler,
             mapping=asked.mapping,
-            on_progress=note,
+            on_progress=partial(setattr, self, "latest"),
             should_stop=context.should_stop,
         )
         if not self.summary.stopped:
@@ -81,12 +79,9 @@ class DownloadTask(Task[Download]):
         """How far it is; None before the first byte."""
 
     def _work(self, context: TaskContext) -> Iterator[Download]:
-        def note(now: Transfer) -> None:
-            self.latest = now
-
         for found in download(
             (self.run,), self._folder, self._base,
-            on_transfer=note, should_stop=context.should_stop,
+            on_transfer=partial(setattr, self, "latest"), should_stop=context.should_stop,
         ):  # fmt: skip
             if found.state is DownloadState.FAILED:
                 raise RecordingError(found.reason)

@@ -162,14 +162,6 @@ def better(errors: Any) -> Any:
 
 
 class TestForged:
-    @pytest.mark.parametrize("name", ["lower", "draws", "probability_l2", "inside"])
-    def test_intervals(self, name: str) -> None:
-        value = getattr(small().uncertainty, name)
-        other = ~value if name == "inside" else getattr(value, "values", value) * 1.001 + 0.001
-        kind = Parameters.of if isinstance(value, Parameters) else np.asarray
-        forged = replace(small().uncertainty, **{name: kind(other)})
-        assert fault(verify(with_parts(small(), uncertainty=forged))).part == "uncertainty"
-
     def test_errors_of_a_method_compared(self) -> None:
         errors = whole().compared[0].evaluation.closed_loop
         for changes in ({"closed_loop": better(errors)}, {"holdout": None}):
