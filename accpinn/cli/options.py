@@ -91,12 +91,7 @@ def add_parameter_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_refit_options(parser: argparse.ArgumentParser, usual: Seconds) -> None:
-    """Declare whether a snapshot's methods are run again on its data.
-
-    Args:
-        parser: of the command.
-        usual: how long that may be expected to take without any option.
-    """
+    """Declare whether a snapshot's methods are run again on its data, usually for ``usual`` s."""
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--refit",
@@ -195,14 +190,7 @@ def show_vehicles(
     text: Callable[..., str],
     *result: Any,
 ) -> int:
-    """Print what follows from vehicles, after what a snapshot's parameters rest on.
-
-    Args:
-        options: of the command.
-        vehicles: as the options give them.
-        describe: see `show_result`, as all others.
-        text: the result for people.
-        result: the arguments of both.
+    """Print what follows from vehicles as `show_result` does, after what a snapshot rests on.
 
     Returns:
         The exit status: 1 where the snapshot does not agree with its own contents.

@@ -138,13 +138,7 @@ class FileContents:
 
 
 def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Case) -> FileContents:
-    """Read a file, and cut what a batch takes of it.
-
-    Args:
-        path: of the file.
-        mapping: of a table of one's own.
-        window: longest window, in s.
-        case: "I" or "II".
+    """Read a file, and cut its windows, each of at most ``window`` s.
 
     Raises:
         RecordingError: when the file as a whole cannot be read.

@@ -239,12 +239,7 @@ def _finish(future: "Future[Any]", job: Job) -> None:
 
 
 def serve(workers: int, space: str) -> None:
-    """Be the process of scheduler and workers, until standard input ends.
-
-    Args:
-        workers: how many.
-        space: folder of what they have to put on disk.
-    """
+    """Be scheduler and workers, whose files lie in that folder, until standard input ends."""
     import dask
     from distributed import LocalCluster
 

@@ -198,12 +198,7 @@ def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
 
 
 def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
-    """The share of stable followers.
-
-    Args:
-        probabilities: (K,) of each to be stable.
-        level: of the interval.
-    """
+    """The share of stable followers, from the probability (K,) of each to be stable."""
     count = len(probabilities)
     if not count:
         return Share(np.nan, np.nan, np.nan)

@@ -404,12 +404,7 @@ _UNSEEN = re.compile(
 
 
 def sanitise(tree: Any, lines: bool = False) -> Any:
-    """A tree of plain values without characters that a terminal or a page obeys, not shows.
-
-    Args:
-        tree: as read from JSON.
-        lines: whether texts keep their line breaks, as notes do.
-    """
+    """A tree of plain values without characters that a terminal or a page obeys, not shows."""
     if isinstance(tree, str):
         shown = _UNSEEN.sub("\ufffd", tree)
         return shown if lines else re.sub(r"[\t\n]+", " ", shown)

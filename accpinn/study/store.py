@@ -159,12 +159,7 @@ class Shelf:
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
-        """The results, the newest first, damaged ones last; each file is read once.
-
-        Args:
-            words: each of which must stand somewhere in an entry; all entries without any.
-            session: of the app; only what it has shown.
-        """
+        """The results whose entries have all these words, the newest first, damaged ones last."""
         paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         entries: dict[str, Entry] = {}
         with self.index() as index:

@@ -20,13 +20,7 @@ class StudyTask(Task[BatchSummary]):
     """A batch of estimations; its workers are processes of their own."""
 
     def __init__(self, owner: str, study: Path, request: Request) -> None:
-        """Queued.
-
-        Args:
-            owner: whose batch it is.
-            study: the folder of its results.
-            request: what it is to do.
-        """
+        """Queued."""
         super().__init__(owner, "batch", self._work)
         self._study, self._request = study, request
         self.latest: BatchProgress | None = None
@@ -65,14 +59,7 @@ class DownloadTask(Task[Download]):
     """The download of one run."""
 
     def __init__(self, owner: str, run: Run, folder: Path, base: str = PUBLISHED_AT) -> None:
-        """Queued.
-
-        Args:
-            owner: who asked.
-            run: of the catalogue.
-            folder: of recordings.
-            base: address of the folder that has the campaigns.
-        """
+        """Queued."""
         super().__init__(owner, "download", self._work)
         self.run, self._folder, self._base = run, folder, base
         self.latest: Transfer | None = None
