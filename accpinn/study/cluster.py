@@ -47,6 +47,14 @@ class Job(NamedTuple):
     finish: Callable[[Any, str], None]
     """Takes its answer, and why there is none or an empty text; called in the caller's thread."""
 
+    def work_here(self) -> None:
+        """Make the call in this thread, whatever comes of it."""
+        try:
+            answer, fault = self.run(*self.arguments), ""
+        except Exception as error:
+            answer, fault = None, sentence_of(error)
+        self.finish(answer, fault)
+
 
 @contextmanager
 def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":

@@ -45,7 +45,7 @@ class SensitivityResult:
 def sensitivity(
     segment: Segment, recording: Recording | None = None, case: Case = "II"
 ) -> tuple[SensitivityResult, ...]:
-    """A row for each method and choice, choices first; takes two or three times as long as splines."""
+    """A row for each method and choice, choices first; takes two or three times splines' time."""
     plain = replace(segment, mask=None, excluded_regimes=())
     regimes = label_regimes(plain, recording)
     known: dict[str, tuple[Fit, ...]] = {}

@@ -136,14 +136,6 @@ class Verification:
         return all(check.ok for check in self.checks)
 
     @property
-    def is_reproduced(self) -> bool:
-        """Whether the snapshot's own method was run again and gives the same."""
-        return any(
-            check.part == "fit" and not check.method and check.state == "reproduced" and check.ok
-            for check in self.checks
-        )
-
-    @property
     def unchecked(self) -> tuple[Check, ...]:
         """The parts that were not checked."""
         return tuple(check for check in self.checks if check.state == "not checked")

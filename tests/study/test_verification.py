@@ -77,7 +77,6 @@ class TestHonest:
         asked: list[str] = []
         found = verify(load(to_bytes(honest())), on_refit=lambda name, _: asked.append(name))
         assert found.ok, found.sentence
-        assert found.is_reproduced
         assert len(asked) == 1 + len(honest().compared) + len(honest().windows)
         assert {check.part for check in found.unchecked} <= {"data"}
         kinds = states(found)
@@ -91,7 +90,6 @@ class TestHonest:
         bare = load(to_bytes(replace(whole(), segments=())))
         found = verify(bare)
         assert found.ok
-        assert not found.is_reproduced
         assert {check.cure for check in found.unchecked} == {"--recording"}
         assert {*states(found).values()} == {"recomputed", "not checked"}, "curves need no data"
         renamed = replace(platoon(), source="renamed.csv")
@@ -113,7 +111,6 @@ class TestHonest:
         fit = replace(whole().fit, config=settings, seconds=0.001)
         analysis = replace(whole().analysis, settings=settings)
         found = verify(replace(whole(), analysis=analysis, fits=(fit,), compared=()))
-        assert not found.is_reproduced
         (left,) = [check for check in found.unchecked if check.cure == "--refit"]
         assert (left.part, left.seconds > 600) == ("fit", True)
 
