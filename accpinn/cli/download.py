@@ -2,16 +2,17 @@
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
 from accpinn.cli.estimation import interruptible
+from accpinn.cli.options import fields
 from accpinn.cli.output import complain, print_json, show
 from accpinn.cli.recording import add_json_option
 from accpinn.recordings.catalogue import Run, find
-from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, download
+from accpinn.recordings.download import PUBLISHED_AT, DownloadState, download
 from accpinn.results.tables.table import Column, Table
 from accpinn.storage import folder as folder_of
 
@@ -36,30 +37,34 @@ def run_download(options: argparse.Namespace) -> int:
         interruptible() as stopped,
         tqdm(total=len(runs), unit="run", file=sys.stderr, disable=options.json or None) as bar,
     ):
-        found = []
-        for one in download(runs, folder, options.base, should_stop=stopped.is_set):
-            found.append(one)
+        ended = []
+        for run in download(runs, folder, options.base, should_stop=stopped.is_set):
+            ended.append(run)
             bar.update()
-        ended = 130 if stopped.is_set() else 0
-    failed = [one for one in found if one.state is DownloadState.FAILED]
+        status = 130 if stopped.is_set() else 0
+    failed = [run for run in ended if run.state is DownloadState.FAILED]
     if options.json:
-        print_json(_describe(folder, found))
+        rows = [
+            {**fields(run.run, "campaign", "file"), "path": str(run.path),
+             "state": run.state.value, "size": run.size, "reason": run.reason or None}
+            for run in ended
+        ]  # fmt: skip
+        print_json({"folder": str(folder), "runs": rows})
     else:
-        counts = {state: sum(one.state is state for one in found) for state in DownloadState}
-        listed = ", ".join(f"{n} {state.value}" for state, n in counts.items() if n)
-        show(f"{folder}: {listed}")
-    for one in failed[:1]:
+        counts = Counter(run.state.value for run in ended)
+        show(f"{folder}: {', '.join(f'{n} {state}' for state, n in counts.items())}")
+    if failed:
         others = f" ({len(failed) - 1} more failed)" if len(failed) > 1 else ""
-        complain(f"{one.reason}{others}")
-    return ended or (1 if failed else 0)
+        complain(f"{failed[0].reason}{others}")
+    return status or bool(failed)
 
 
 def _list(runs: tuple[Run, ...], folder: Path, as_json: bool) -> int:
     there = [run.path(folder).is_file() for run in runs]
     if as_json:
         rows = [
-            {"campaign": r.campaign, "file": r.file, "sha256": r.sha256, "downloaded": t}
-            for r, t in zip(runs, there, strict=True)
+            fields(run, "campaign", "file", "sha256") | {"downloaded": is_there}
+            for run, is_there in zip(runs, there, strict=True)
         ]
         print_json({"folder": str(folder), "runs": rows})
         return 0
@@ -68,25 +73,8 @@ def _list(runs: tuple[Run, ...], folder: Path, as_json: bool) -> int:
         [
             (Column("Campaign"), [run.campaign for run in runs]),
             (Column("File"), [run.file for run in runs]),
-            (Column("Downloaded"), ["yes" if one else "no" for one in there]),
+            (Column("Downloaded"), ["yes" if is_there else "no" for is_there in there]),
         ],
     )
     show(table.to_text())
     return 0
-
-
-def _describe(folder: Path, found: list[Download]) -> dict[str, Any]:
-    return {
-        "folder": str(folder),
-        "runs": [
-            {
-                "campaign": one.run.campaign,
-                "file": one.run.file,
-                "path": str(one.path),
-                "state": one.state.value,
-                "size": one.size,
-                "reason": one.reason or None,
-            }
-            for one in found
-        ],
-    }

@@ -3,14 +3,16 @@
 import argparse
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from textwrap import fill
 from threading import Event
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from accpinn.channels import by_key
@@ -21,20 +23,27 @@ from accpinn.cli.options import (
     chosen_analysis,
     chosen_store,
     describe_errors,
-    describe_interval_ends,
+    describe_intervals,
     describe_parameters,
     describe_segment,
     fields,
     incidents,
+    of_followers,
 )
 from accpinn.cli.output import note, show_result
-from accpinn.cli.windows import run_windows
+from accpinn.cli.windows import (
+    check_windows_options,
+    chosen_windows,
+    describe_windows,
+    windows_tables,
+)
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import closed_loop_errors, surrogate_errors
+from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
+from accpinn.findings import Finding
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.fit import OnProgress, Outcome, Progress
+from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
@@ -51,6 +60,7 @@ from accpinn.results.tables.estimates import (
     starts_table,
 )
 from accpinn.results.tables.stability import verdict_table
+from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     Refused,
@@ -63,6 +73,7 @@ from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, named, save, writable_path
 from accpinn.study.starts import Spread, spread_of, starts
+from accpinn.study.windows import BetweenWindows, between_windows, differing_windows
 from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
@@ -110,13 +121,14 @@ def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
     settings = _settings(options)
     if options.windows:
-        return run_windows(options)
+        check_windows_options(options)
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     if settings:
         start_loading()  # while the recording is read
-    analysis, recording = chosen_analysis(options, options.method, settings)
+    windows = partial(chosen_windows, options) if options.windows else None
+    analysis, recording = chosen_analysis(options, options.method, settings, windows)
     with interruptible() as stopped, _progress_bar() as show_progress:
         context = TaskContext(None, options.threads, show_progress, stopped.is_set)
         result = run(analysis, recording, store=chosen_store(options), context=context)
@@ -202,48 +214,90 @@ def _progress_bar() -> Iterator[OnProgress]:
 
 
 def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
-    """The result as the command-line contract has it; with intervals, and what lies outside."""
+    """The result as the command-line contract has it; with intervals, and what lies outside.
+
+    Over several windows, samples and durations are sums, errors and time gaps are means.
+    """
     fit, segment = result.fit, result.segments[0]
     uncertainty = result.uncertainty if with_intervals else None
-    return {
+    between = between_windows(result) if result.windows else ()
+    samples = [info.samples for info in result.infos]
+    gaps = [assess_quality(segment).mean_time_gap for segment in result.segments]
+    document = {
         **fields(fit, "method", "case", "loss", "network_weights", "iterations"),
         **fields(fit, "seconds", "cached"),
         "preset": fit.config.get("preset"),
         "seed": fit.config.get("seed"),
-        "segment": describe_segment(segment),
+        "segment": describe_segment(segment)
+        | {
+            "duration": round(sum(info.window.duration for info in result.infos), 6),
+            "samples": sum(samples),
+        },
         "parameters": describe_parameters(segment, fit.parameters),
         "unconstrained": describe_parameters(segment, fit.unconstrained),
         "active_bounds": fit.active_bounds,
-        "mae": describe_errors(surrogate_errors(segment, fit)),
-        "closed_loop_mae": describe_errors(closed_loop_errors(segment, fit)),
-        "incidents": incidents(segment, fit),
-        "mean_time_gap": result.quality.mean_time_gap,
+        "mae": _mean_errors(result, surrogate_errors),
+        "closed_loop_mae": _mean_errors(result, closed_loop_errors),
+        "incidents": _incidents(result),
+        "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": fit.outcome.value,
-        "intervals": uncertainty and _describe_intervals(segment, uncertainty),
+        "intervals": uncertainty and describe_intervals(segment, uncertainty),
         "level": uncertainty and uncertainty.level,
-        "notes": _notes(result, uncertainty),
+        "notes": _notes(result, uncertainty, between),
+    }
+    return document | describe_windows(result, between) if between else document
+
+
+def _mean_errors(
+    result: Result, errors_of: Callable[[Segment, Fit], TrackingErrors | None]
+) -> dict[str, list[float]] | None:
+    """Mean absolute errors over the samples of all windows; None where a window has none."""
+    pairs = zip(result.segments, result.fits, strict=True)
+    errors = [describe_errors(errors_of(segment, fit)) for segment, fit in pairs]
+    known = [row for row in errors if row]
+    if len(known) < len(errors):
+        return None
+    samples = [info.samples for info in result.infos]
+    return {
+        key: np.average([row[key] for row in known], axis=0, weights=samples).tolist()
+        for key in known[0]
     }
 
 
+def _incidents(result: Result) -> list[str]:
+    pairs = zip(result.segments, result.fits, strict=True)
+    return [sentence for segment, fit in pairs for sentence in incidents(segment, fit)]
+
+
 def fit_text(result: Result, with_intervals: bool) -> str:
-    """The result as a table and sentences; with intervals, and what lies outside."""
-    fit, segment = result.fit, result.segments[0]
+    """The result as tables and sentences; with intervals, and what lies outside."""
+    fit = result.fit
     uncertainty = result.uncertainty if with_intervals else None
-    table = parameter_table(result, with_intervals)
+    between = between_windows(result) if result.windows else ()
+    if between:
+        tables = windows_tables(result, between)
+    else:
+        tables = [parameter_table(result, with_intervals)]
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
-    said = [f"{fit.outcome.value} ({effort})", *incidents(segment, fit)]
-    notes = _notes(result, uncertainty)
-    return "\n".join([table.to_text(), "", *said, *(f"Note: {note}" for note in notes)])
+    said = [f"{fit.outcome.value} ({effort})", *_incidents(result)]
+    notes = [f"Note: {note}" for note in _notes(result, uncertainty, between)]
+    return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
 
 
-def _notes(result: Result, uncertainty: Uncertainty | None) -> tuple[str, ...]:
-    info, fit = result.info, result.fit
-    sizes = disturbance_sizes(info.vehicles, fit)
-    beyond = uncertainty.findings if uncertainty else ()
-    findings = (*info.findings, *result.quality.findings, *fit.findings, *sizes, *beyond)
-    return messages(findings, info)
+def _notes(
+    result: Result, uncertainty: Uncertainty | None, between: Sequence[BetweenWindows]
+) -> tuple[str, ...]:
+    """What was done to the data, each sentence once, then what the estimate shows."""
+    fit = result.fit
+    done = [said for info in result.infos for said in messages(info.findings, info)]
+    findings: list[Finding] = [] if between else [*result.quality.findings]
+    findings += fit.findings
+    findings += () if between else disturbance_sizes(result.info.vehicles, fit)
+    findings += uncertainty.findings if uncertainty else ()
+    findings += differing_windows(between, fit.case)
+    return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -314,7 +368,7 @@ def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:
     return {
         **fields(fit, "method", "case", "seconds", "cached"),
         "parameters": describe_parameters(segment, fit.parameters),
-        "intervals": _describe_intervals(segment, result.uncertainty),
+        "intervals": describe_intervals(segment, result.uncertainty),
         "level": result.uncertainty.level,
         "surrogate_mae": describe_errors(evaluation.surrogate),
         "closed_loop_mae": describe_errors(evaluation.closed_loop),
@@ -338,19 +392,6 @@ def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:
         "outcome": fit.outcome.name.lower(),
         "notes": messages((*fit.findings, *result.uncertainty.findings), segment),
     }
-
-
-def _describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
-    gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
-    return [
-        {
-            **ends,
-            "probability_l2": uncertainty.probability_l2[k],
-            "probability_linf": uncertainty.probability_linf[k],
-            **{name: [one.lower[k], one.upper[k]] for name, one in gains.items()},
-        }
-        for k, ends in enumerate(describe_interval_ends(segment, uncertainty))
-    ]
 
 
 def _comparison_text(
@@ -433,10 +474,7 @@ def _describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any
             for result in results
             for errors in [result.evaluation.surrogate]
         ],
-        "spread_percent": [
-            {"vehicle": vehicle, **by_key(row)}
-            for vehicle, row in zip(segment.vehicles[1:], spread.percent.tolist(), strict=True)
-        ],
+        "spread_percent": of_followers(segment, spread.percent.tolist()),
         "notes": messages(spread.findings, segment),
     }
 

@@ -1,7 +1,7 @@
 """Options that several commands share, and what they choose: a segment, or parameter sets."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -91,12 +91,7 @@ def add_parameter_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_refit_options(parser: argparse.ArgumentParser, usual: Seconds) -> None:
-    """Declare whether a snapshot's methods are run again on its data.
-
-    Args:
-        parser: of the command.
-        usual: how long that may be expected to take without any option.
-    """
+    """Declare whether a snapshot's methods are run again on its data, usually for ``usual`` s."""
     which = parser.add_mutually_exclusive_group()
     which.add_argument(
         "--refit",
@@ -127,13 +122,13 @@ def chosen_analysis(
     options: argparse.Namespace,
     method: str = "pinn",
     settings: Any = None,
-    windows: Sequence[Window] = (),
+    windows: Callable[[Recording], Sequence[Window]] | None = None,
 ) -> tuple[Analysis, Recording]:
-    """The analysis that the options name, and its recording."""
+    """The analysis that the options name, and its recording; ``windows`` chooses several."""
     recording = chosen_recording(options)
     asked = Analysis.of(
         recording,
-        windows or single_window(options.start, options.duration),
+        windows(recording) if windows else single_window(options.start, options.duration),
         options.vehicles,
         case=options.case,
         excluded=options.leave_out,
@@ -195,14 +190,7 @@ def show_vehicles(
     text: Callable[..., str],
     *result: Any,
 ) -> int:
-    """Print what follows from vehicles, after what a snapshot's parameters rest on.
-
-    Args:
-        options: of the command.
-        vehicles: as the options give them.
-        describe: see `show_result`, as all others.
-        text: the result for people.
-        result: the arguments of both.
+    """Print what follows from vehicles as `show_result` does, after what a snapshot rests on.
 
     Returns:
         The exit status: 1 where the snapshot does not agree with its own contents.
@@ -236,20 +224,29 @@ def describe_segment(segment: Segment) -> dict[str, Any]:
     }
 
 
+def of_followers(segment: Segment, rows: Iterable[Iterable[Any]]) -> list[dict[str, Any]]:
+    """One entry a follower: its number and name, and a row's values for α, β and τ."""
+    named = zip(segment.vehicles[1:], segment.names[1:], rows, strict=True)
+    return [{"vehicle": vehicle, "name": name, **by_key(row)} for vehicle, name, row in named]
+
+
 def describe_parameters(segment: Segment, parameters: Parameters | None) -> list[dict[str, Any]]:
     """One entry a follower, as the command-line contract has it; none without parameters."""
-    if parameters is None:
-        return []
-    rows = zip(segment.vehicles[1:], segment.names[1:], parameters.values.tolist(), strict=True)
-    return [{"vehicle": vehicle, "name": name, **by_key(row)} for vehicle, name, row in rows]
+    return of_followers(segment, parameters.values.tolist()) if parameters else []
 
 
-def describe_interval_ends(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
-    """The ends of α, β and τ, one entry a follower."""
-    ends = zip(uncertainty.lower.values.tolist(), uncertainty.upper.values.tolist(), strict=True)
+def describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
+    """Both ends of α, β, τ and of what follows from them, one entry a follower."""
+    gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
+    ends = np.stack([uncertainty.lower.values, uncertainty.upper.values], axis=-1).tolist()
     return [
-        {"vehicle": vehicle, **by_key(map(list, zip(*rows, strict=True)))}
-        for vehicle, rows in zip(segment.vehicles[1:], ends, strict=True)
+        {
+            **row,
+            "probability_l2": uncertainty.probability_l2[k],
+            "probability_linf": uncertainty.probability_linf[k],
+            **{name: [gain.lower[k], gain.upper[k]] for name, gain in gains.items()},
+        }
+        for k, row in enumerate(of_followers(segment, ends))
     ]
 
 

@@ -116,12 +116,7 @@ class Analysis:
         )
 
     def with_method(self, method: str, settings: Any = None) -> Self:
-        """The same question to another method.
-
-        Args:
-            method: key of a method.
-            settings: an object of the method's own type; None for the defaults.
-        """
+        """The same question to another method, by default with its default settings."""
         kind = method_of(method).settings
         chosen = {} if kind is None else (settings or kind()).to_json()
         return replace(self, method=method, settings=chosen)

@@ -138,13 +138,7 @@ class FileContents:
 
 
 def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Case) -> FileContents:
-    """Read a file, and cut what a batch takes of it.
-
-    Args:
-        path: of the file.
-        mapping: of a table of one's own.
-        window: longest window, in s.
-        case: "I" or "II".
+    """Read a file, and cut its windows, each of at most ``window`` s.
 
     Raises:
         RecordingError: when the file as a whole cannot be read.
@@ -296,15 +290,11 @@ class _Batch:
             longest = self._request.window or math.inf
             arguments = (file.absolute(), self._request.mapping, longest, self._request.case)
             finish = partial(self._plan, file, digest, mapping)
-            if not self._request.scheduler:
-                self._jobs.append(lambda: Job(read_file, arguments, finish))
-                return
-            try:
-                contents = read_file(*arguments)
-            except Exception as fault:  # whatever a file holds, the others go on
-                finish(None, sentence_of(fault))
+            job = Job(read_file, arguments, finish)
+            if self._request.scheduler:
+                job.work_here()
             else:
-                finish(contents, "")
+                self._jobs.append(lambda: job)
 
     def _plan(
         self, file: Path, digest: str, mapping: str, contents: FileContents | None, fault: str

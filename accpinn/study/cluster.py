@@ -47,6 +47,14 @@ class Job(NamedTuple):
     finish: Callable[[Any, str], None]
     """Takes its answer, and why there is none or an empty text; called in the caller's thread."""
 
+    def work_here(self) -> None:
+        """Make the call in this thread, whatever comes of it."""
+        try:
+            answer, fault = self.run(*self.arguments), ""
+        except Exception as error:
+            answer, fault = None, sentence_of(error)
+        self.finish(answer, fault)
+
 
 @contextmanager
 def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
@@ -239,12 +247,7 @@ def _finish(future: "Future[Any]", job: Job) -> None:
 
 
 def serve(workers: int, space: str) -> None:
-    """Be the process of scheduler and workers, until standard input ends.
-
-    Args:
-        workers: how many.
-        space: folder of what they have to put on disk.
-    """
+    """Be scheduler and workers, whose files lie in that folder, until standard input ends."""
     import dask
     from distributed import LocalCluster
 

@@ -18,7 +18,6 @@ few vehicles make up a group, the interval is that of further windows of these v
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -148,12 +147,8 @@ def group(
     chosen = None if "method" in by and method is None else _method(rows, method)
     part = rows if chosen is None else rows[rows["method"] == chosen]
     labels = part[list(by)].fillna("").astype(str) if by else part[[]]
-    keys = list(labels.itertuples(index=False, name=None))
-    order = sorted(range(len(part)), key=lambda k: keys[k])
-    groups = [
-        _group(key, part.iloc[list(members)], level)
-        for key, members in groupby(order, key=lambda k: keys[k])
-    ]
+    keys = pd.Series(list(labels.itertuples(index=False, name=None)), part.index, object)
+    groups = [_group(key, members, level) for key, members in part.groupby(keys)]
     return Groups(tuple(by), chosen, level, tuple(groups))
 
 
@@ -203,12 +198,7 @@ def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
 
 
 def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
-    """The share of stable followers.
-
-    Args:
-        probabilities: (K,) of each to be stable.
-        level: of the interval.
-    """
+    """The share of stable followers, from the probability (K,) of each to be stable."""
     count = len(probabilities)
     if not count:
         return Share(np.nan, np.nan, np.nan)

@@ -83,12 +83,7 @@ def _short_chains(recording: Recording) -> Iterator[tuple[int, ...]]:
 
 
 def qualifies(recording: Recording, number: int) -> Mask:
-    """(N,) where a follower is in car-following under ACC, with all channels known.
-
-    Args:
-        recording: the data.
-        number: of the follower; the vehicle ahead has the number before it.
-    """
+    """(N,) where a follower is in car-following under ACC, with all channels known."""
     modes = recording.mode[:, number - 1]
     by_hand = modes == Mode.HUMAN
     if (modes == Mode.UNKNOWN).all() and recording.acc_flag == HUMAN_FLAG:

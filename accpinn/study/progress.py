@@ -35,12 +35,7 @@ WITHOUT_BLOCKS = 1 / 3
 
 
 def size_of(duration: Seconds, followers: int) -> float:
-    """How many windows of one follower over 300 s would take as long as one window.
-
-    Args:
-        duration: of the window, in s.
-        followers: how many.
-    """
+    """How many windows of one follower over 300 s take as long as one of ``duration`` s."""
     return duration / TYPICAL * (1 + FURTHER * (followers - 1))
 
 
@@ -58,22 +53,13 @@ class BatchEstimate:
     """Whether all files were read."""
 
     def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
-        """How long it takes, to within a factor of two or so.
-
-        Args:
-            methods: keys of `METHODS`.
-            workers: how many at a time.
-        """
+        """How long it takes, to within a factor of two or so, with so many workers at a time."""
         window = sum(METHODS[key].typical_seconds for key in methods) + INTERVALS_SECONDS
         return START + WITHOUT_BLOCKS * window * self.size / workers
 
 
 def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:
-    """The estimate for a folder.
-
-    Args:
-        source: folder of the recordings.
-        window: longest window in s; infinite for whole stretches.
+    """The estimate for a folder and windows of at most ``window`` s.
 
     Raises:
         RecordingError: when the folder does not exist, or holds no CSV file.
@@ -145,11 +131,7 @@ class Tally:
     """What a running batch has counted so far."""
 
     def __init__(self, files: Sequence[Path]) -> None:
-        """Nothing is done.
-
-        Args:
-            files: all of them.
-        """
+        """Nothing is done."""
         self.counts: Counter[str] = Counter()
         """The counts of `BatchSummary` by name, and of windows finished."""
         sizes = {file: 1.0 + (file.stat().st_size if file.is_file() else 0.0) for file in files}
@@ -170,13 +152,7 @@ class Tally:
         return began
 
     def finish(self, file: Path, fraction: float, began: float) -> None:
-        """A worker has ended with a window.
-
-        Args:
-            file: which it is of.
-            fraction: of what was left of the file.
-            began: when the worker began, as `begin` gave it.
-        """
+        """A worker has ended with a window, which is a fraction of what was left of its file."""
         share = fraction * self._weights[file]
         self._in_work.remove(began)
         self._spent += time.monotonic() - began

@@ -176,11 +176,7 @@ class Result:
         return self.fit.outcome not in (Outcome.STOPPED, Outcome.DIVERGED)
 
     def with_holdout(self, context: TaskContext | None = None) -> Self:
-        """The same, with errors on blocks of the window that the method did not see.
-
-        Args:
-            context: threads, and whether to stop.
-        """
+        """The same, with errors on blocks of the window that the method did not see."""
         config = self.analysis.config
 
         def estimate(segment: Segment) -> Fit:

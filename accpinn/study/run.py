@@ -65,13 +65,7 @@ def estimate(
     *,
     context: TaskContext | None = None,
 ) -> Result:
-    """The answer by the method itself, from data that were cut already.
-
-    Args:
-        analysis: what is asked.
-        segments: (K,) the data of its windows.
-        recording: where they were cut from.
-        context: checkpoints, threads, progress and stop.
+    """The answer by the method itself, from the data of its windows (K,), cut already.
 
     Raises:
         AccpinnError: as `run` does.

@@ -45,13 +45,7 @@ class SensitivityResult:
 def sensitivity(
     segment: Segment, recording: Recording | None = None, case: Case = "II"
 ) -> tuple[SensitivityResult, ...]:
-    """A row for each method and choice, choices first; takes two or three times the splines' time.
-
-    Args:
-        segment: the data; its own mask has no effect.
-        recording: what it was cut from, for the driver modes.
-        case: "I" or "II".
-    """
+    """A row for each method and choice, choices first; takes two or three times splines' time."""
     plain = replace(segment, mask=None, excluded_regimes=())
     regimes = label_regimes(plain, recording)
     known: dict[str, tuple[Fit, ...]] = {}

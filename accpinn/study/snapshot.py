@@ -19,7 +19,7 @@ import os
 import re
 import tempfile
 import zipfile
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from math import isfinite, prod
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,15 @@ from numpy.typing import NDArray
 
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, SnapshotError
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.evaluation.whiteness import Whiteness
+from accpinn.inference.intervals import Interval, Uncertainty
+from accpinn.inference.model_adequacy import ModelForm
+from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Arrays, dump, flatten, restore
 from accpinn.stability.criteria import checked
@@ -123,6 +129,30 @@ def check_texts(name: str, note: str) -> None:
             raise SnapshotError(
                 f"The {what} is {len(text):,} characters long; choose one of {most:,} at most."
             )
+
+
+SHAPES: dict[type, dict[str, str]] = {
+    Fit: {"parameters": "M3", "unconstrained": "M3"},
+    Trajectories: {"time": "N!", "speeds": "NV!", "gaps": "NM!"},
+    History: {"parameters": "KP3", "deviations": "KP3"} | dict.fromkeys(
+        ("iteration", "seconds", "total", "data", "physics", "initial", "evidence"), "K!"),
+    ParameterTrack: {"time": "K!", "parameters": "KM3", "deviation": "KM3"},
+    Quality: dict.fromkeys(("mean_time_gap", "relative_deviation", "acceleration_deviation",
+                            "condition", "car_following"), "M"),
+    Uncertainty: {"centre": "M3", "lower": "M3", "upper": "M3", "inside": "M3", "draws": "DM3",
+                  "probability_l2": "M", "probability_linf": "M"},
+    Interval: {"lower": "M", "upper": "M"},
+    TrackingErrors: {"gap_mae": "M", "gap_rmse": "M", "speed_mae": "V", "speed_rmse": "V"},
+    Whiteness: dict.fromkeys(
+        ("deviation", "correlation", "memory", "independent", "probability"), "M"),
+    ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "extra": "M3", "aic": "M",
+                "holdout": "M"},
+}  # fmt: skip
+"""Lengths of arrays and tuples by type and field; a field may be None.
+
+N samples, M followers and V = M + 1 vehicles are the window's. K entries, P parameter sets and D
+draws are the same number within one object. An exclamation mark asks for finite numbers.
+"""
 
 
 # Writing
@@ -370,12 +400,7 @@ _UNSEEN = re.compile(
 
 
 def sanitise(tree: Any, lines: bool = False) -> Any:
-    """A tree of plain values without characters that a terminal or a page obeys, not shows.
-
-    Args:
-        tree: as read from JSON.
-        lines: whether texts keep their line breaks, as notes do.
-    """
+    """A tree of plain values without characters that a terminal or a page obeys, not shows."""
     if isinstance(tree, str):
         shown = _UNSEEN.sub("\ufffd", tree)
         return shown if lines else re.sub(r"[\t\n]+", " ", shown)
@@ -446,30 +471,12 @@ def _check_info(info: SegmentInfo) -> None:
 def _check_fit(fit: Fit, info: SegmentInfo) -> None:
     _require(fit.method in METHODS, f'the method "{fit.method[:40]}" is not known')
     _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
-    followers = info.followers
-    shape = _Shapes(N=info.samples, M=followers, V=followers + 1)
-    shape.check("parameters", fit.parameters.values, "M", 3)
+    _check_shapes(fit, info)
+    _check_shape("disturbance", fit.arrays.get("disturbance"), "NM", _lengths(info))
     checked(fit.parameters)
-    if fit.unconstrained:
-        shape.check("unconstrained parameters", fit.unconstrained.values, "M", 3)
-    _require(len(fit.active_bounds) in (0, followers), "its bounds differ in number")
-    if curves := fit.surrogate:
-        _check_times(curves.time)
-        shape.check("curves' speeds", curves.speeds, "N", "V", finite=True)
-        shape.check("curves' gaps", curves.gaps, "N", "M", finite=True)
-        shape.check("curves' time", curves.time, "N", finite=True)
-    if history := fit.history:
-        shape.check("history's parameters", history.parameters.values, "K", "P", 3)
-        for name in ("iteration", "seconds", "total", "data", "physics", "initial", "evidence"):
-            shape.check(f"history's {name}", getattr(history, name), "K", finite=True)
-        shape.check("history's deviations", history.deviations, "K", "P", 3)
-    if track := fit.track:
-        shape = _Shapes(M=followers)
-        shape.check("track's time", track.time, "K", finite=True)
-        shape.check("track's parameters", track.parameters.values, "K", "M", 3)
-        shape.check("track's deviations", track.deviation, "K", "M", 3)
-    shape = _Shapes(N=info.samples, M=followers)
-    shape.check("disturbance", fit.arrays.get("disturbance"), "N", "M")
+    _require(len(fit.active_bounds) in (0, info.followers), "its bounds differ in number")
+    if fit.surrogate:
+        _check_times(fit.surrogate.time)
 
 
 def _check_times(time: NDArray[np.float64]) -> None:
@@ -478,68 +485,41 @@ def _check_times(time: NDArray[np.float64]) -> None:
 
 
 def _check_parts(result: Result, is_complete: bool) -> None:
-    parts, shape = result.parts, _Shapes(M=result.info.followers, V=result.info.followers + 1)
+    parts, info = result.parts, result.info
     needed = (parts.quality, parts.uncertainty, parts.evaluation)
     _require(not is_complete or None not in needed, "a part of it is missing")
-    if quality := parts.quality:
-        for name in ("mean_time_gap", "relative_deviation", "acceleration_deviation",
-                     "condition", "car_following"):  # fmt: skip
-            shape.check(name, getattr(quality, name), "M")
-    if uncertainty := parts.uncertainty:
-        _require(0 < uncertainty.level < 1, "the intervals' level is not between 0 and 1")
-        for name in ("centre", "lower", "upper"):
-            shape.check(f"intervals' {name}", getattr(uncertainty, name).values, "M", 3)
-        shape.check("intervals' check", uncertainty.inside, "M", 3)
-        shape.check("draws", uncertainty.draws.values, "D", "M", 3)
-        for name in ("probability_l2", "probability_linf"):
-            shape.check(name, getattr(uncertainty, name), "M")
-        for name in ("peak_gain", "linf_gain", "crossover"):
-            shape.check(name, getattr(uncertainty, name).lower, "M")
-            shape.check(name, getattr(uncertainty, name).upper, "M")
-    if evaluation := parts.evaluation:
-        blocks = (block.errors for block in evaluation.blocks)
-        for errors in (evaluation.surrogate, evaluation.closed_loop, evaluation.holdout,
-                       evaluation.out_of_window, *blocks):  # fmt: skip
-            if errors:
-                shape.check("errors", errors.gap_mae, "M")
-                shape.check("errors", errors.gap_rmse, "M")
-                shape.check("errors", errors.speed_mae, "V")
-                shape.check("errors", errors.speed_rmse, "V")
-        for name in ("deviation", "correlation", "memory", "independent", "probability"):
-            shape.check(f"residual's {name}", getattr(evaluation.whiteness, name), "M")
-    if adequacy := parts.adequacy:
-        for form in adequacy.forms:
-            for name in ("parameters", "lower", "upper"):
-                shape.check(f"forms' {name}", getattr(form, name).values, "M", 3)
-            shape.check("forms' extra parameter", form.extra, "M", 3)
-            for name in ("aic", "holdout"):
-                shape.check(f"forms' {name}", getattr(form, name), "M")
+    _check_shapes(parts, info)
+    if parts.uncertainty:
+        _require(0 < parts.uncertainty.level < 1, "the intervals' level is not between 0 and 1")
 
 
-class _Shapes:
-    """Lengths of arrays by letter; a letter means the same number in all of them.
+def _check_shapes(value: Any, info: SegmentInfo) -> None:
+    """Refuse arrays and tuples of other lengths than `SHAPES` has, in an object and below it."""
+    lengths = _lengths(info)
+    for name, letters in SHAPES.get(type(value), {}).items():
+        _check_shape(name, getattr(value, name), letters, lengths)
+    if is_dataclass(value):
+        value = tuple(getattr(value, field.name) for field in fields(value))
+    for part in value if isinstance(value, tuple) else ():
+        _check_shapes(part, info)
 
-    N instants, M followers, V = M + 1 vehicles, K entries, P parameter sets, D draws.
-    """
 
-    def __init__(self, **known: int) -> None:
-        self._known = known
+def _lengths(info: SegmentInfo) -> dict[str, int]:
+    return {"N": info.samples, "M": info.followers, "V": info.followers + 1, "3": 3}
 
-    def check(self, what: str, values: Any, *lengths: str | int, finite: bool = False) -> None:
-        """Refuse an array or tuple of other lengths; None has none."""
-        if values is None:
-            return
-        shape = np.shape(values)
-        expected = tuple(
-            self._known.setdefault(length, given) if isinstance(length, str) else length
-            for length, given in zip(lengths, shape, strict=False)
-        )
-        _require(
-            shape == expected and len(shape) == len(lengths),
-            f"its {what} have the shape {shape}, which does not fit the rest",
-        )
-        if finite:
-            _require(bool(np.isfinite(values).all()), f"its {what} are not finite")
+
+def _check_shape(name: str, values: Any, letters: str, lengths: dict[str, int]) -> None:
+    values = values.values if isinstance(values, Parameters) else values
+    if values is None:
+        return
+    shape, asked = np.shape(values), letters.rstrip("!")
+    expected = tuple(map(lengths.setdefault, asked, shape))
+    _require(
+        shape == expected and len(shape) == len(asked),
+        f"its {name.replace('_', ' ')} has the shape {shape}, which does not fit the rest",
+    )
+    is_finite = asked == letters or np.isfinite(values).all()
+    _require(bool(is_finite), f"its {name.replace('_', ' ')} is not finite")
 
 
 def _require(holds: bool, fault: str) -> None:

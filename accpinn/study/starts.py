@@ -111,11 +111,7 @@ def starts(
 
 
 def spread_of(results: Sequence[Result]) -> Spread:
-    """How far apart trainings of one segment end.
-
-    Args:
-        results: of analyses that differ in initial values and seed.
-    """
+    """How far apart trainings of one segment end that differ in initial values and seed."""
     info, case = results[0].info, results[0].fit.case
     if len(results) < 2:
         return Spread(np.full((info.followers, 3), np.nan), ())

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,13 +25,14 @@ from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Checkpoint
 from accpinn.model.cthp import Parameters
 from accpinn.serial import dump, restore
-from accpinn.storage import UNFINISHED, folder, reason_of, variable, written_whole
+from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, read, read_file, to_bytes, write_file
 from accpinn.units import Seconds
 
-INDEX = "index.sqlite"
+INDEX = "index1.sqlite"
+"""The number is raised with every change of the tables: another index is made from the files."""
 STATE = ".state.npz"
 DAMAGED = ".damaged"
 DELETED = ".deleted"
@@ -49,14 +51,12 @@ PATIENCE: Seconds = 10.0
 SESSION_KEPT: Seconds = 30 * 24 * 3600.0
 """Sessions that nobody used for so long are forgotten."""
 
-LAYOUT = 1
-"""Raised with every change of the tables; an index of another layout is made again."""
-TABLES = {
-    "entries": "name text primary key, state text, created text, words text, entry blob,"
-    " owner text",
-    "sessions": "name text primary key, used real, document blob",
-    "shown": "session text, name text, at real, primary key (session, name)",
-}
+TABLES = """
+create table if not exists entries (name text primary key, state text, entry blob, owner text);
+create table if not exists sessions (name text primary key, used real, document blob);
+create table if not exists shown
+    (session text, name text, at real, primary key (session, name));
+"""
 _ID = re.compile(r"[0-9a-f]{16}|[0-9a-f]{64}")
 
 Say = Callable[[str], object]
@@ -69,8 +69,6 @@ class Entry:
 
     id: str
     """Name of its file: a key in the cache, the first digits of the digest in the library."""
-    size: int
-    """Bytes."""
     name: str = ""
     note: str = ""
     created: str = ""
@@ -102,14 +100,13 @@ class Entry:
     """Why it cannot be read; empty where it can."""
 
     @classmethod
-    def of(cls, name: str, size: int, result: Result) -> "Entry":
-        """The entry of a result in a file of that name and size."""
+    def of(cls, name: str, result: Result) -> "Entry":
+        """The entry of a result in a file of that name."""
         info, intervals = result.info, result.parts.uncertainty
         ends = (intervals.lower, intervals.upper) if intervals else ()
         lower, upper = (_rows(end) for end in ends) if ends else ((), ())
         return cls(
             id=name,
-            size=size,
             name=result.name,
             note=result.note,
             created=result.created,
@@ -162,12 +159,7 @@ class Shelf:
         return bool(_ID.fullmatch(name)) and self.path(name).exists()
 
     def entries(self, words: str = "", session: str = "") -> tuple[Entry, ...]:
-        """The results, the newest first, damaged ones last; each file is read once.
-
-        Args:
-            words: each of which must stand somewhere in an entry; all entries without any.
-            session: of the app; only what it has shown.
-        """
+        """The results whose entries have all these words, the newest first, damaged ones last."""
         paths = {path.name.removesuffix(SUFFIX): path for path in self._files()}
         entries: dict[str, Entry] = {}
         with self.index() as index:
@@ -191,19 +183,21 @@ class Shelf:
 
     def _indexed(self, index: sqlite3.Connection, name: str, state: str) -> Entry:
         """Read a file, and enter it."""
-        size = int(state.partition(" ")[2])
         try:
-            entry = Entry.of(name, size, self.read(name))
+            entry = Entry.of(name, self.read(name))
         except SnapshotError as fault:
-            entry = Entry(name, size, fault=str(fault))
+            entry = Entry(name, fault=str(fault))
         self._enter(index, entry, state)
         return entry
 
-    def _enter(self, index: sqlite3.Connection, entry: Entry, state: str) -> None:
+    def _enter(
+        self, index: sqlite3.Connection, entry: Entry, state: str, owner: str | None = None
+    ) -> None:
         index.execute(
-            "insert into entries (name, state, created, words, entry) values (?, ?, ?, ?, ?)"
-            " on conflict (name) do update set state = excluded.state, entry = excluded.entry",
-            (entry.id, state, entry.created, entry.words, msgspec.json.encode(dump(entry)[0])),
+            "insert into entries values (?, ?, ?, ?) on conflict (name) do update set"
+            " state = excluded.state, entry = excluded.entry,"
+            " owner = coalesce(excluded.owner, owner)",
+            (entry.id, state, msgspec.json.encode(dump(entry)[0]), owner),
         )
 
     def read(self, name: str) -> Result:
@@ -233,36 +227,29 @@ class Shelf:
             try:
                 connection = _opened(place)
             except sqlite3.DatabaseError:  # a folder that cannot be written to
-                connection = _laid_out(sqlite3.connect(":memory:"))
+                connection = _opened(None)
         with closing(connection), suppress(sqlite3.OperationalError), connection:
             yield connection
 
+    def _ask(self, statement: str, *values: str) -> Any:
+        """The first cell that the index has for a statement; None without any."""
+        row = None
+        with self.index() as index:
+            row = index.execute(statement, values).fetchone()
+        return row[0] if row else None
 
-def _opened(place: Path) -> sqlite3.Connection:
-    connection = sqlite3.connect(place if place.parent.is_dir() else ":memory:", timeout=PATIENCE)
+
+def _opened(place: Path | None) -> sqlite3.Connection:
+    """The index in a file; in memory without one, and where its folder is not there yet."""
+    is_kept = place and place.parent.is_dir()
+    connection = sqlite3.connect(str(place) if is_kept else ":memory:", timeout=PATIENCE)
     try:
         connection.execute("pragma journal_mode = wal")
         connection.execute("pragma synchronous = normal")
-        return _laid_out(connection)
+        connection.executescript(TABLES)
     except sqlite3.DatabaseError:
         connection.close()
         raise
-
-
-def _laid_out(connection: sqlite3.Connection) -> sqlite3.Connection:
-    """The connection, its tables those of this layout."""
-
-    def is_current() -> bool:
-        return bool(connection.execute("pragma user_version").fetchone() == (LAYOUT,))
-
-    if not is_current():
-        with connection:
-            connection.execute("begin immediate")  # another process may be at it
-            if not is_current():
-                for name, columns in TABLES.items():
-                    connection.execute(f"drop table if exists {name}")
-                    connection.execute(f"create table {name} ({columns})")
-                connection.execute(f"pragma user_version = {LAYOUT}")
     return connection
 
 
@@ -301,14 +288,14 @@ class Store(Shelf):
         except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
             return None
         except OSError as fault:
-            self._tell_unread(path.name, reason_of(fault), say)
+            self._refuse(path.name, reason_of(fault), say, is_damaged=False)
             return None
         try:
             result = read(content, is_complete=False)
             if result.analysis.key != analysis.key:
                 raise SnapshotError("it belongs to another analysis")
         except SnapshotError as fault:
-            self._set_aside(path.name, str(fault), say)
+            self._refuse(path.name, str(fault), say)
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
@@ -337,7 +324,7 @@ class Store(Shelf):
         path = self.path(key)
         if self._write(path, content, say):
             with suppress(OSError), self.index() as index:
-                self._enter(index, Entry.of(key, len(content), bare), _state(path))
+                self._enter(index, Entry.of(key, bare), _state(path))
             for name in result.analysis.checkpoint_keys[1:]:
                 (self.folder / f"{name}{STATE}").unlink(missing_ok=True)
 
@@ -376,12 +363,8 @@ class Store(Shelf):
 
     def session(self, session: str) -> bytes | None:
         """What a session had open; None for one that is not known."""
-        row = None
-        with self.index() as index:
-            row = index.execute(
-                "select document from sessions where name = ?", (session,)
-            ).fetchone()
-        return row[0] if row else None
+        document: bytes | None = self._ask("select document from sessions where name = ?", session)
+        return document
 
     def show(self, session: str, result: Result) -> None:
         """Enter a result among those that a session has shown, with the parts known by now."""
@@ -397,8 +380,7 @@ class Store(Shelf):
     def _write(self, path: Path, content: bytes, say: Say | None) -> bool:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            with written_whole(path) as file:
-                file.write(content)
+            write_whole(path, content)
         except OSError as fault:
             is_file = isinstance(fault, FileExistsError | NotADirectoryError)
             reason = "this is no folder" if is_file else reason_of(fault)
@@ -411,25 +393,26 @@ class Store(Shelf):
         self._make_room(keep=path.name)
         return True
 
-    def _tell_unread(self, name: str, reason: str, say: Say | None) -> None:
-        if say:
-            said = f"{name} in {self.folder} could not be read ({reason}), so"
-            say(f"{said} {_consequence(name)}.")
-
-    def _set_aside(self, name: str, fault: str, say: Say | None) -> None:
-        """Move a damaged file away, and say so; without a way to say it, leave it."""
+    def _refuse(self, name: str, fault: str, say: Say | None, is_damaged: bool = True) -> None:
+        """Say why a file is of no use; a damaged one is set aside, where somebody hears of it."""
         if say is None:
             return
-        aside = f"{name}{DAMAGED}"
-        try:
-            os.replace(self.folder / name, self.folder / aside)
-            where = f"it has been set aside as {aside}"
-        except OSError:
-            where = "it is ignored"
-        say(
-            f"{name} in {self.folder} cannot be used ({fault.rstrip('.')[:80]}); {where}, and"
-            f" {_consequence(name)}."
+        said = f"could not be read ({fault}), so"
+        if is_damaged:
+            aside = f"{name}{DAMAGED}"
+            try:
+                os.replace(self.folder / name, self.folder / aside)
+                where = f"it has been set aside as {aside}"
+            except OSError:
+                where = "it is ignored"
+            said = f"cannot be used ({fault.rstrip('.')[:80]}); {where}, and"
+        is_state = name.endswith(STATE)
+        follows = (
+            "the training does not go on from there"
+            if is_state
+            else "what it held is computed again"
         )
+        say(f"{name} in {self.folder} {said} {follows}.")
 
     def _make_room(self, keep: str) -> None:
         """Delete what was not used for the longest time until the cap holds.
@@ -451,13 +434,6 @@ class Store(Shelf):
                 with suppress(OSError):
                     path.unlink()
                     total -= size
-
-
-def _consequence(name: str) -> str:
-    is_state = name.endswith(STATE)
-    return "the training does not go on from there" if is_state else (
-        "what it held is computed again"
-    )  # fmt: skip
 
 
 class StoredCheckpoints:
@@ -482,7 +458,7 @@ class StoredCheckpoints:
             except (FileNotFoundError, NotADirectoryError):
                 return None
             except OSError as fault:
-                self._store._tell_unread(path.name, reason_of(fault), self._say)
+                self._store._refuse(path.name, reason_of(fault), self._say, is_damaged=False)
                 return None
             except Exception as fault:  # array parsers raise many kinds for foreign bytes
                 self.reject(fault)
@@ -497,7 +473,7 @@ class StoredCheckpoints:
 
     def reject(self, fault: Exception) -> None:
         """Set the state aside: no training can go on from it."""
-        self._store._set_aside(self._path(self._key).name, str(fault), self._say)
+        self._store._refuse(self._path(self._key).name, str(fault), self._say)
 
     def drop(self) -> None:
         """Let the next training begin anew."""
@@ -557,16 +533,12 @@ class Library(Shelf):
         self._check_room(len(data))
         write_file(data, path, "snapshot")
         with self.index() as index:
-            self._enter(index, Entry.of(name, len(data), result), _state(path))
-            index.execute("update entries set owner = ? where name = ?", (owner, name))
+            self._enter(index, Entry.of(name, result), _state(path), owner)
         return name
 
     def owner(self, name: str) -> str:
         """A digest of who saved a snapshot; empty where that is not known."""
-        row = None
-        with self.index() as index:
-            row = index.execute("select owner from entries where name = ?", (name,)).fetchone()
-        return (row[0] or "") if row else ""
+        return self._ask("select owner from entries where name = ?", name) or ""
 
     def readable(self, words: str = "") -> tuple[Entry, ...]:
         """The snapshots that can be read, the newest first."""

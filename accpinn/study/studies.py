@@ -113,10 +113,6 @@ class Study:
     def __init__(self, folder: Path, request: Request) -> None:
         """Open the study, or make it.
 
-        Args:
-            folder: the study's folder.
-            request: what the batch is to do; window and Case must be those of the study.
-
         Raises:
             ConfigError: where the study has another window or Case.
             RecordingError: where it cannot be read or written, or another process writes to it.
@@ -183,12 +179,7 @@ class Study:
             return msgspec.json.decode(row[0], type=KnownFile) if row else None
 
     def add_file(self, sha256: str, known: KnownFile) -> None:
-        """Keep what was read of a file.
-
-        Args:
-            sha256: of the file's bytes.
-            known: what was read.
-        """
+        """Keep what was read of a file, by the SHA-256 of its bytes."""
         document = msgspec.json.encode(known).decode()
         self._write(("insert or replace into files values (?, ?)", (sha256, document)))
 
@@ -236,13 +227,7 @@ class Study:
         )
 
     def add_failure(self, analysis: Analysis, failure: Failure, is_final: bool) -> None:
-        """Keep why an analysis has no answer.
-
-        Args:
-            analysis: what was asked.
-            failure: why it has none.
-            is_final: whether it would fail again.
-        """
+        """Keep why an analysis has no answer, and whether it would fail again."""
         self._write(_failing(_name(analysis), "", failure, is_final))
 
     def _ask(self, statement: str, *values: Any) -> Any:

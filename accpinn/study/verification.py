@@ -13,7 +13,7 @@ A whole file proves nothing, as anyone can write one with a digest that fits.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from typing import Any, Literal
@@ -21,13 +21,13 @@ from typing import Any, Literal
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.evaluation.evaluation import Evaluation, pooled_holdout_errors
+from accpinn.evaluation.evaluation import pooled_holdout_errors
 from accpinn.inference.intervals import SLACK, agree, from_draws, judged
 from accpinn.methods.fit import Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording, facts_of
-from accpinn.segment.segment import WindowMoved, WindowShortened
+from accpinn.segment.segment import SegmentInfo, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate
@@ -54,6 +54,11 @@ DRAWN = 1e-3
 """Largest difference of small numbers that follow from draws, as probabilities of forms."""
 CURVES = 1e-4
 """Largest difference, in m and m/s, of curves from those that the weights give."""
+TOLERANCES = {
+    "fit": (SOLVED, ABSOLUTE), "curves": (RELATIVE, CURVES), "uncertainty": (SOLVED, ABSOLUTE),
+    "adequacy": (SLACK, DRAWN),
+}  # fmt: skip
+"""Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
 INSTANTS = 300
 """Instants at which curves are compared."""
 FAULTS = (AccpinnError, ValueError, ArithmeticError)
@@ -131,14 +136,6 @@ class Verification:
         return all(check.ok for check in self.checks)
 
     @property
-    def is_reproduced(self) -> bool:
-        """Whether the snapshot's own method was run again and gives the same."""
-        return any(
-            check.part == "fit" and not check.method and check.state == "reproduced" and check.ok
-            for check in self.checks
-        )
-
-    @property
     def unchecked(self) -> tuple[Check, ...]:
         """The parts that were not checked."""
         return tuple(check for check in self.checks if check.state == "not checked")
@@ -200,13 +197,13 @@ def verify(
         subjects = [(whole, "")] if parameters_only else _subjects(whole)
         for subject, name in subjects:
             seconds = refit_seconds(subject)
-            may_refit = seconds <= left
-            if may_refit and subject.segments and not _obstacle(subject):
+            may_refit = bool(subject.segments) and not _is_stopped(subject) and seconds <= left
+            if may_refit:
                 left -= seconds
                 if on_refit:
                     on_refit(METHODS[subject.analysis.method].title, seconds)
             parts = () if parameters_only else ("quality", "uncertainty", "evaluation", "adequacy")
-            checks += _of_subject(subject, name, parts, may_refit, seconds)
+            checks += _of_subject(subject, name, parts, may_refit)
     if recording is None and not parameters_only and result.analysis.source.sha256:
         digest = result.analysis.source.sha256
         reason = f"that takes the recording {result.info.source} (SHA-256 {digest[:16]}…)"
@@ -239,63 +236,47 @@ def refit_seconds(result: Result) -> Seconds:
     return once * (1 + len(blocks))
 
 
-def _obstacle(result: Result) -> str:
-    """Why a method cannot be run again, as a clause; empty where it can."""
-    if result.fit.outcome is Outcome.STOPPED:
-        return "its training was stopped by hand"
-    return ""
+def _is_stopped(result: Result) -> bool:
+    return result.fit.outcome is Outcome.STOPPED
 
 
 def _provenance(result: Result, whole: Result, recording: Recording) -> list[Check]:
     """Names, findings and facts as the recording has them; its file may be called otherwise."""
-    infos = [
-        tuple(
-            replace(
-                info,
-                source="",
-                findings=tuple(
-                    finding
-                    for finding in info.findings
-                    if not isinstance(finding, WindowMoved | WindowShortened)
-                ),
-            )
-            for info in those
-        )
-        for those in (result.infos, tuple(segment.info for segment in whole.segments))
-    ]
-    checks = [_compare("info", infos[0], infos[1])]
+
+    def comparable(info: SegmentInfo) -> SegmentInfo:
+        of_cut = (WindowMoved, WindowShortened)
+        findings = tuple(finding for finding in info.findings if not isinstance(finding, of_cut))
+        return replace(info, source="", findings=findings)
+
+    stored, found = ([comparable(info) for info in part.infos] for part in (result, whole))
+    checks = [_compare("info", stored, found)]
     if result.facts:
         checks.append(_compare("facts", result.facts, facts_of(recording)))
     return checks
 
 
-def _of_subject(
-    subject: Result, name: str, parts: Sequence[str], may_refit: bool, seconds: Seconds
-) -> list[Check]:
+def _of_subject(subject: Result, name: str, parts: Sequence[str], may_refit: bool) -> list[Check]:
     """The checks of the snapshot's own result, or of a part of it."""
-    checks = []
-    if not name:
-        checks += _attempt("curves", name, lambda: _curves(subject))
+    checks = [] if name else _attempt("curves", name, lambda: _curves(subject))
+    known = [part for part in parts if getattr(subject.parts, part) is not None]
     if not subject.segments:
         reason = "the data are not at hand"
-        known = [part for part in parts if getattr(subject.parts, part) is not None]
         return checks + [
             Check(part, "not checked", True, name, reason=reason, cure="--recording")
             for part in ("fit", *known)
         ]
-    obstacle = _obstacle(subject)
-    if obstacle or not may_refit:
-        reason = obstacle or "running the method again takes time"
-        cure: Cure = "" if obstacle else "--refit"
-        checks.append(Check("fit", "not checked", True, name, reason=reason, cure=cure,
-                            seconds=seconds))  # fmt: skip
-    else:
+    if may_refit:
         checks = _attempt("fit", name, lambda: _refit(subject, name)) + checks
+    elif _is_stopped(subject):
+        reason = "its training was stopped by hand"
+        checks.append(Check("fit", "not checked", True, name, reason=reason))
+    else:
+        reason, seconds = "running the method again takes time", refit_seconds(subject)
+        checks.append(Check("fit", "not checked", True, name, reason=reason, cure="--refit",
+                            seconds=seconds))  # fmt: skip
     fresh = replace(subject, parts=Parts())
-    for part in parts:
-        stored = getattr(subject.parts, part)
-        if stored is not None:
-            checks += _attempt(part, name, partial(_part, fresh, part, stored, name))
+    for part in known:
+        checks += _attempt(part, name, partial(_part, fresh, part, subject.parts, name))
     return checks
 
 
@@ -309,69 +290,46 @@ def _attempt(part: str, name: str, check: Callable[[], list[Check]]) -> list[Che
 
 def _refit(subject: Result, name: str) -> list[Check]:
     """Run the method again on the data, and without the blocks held out."""
-    analysis = subject.analysis
-    method = METHODS[analysis.method]
-    again = estimate(analysis, subject.segments, subject.recording)
-    is_row = name == method.title
-    new = again.as_row().fits if is_row else again.fits
-    before, after = ([replace(fit, findings=()) for fit in fits] for fits in (subject.fits, new))
-    found = _compare("fit", before, after, name, state="reproduced", relative=SOLVED)
-    is_exact = found.ok
+    method = METHODS[subject.analysis.method]
+    again = estimate(subject.analysis, subject.segments, subject.recording)
+    new = again.as_row() if name == method.title else again
+    before, after = (
+        [replace(fit, findings=()) for fit in result.fits] for result in (subject, new)
+    )
+    check = _compare("fit", before, after, name, state="reproduced")
+    is_exact = check.ok
     if not is_exact and method.tolerance > SOLVED:
-        stored, computed = (
-            [{part: getattr(fit, part) for part in EVERYWHERE} for fit in fits]
-            for fits in (subject.fits, new)
+        stored, found = (
+            [{field: getattr(fit, field) for field in EVERYWHERE} for fit in fits]
+            for fits in (before, after)
         )
-        found = _compare(
-            "fit", stored, computed, name, state="reproduced", relative=method.tolerance
-        )
-    checks = [found]
-    evaluation = subject.parts.evaluation
+        check = _compare("fit", stored, found, name, state="reproduced", relative=method.tolerance)
+    checks, evaluation = [check], subject.parts.evaluation
     if evaluation and evaluation.blocks:
         blocks = again.with_holdout().evaluation.blocks
         checks.append(
-            _compare(
-                "holdout",
-                evaluation.blocks,
-                blocks,
-                name,
-                state="reproduced",
-                relative=method.tolerance,
-                numbers_only=not is_exact,
-            )
-        )
+            _compare("holdout", evaluation.blocks, blocks, name, state="reproduced",
+                     relative=method.tolerance, numbers_only=not is_exact)
+        )  # fmt: skip
     return checks
 
 
-def _part(fresh: Result, part: str, stored: Any, name: str) -> list[Check]:
+def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
     """A part computed anew from the stored fit and the data."""
-    if part == "uncertainty":
-        found = fresh.uncertainty
-        check = _compare(part, stored, found, name, relative=SOLVED)
-        if not check.ok and agree(stored, found):
-            # On another processor draws differ, and the ends of intervals a little.
-            drawn = from_draws(stored.centre, stored.draws, stored.level)
-            found = judged(drawn, fresh.segments[0], fresh.fit)
-            check = _compare(part, stored, found, name, relative=SOLVED)
-        return [check]
-    if part == "adequacy":
-        return [_compare(part, stored, fresh.adequacy, name, relative=SLACK, absolute=DRAWN)]
+    stored, found = getattr(parts, part), getattr(fresh, part)
+    if part == "uncertainty" and agree(stored, found):
+        # On another processor draws differ, and the ends of intervals a little.
+        drawn = from_draws(stored.centre, stored.draws, stored.level)
+        found = judged(drawn, fresh.segments[0], fresh.fit)
     if part == "evaluation":
-        return [_compare(part, *_comparable(stored, fresh), name)]
-    return [_compare(part, stored, getattr(fresh, part), name)]
-
-
-def _comparable(stored: Evaluation, fresh: Result) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The errors that follow from fit and data; those of blocks follow from the method alone."""
-    found = replace(fresh.evaluation, holdout=pooled_holdout_errors(stored.blocks))
-    unknown = {"blocks"}
-    if fresh.fit.surrogate is None:
-        unknown.add("surrogate")
-    if fresh.recording is None or not fresh.facts:
-        unknown |= {"out_of_window", "out_of_window_seconds", "out_of_window_findings"}
-    names = [field.name for field in fields(Evaluation) if field.name not in unknown]
-    old, new = ({name: getattr(each, name) for name in names} for each in (stored, found))
-    return old, new
+        unknown = ["blocks"]  # they follow from the method alone
+        if fresh.fit.surrogate is None:
+            unknown.append("surrogate")
+        if fresh.recording is None or not fresh.facts:
+            unknown += ["out_of_window", "out_of_window_seconds", "out_of_window_findings"]
+        found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
+        stored, found = (replace(side, **dict.fromkeys(unknown)) for side in (stored, found))
+    return [_compare(part, stored, found, name)]
 
 
 def _curves(subject: Result) -> list[Check]:
@@ -383,7 +341,7 @@ def _curves(subject: Result) -> list[Check]:
     rows = np.unique(np.linspace(0, len(curves.time) - 1, INSTANTS).round().astype(int))
     stored = Trajectories(curves.time[rows], curves.speeds[rows], curves.gaps[rows])
     found = redraw(fit, stored.time, float(curves.time[-1]))
-    return [_compare("curves", stored, found, absolute=CURVES)]
+    return [_compare("curves", stored, found)]
 
 
 def _compare(
@@ -393,11 +351,12 @@ def _compare(
     name: str = "",
     *,
     state: State = "recomputed",
-    relative: float = RELATIVE,
-    absolute: float = ABSOLUTE,
+    relative: float | None = None,
     numbers_only: bool = False,
 ) -> Check:
     """Two objects of one kind, number by number and text by text."""
+    usual, absolute = TOLERANCES.get(part, (RELATIVE, ABSOLUTE))
+    relative = relative or usual
     old, new = (_leaves(value, numbers_only) for value in (stored, found))
     places = sorted(old.keys() | new.keys())
     differing = [

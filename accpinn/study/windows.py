@@ -138,11 +138,7 @@ class BetweenWindows:
 
 
 def log_errors(window: Result) -> FloatArray:
-    """(M, 3) standard errors of ln α, ln β, ln τ given one window; nan where a bound is active.
-
-    Args:
-        window: the result of maximum likelihood on one window, with its data.
-    """
+    """(M, 3) standard errors of ln α, ln β, ln τ of one window; nan where a bound is active."""
     (segment,) = window.segments
     times = segment.followers if window.fit.case == "I" else 1
     by_curvature = np.tile([maximum.errors for maximum in maxima_of(segment, window.fit.case)],
@@ -151,12 +147,7 @@ def log_errors(window: Result) -> FloatArray:
 
 
 def between_windows(result: Result, level: float = LEVEL) -> tuple[BetweenWindows, ...]:
-    """(M,) how far each follower's parameters vary between windows; equal ones in Case I.
-
-    Args:
-        result: of several windows, with their data.
-        level: of all intervals, above 0 and below 1.
-    """
+    """(M,) how far each follower's parameters vary between windows; equal ones in Case I."""
     values = np.array([window.parameters.values for window in result.windows])
     logs = np.log(np.where(values > 0, values, np.nan))
     errors = np.array([log_errors(window) for window in result.windows])
@@ -231,10 +222,6 @@ def random_effects(estimates: ArrayLike, errors: ArrayLike, level: float = LEVEL
 
 def check_windows(segments: tuple[Segment, ...], case: Case) -> None:
     """Refuse segments that cannot share one likelihood.
-
-    Args:
-        segments: (K,) of the same vehicles.
-        case: "I" or "II".
 
     Raises:
         SegmentError: when they overlap or do not match, or one is too short.

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from accpinn.errors import RecordingError
@@ -19,13 +20,7 @@ class StudyTask(Task[BatchSummary]):
     """A batch of estimations; its workers are processes of their own."""
 
     def __init__(self, owner: str, study: Path, request: Request) -> None:
-        """Queued.
-
-        Args:
-            owner: whose batch it is.
-            study: the folder of its results.
-            request: what it is to do.
-        """
+        """Queued."""
         super().__init__(owner, "batch", self._work)
         self._study, self._request = study, request
         self.latest: BatchProgress | None = None
@@ -33,9 +28,6 @@ class StudyTask(Task[BatchSummary]):
         """Also of a batch that was stopped; None before its end."""
 
     def _work(self, context: TaskContext) -> Iterator[BatchSummary]:
-        def note(now: BatchProgress) -> None:
-            self.latest = now
-
         asked = self._request
         self.summary = batch(
             asked.sources,
@@ -46,7 +38,7 @@ class StudyTask(Task[BatchSummary]):
             workers=asked.workers,
             scheduler=asked.scheduler,
             mapping=asked.mapping,
-            on_progress=note,
+            on_progress=partial(setattr, self, "latest"),
             should_stop=context.should_stop,
         )
         if not self.summary.stopped:
@@ -67,26 +59,16 @@ class DownloadTask(Task[Download]):
     """The download of one run."""
 
     def __init__(self, owner: str, run: Run, folder: Path, base: str = PUBLISHED_AT) -> None:
-        """Queued.
-
-        Args:
-            owner: who asked.
-            run: of the catalogue.
-            folder: of recordings.
-            base: address of the folder that has the campaigns.
-        """
+        """Queued."""
         super().__init__(owner, "download", self._work)
         self.run, self._folder, self._base = run, folder, base
         self.latest: Transfer | None = None
         """How far it is; None before the first byte."""
 
     def _work(self, context: TaskContext) -> Iterator[Download]:
-        def note(now: Transfer) -> None:
-            self.latest = now
-
         for found in download(
             (self.run,), self._folder, self._base,
-            on_transfer=note, should_stop=context.should_stop,
+            on_transfer=partial(setattr, self, "latest"), should_stop=context.should_stop,
         ):  # fmt: skip
             if found.state is DownloadState.FAILED:
                 raise RecordingError(found.reason)

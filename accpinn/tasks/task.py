@@ -185,11 +185,7 @@ class Task(Generic[Found]):
         return self._ended.wait(timeout)
 
     def work(self, threads: int | None) -> None:
-        """Run it to its end, whatever that is; only the queue's worker calls this.
-
-        Args:
-            threads: processor threads for an estimation.
-        """
+        """Run it to its end, whatever that is, on so many threads; only the queue's worker does."""
         with self._lock:
             if self.status is not Status.QUEUED:
                 return
@@ -275,14 +271,7 @@ def comparison_task(
     recording: Recording | None,
     segments: tuple[Segment, ...] = (),
 ) -> Task[Result | Refused | Adequacy]:
-    """All methods on one window, those first that take least, and the forms of the model.
-
-    Args:
-        owner: who asked.
-        analysis: what is asked; its method does not count.
-        recording: as in `training_task`.
-        segments: as in `training_task`.
-    """
+    """All methods on one window, those first that take least, and the forms of the model."""
     methods = sorted(METHODS.values(), key=lambda method: method.typical_seconds)
 
     def steps(context: TaskContext) -> Iterator[Result | Refused | Adequacy]:
@@ -313,15 +302,7 @@ def starts_task(
     store: Store | None,
     segments: tuple[Segment, ...] = (),
 ) -> Task[Result]:
-    """Trainings of one window from five initial values.
-
-    Args:
-        owner: who asked.
-        analysis: whose settings serve all trainings, but for the initial values.
-        recording: as in `training_task`, as all others.
-        store: where results and checkpoints are kept.
-        segments: the data where only these are at hand.
-    """
+    """Trainings of one window from five initial values; the arguments are `training_task`'s."""
 
     def steps(context: TaskContext) -> Iterator[Result]:
         for asked in starts(analysis):

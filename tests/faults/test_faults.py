@@ -132,20 +132,6 @@ class TestKill:
         assert known(store).note == ""
         assert len(store.entries()) == 1
 
-    def test_in_mid_batch_costs_what_was_not_kept_yet(self, tmp_path: Path) -> None:
-        def half() -> None:
-            with Study(tmp_path, REQUEST) as study:
-                study.add_rows(analysis(), "a.csv", [row("A")])
-                study._database.execute("begin")
-                study._database.execute("delete from results")
-                die()
-
-        assert child(half)[0] == -signal.SIGKILL
-        with Study(tmp_path, REQUEST) as study:
-            assert study.rows_of(analysis()) == 1
-            study.add_rows(analysis(60.0), "a.csv", [row("B")])
-        assert [cells["make"] for cells in read_rows(tmp_path)] == ["A", "B"]
-
     def test_in_mid_download_leaves_no_file_and_the_next_call_fetches_it(
         self, tmp_path: Path
     ) -> None:

@@ -10,7 +10,6 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from itertools import count, cycle
 from pathlib import Path
 
@@ -28,30 +27,13 @@ PROGRESS = 300.0
 """Seconds from one line that tells how far the run is to the next."""
 
 
-@dataclass
-class Tally:
-    """What came of the examples of a kind."""
-
-    answers: Counter[str] = field(default_factory=Counter)
-    slowest: float = 0.0
-    """Seconds of processor time."""
-    largest: float = 0.0
-    """Bytes."""
-
-    def add(self, found: Outcome) -> None:
-        """Count one more."""
-        self.answers[found.answer] += 1
-        self.slowest = max(self.slowest, found.seconds)
-        self.largest = max(self.largest, found.memory)
-
-
 class Run:
     """Examples of some kinds, one after the other."""
 
     def __init__(self, kinds: list[Kind], keep: Path) -> None:
         """Nothing is tried yet; findings are kept in a folder."""
         self.kinds, self.keep = kinds, keep
-        self.tallies = {kind.name: Tally() for kind in kinds}
+        self.outcomes: dict[str, list[Outcome]] = {kind.name: [] for kind in kinds}
         self.is_over = False
 
     def end(self, *_: object) -> None:
@@ -63,7 +45,11 @@ class Run:
     @property
     def findings(self) -> int:
         """How many there were."""
-        return sum(tally.answers["finding"] for tally in self.tallies.values())
+        return sum(self.answers(name)["finding"] for name in self.outcomes)
+
+    def answers(self, name: str) -> Counter[str]:
+        """What came of the examples of a kind."""
+        return Counter(outcome.answer for outcome in self.outcomes[name])
 
     def examples(self, first: int) -> Iterator[tuple[Kind, int]]:
         """Kinds in turn and seeds from the first on, for ever."""
@@ -88,7 +74,7 @@ class Run:
         """One example; what is found is printed and kept."""
         content = example(kind, seed)
         found = attempt(kind, content)
-        self.tallies[kind.name].add(found)
+        self.outcomes[kind.name].append(found)
         if found.answer == "finding":
             self.keep.mkdir(parents=True, exist_ok=True)
             place = self.keep / f"{kind.name}_{seed}{kind.ending}"
@@ -100,21 +86,19 @@ class Run:
 
     def __str__(self) -> str:
         """How much, in a line."""
-        tried = sum(tally.answers.total() for tally in self.tallies.values())
+        tried = sum(map(len, self.outcomes.values()))
         return f"{tried:,} tried, {self.findings} findings"
 
     def table(self) -> str:
-        """A line a kind."""
-        lines = [
-            f"{'kind':<12}{'tried':>8}{'refused':>9}{'loaded':>8}{'findings':>10}"
-            f"{'slowest':>10}{'memory':>10}"
-        ]
-        for name, tally in self.tallies.items():
-            answers = tally.answers
-            lines.append(
-                f"{name:<12}{answers.total():>8}{answers['refused']:>9}{answers['loaded']:>8}"
-                f"{answers['finding']:>10}{tally.slowest:>8.2f} s{tally.largest / 1e6:>7.0f} MB"
-            )
+        """A line a kind: how many of each, the longest time and the most memory."""
+        names = ("refused", "loaded", "finding")
+        lines = [f"{'kind':<12}{'tried':>8}" + "".join(f"{name:>10}" for name in names)]
+        for kind, outcomes in self.outcomes.items():
+            counts = "".join(f"{self.answers(kind)[name]:>10}" for name in names)
+            slowest = max((outcome.seconds for outcome in outcomes), default=0.0)
+            largest = max((outcome.memory for outcome in outcomes), default=0.0)
+            lines.append(f"{kind:<12}{len(outcomes):>8}{counts}{slowest:>8.2f} s"
+                         f"{largest / 1e6:>7.0f} MB")  # fmt: skip
         return "\n".join(lines)
 
 

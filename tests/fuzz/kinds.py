@@ -11,7 +11,7 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -458,55 +458,45 @@ def _refuse(constant: str) -> None:
 
 # Large files
 
-SHAPES: dict[str, Callable[[int], bytes]] = {
-    "one line": lambda size: b"1," * (size // 2),
-    "line ends": lambda size: b"\n" * size,
-    "carriage returns": lambda size: b"\r" * size,
-    "commas": lambda size: b"," * size,
-    "quotes": lambda size: b'"' * size,
-    "open quote": lambda size: recordings()[0][:500] + b'"' + b"a\n" * (size // 2),
-    "zeros": bytes,
-    "letters": lambda size: b"a" * size,
-    "columns": lambda size: b"Time," + b"Speed1," * (size // 7),
-    "columns of vehicles": lambda size: b"Time," + b",".join(
-        f"Speed{k}".encode() for k in range(size // 20)) + b"\n1.0,",
-    "many rows": lambda size: _rows(size, recordings()[0]),
-    "many rows of words": lambda size: _rows(size, recordings()[0]).replace(b".0", b".x"),
-    "many pairs": lambda size: _rows(size, pair_tables()[0]),
-    "a run a row": lambda size: _single(size),
-    "brackets": lambda size: b"[" * size,
-    "digits": lambda size: recordings()[0][:500] + b"9" * size,
-    "empty pairs": lambda size: _head(pair_tables()[0]) + b",,,,,,,\n" * (size // 8),
-    "pairs of one vehicle": lambda size: _head(pair_tables()[0]) + b"".join(
-        b"t%d,0.%d,1,0,20,1,20,30\n" % (k // 120, k % 10) for k in range(size // 28)),
-    "lines of nothing": lambda size: _head(recordings()[1], 6) + b"\n" * size,
-    "rows of a letter": lambda size: _head(recordings()[1], 6) + b"1\n" * (size // 2),
-    "rows of a comma": lambda size: _head(recordings()[1], 6) + b",\n" * (size // 2),
-    "foreign rows": lambda size: b"a,b\n" + b"1,2\n" * (size // 4),
-    "short rows": lambda size: recordings()[0][:500] + b"1,2\n" * (size // 4),
-}  # fmt: skip
 
-
-def _rows(size: int, table: bytes) -> bytes:
-    """A table with its rows repeated, their time running on."""
-    head, _, body = table.rpartition(b"Spatial_Gap" if b"Spatial_Gap" in table else b"IVS2")
-    name = b"Spatial_Gap" if b"Spatial_Gap" in table else b"IVS2"
-    first = body.split(b"\n")[1].split(b",", 2 if name == b"Spatial_Gap" else 1)
-    rows = size // (len(body.split(b"\n")[1]) + 6)
-    lead = first[0] + b"," if name == b"Spatial_Gap" else b""
-    rest = b"," + first[-1].rstrip() + b"\n"
-    return head + name + b"\n" + b"".join(b"%s%.1f%s" % (lead, k / 10, rest) for k in range(rows))
+def _filled(head: Callable[[], bytes], part: bytes, size: int) -> bytes:
+    return head() + part * (size // len(part))
 
 
 def _head(table: bytes, rows: int = 1) -> bytes:
     return b"\n".join(table.split(b"\n")[:rows]) + b"\n"
 
 
-def _single(size: int) -> bytes:
-    head, *rows = pair_tables()[0].split(b"\n")
-    row = rows[0].split(b",", 1)[1]
-    count = size // (len(row) + 8)
-    return head + b"\n" + b"".join(b"t%d,%s\n" % (k, row) for k in range(count))
+def _rows(size: int, table: bytes, last: bytes, at: int) -> bytes:
+    """A table with its first row repeated, its time, which has that place, running on."""
+    head, _, body = table.rpartition(last)
+    *before, _, after = body.split(b"\n")[1].rstrip().split(b",", at)
+    row = b",".join([*before, b"%.1f", after]) + b"\n"
+    count = size // (len(row) + 2)
+    return head + last + b"\n" + b"".join(row % (k / 10) for k in range(count))
+
+
+SHAPES: dict[str, Callable[[int], bytes]] = {
+    **{f"only {part!r}": partial(_filled, bytes, part)
+       for part in (b"1,", b"\n", b"\r", b",", b'"', b"\0", b"a", b"[")},
+    **{f"{part!r} below a recording": partial(_filled, lambda: recordings()[0][:500], part)
+       for part in (b'"a\n', b"9", b"1,2\n")},
+    **{f"{part!r} below names": partial(_filled, lambda: _head(recordings()[1], 6), part)
+       for part in (b"\n", b"1\n", b",\n")},
+    "empty pairs": partial(_filled, lambda: _head(pair_tables()[0]), b",,,,,,,\n"),
+    "foreign rows": partial(_filled, lambda: b"a,b\n", b"1,2\n"),
+    "columns": partial(_filled, lambda: b"Time,", b"Speed1,"),
+    "columns of vehicles": lambda size: b"Time," + b",".join(
+        f"Speed{k}".encode() for k in range(size // 20)) + b"\n1.0,",
+    "many rows": lambda size: _rows(size, recordings()[0], b"IVS2", 1),
+    "many rows of words": lambda size: _rows(size, recordings()[0], b"IVS2", 1).replace(
+        b".0", b".x"),
+    "many pairs": lambda size: _rows(size, pair_tables()[0], b"Spatial_Gap", 2),
+    "a run a row": lambda size: _head(pair_tables()[0]) + b"".join(
+        b"t%d,0.1,1,0,20.1234,1.2345,20.1234,30.1234\n" % k for k in range(size // 48)),
+    "pairs of one vehicle": lambda size: _head(pair_tables()[0]) + b"".join(
+        b"t%d,0.%d,1,0,20,1,20,30\n" % (k // 120, k % 10) for k in range(size // 28)),
+}  # fmt: skip
 
 
 def draw_large(draw: Random) -> bytes:

@@ -71,69 +71,46 @@ def spoil_table(table: bytes, draw: Random, header: int) -> bytes:
         header: the row with the names of the columns.
     """
     rows = [line.split(",") for line in table.decode().splitlines()]
-    if len(rows) < header + 2:  # some files are empty
-        return table
-    body = range(header + 1, len(rows))
     for _ in range(draw.choice((1, 1, 2, 4))):
-        column = draw.randrange(len(rows[header]))
-        row = draw.choice(body)
-        kind = draw.randrange(12)
-        if kind == 0:
-            _put(rows[row], column, text(draw))
-        elif kind == 1:
-            word = text(draw)
-            for one in body:
-                _put(rows[one], column, word)
-        elif kind == 2:
-            _put(rows[draw.randrange(header + 1)], column, text(draw))
-        elif kind == 3:
-            for one in rows[header:]:
-                del one[column : column + 1]
-        elif kind == 4:
-            for one in rows[header:]:
-                one.insert(column, one[column] if column < len(one) else "")
+        if len(rows) < header + 2 or not rows[header]:  # some files are empty
+            break
+        body, width = rows[header + 1 :], len(rows[header])
+        column, other, word = draw.randrange(width), draw.randrange(width), text(draw)
+        at, count = draw.randrange(header + 1, len(rows)), draw.choice((1, 10, 100))
+        kind = draw.randrange(11)
+        if kind < 5:
+            factor, share = draw.choice((0.0, -1.0, 1e-6, 1e6, 3.6, 1e300)), draw.random()
+            some = [row for row in body if draw.random() < share]
+            chosen = ([rows[at]], [rows[draw.randrange(header + 1)]], some, body, body)[kind]
+            for row in chosen:
+                if column < len(row):
+                    row[column] = _scaled(row[column], factor) if kind == 4 else word
         elif kind == 5:
-            other = draw.randrange(len(rows[header]))
-            rows[header][column], rows[header][other] = rows[header][other], rows[header][column]
+            for row in rows[header:]:
+                del row[column : column + 1]
         elif kind == 6:
-            del rows[row : row + draw.choice((1, 10, 100))]
-            body = range(header + 1, len(rows))
+            for row in rows[header:]:
+                row.insert(column, row[column] if column < len(row) else "")
         elif kind == 7:
-            rows[row:row] = rows[row : row + draw.choice((1, 10))]
-            body = range(header + 1, len(rows))
+            names = rows[header]
+            names[column], names[other] = names[other], names[column]
         elif kind == 8:
-            part = rows[header + 1 :]
-            draw.shuffle(part)
-            rows[header + 1 :] = part
+            rows[at : at + count] = rows[at : at + count] * draw.choice((0, 2))
         elif kind == 9:
-            factor = draw.choice((0.0, -1.0, 1e-6, 1e6, 3.6, 1e300))
-            for one in body:
-                _scale(rows[one], column, factor)
-        elif kind == 10:
+            draw.shuffle(body)
+            rows[header + 1 :] = body
+        else:
             del rows[draw.randrange(header + 1)]
             header = max(0, header - 1)
-        else:
-            some = [one for one in body if draw.random() < 0.3]
-            for one in some:
-                _put(rows[one], column, "")
-        if len(rows) < header + 2 or not rows[header]:
-            break
-        body = range(header + 1, len(rows))
     end = draw.choice(("\n", "\n", "\r\n", "\r", "\n\n"))
     return end.join(",".join(row) for row in rows).encode("utf-8", "replace")
 
 
-def _put(row: list[str], column: int, word: str) -> None:
-    if column < len(row):
-        row[column] = word
-
-
-def _scale(row: list[str], column: int, factor: float) -> None:
-    if column < len(row):
-        try:
-            row[column] = repr(float(row[column]) * factor)
-        except ValueError:
-            return
+def _scaled(cell: str, factor: float) -> str:
+    try:
+        return repr(float(cell) * factor)
+    except ValueError:
+        return cell
 
 
 def spoil_tree(tree: Any, draw: Random) -> Any:

@@ -243,9 +243,7 @@ def show_panels() -> None:
     vehicles = sorted({k for k, _ in figures.PANELS})
     show.key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
     grid = (*st.columns(2), *st.columns(2))
-    for place, ((title, figure), cell) in enumerate(
-        zip(figures.paper_panels(), grid, strict=True)
-    ):
+    for place, ((title, figure), cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
         with cell:
             st.markdown(escape_markdown(title))
             show.chart(figure, f"platoon_panel_{place}")
