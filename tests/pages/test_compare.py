@@ -22,35 +22,35 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 @pytest.fixture
-def found(fresh_server: None) -> Workspace:
+def session(fresh_server: None) -> Workspace:
     made = with_sample()
     made.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
     return made
 
 
-def finished(found: Workspace, results: Sequence[Result | Refused]) -> None:
+def finished(session: Workspace, results: Sequence[Result | Refused]) -> None:
     """Give the session a comparison that has these results."""
     names = tuple(METHODS)[: len(results)]
-    task = Task(found.id, "comparison", lambda context: iter(results), names)
-    found.comparison = task_queue().submit(task)
+    task = Task(session.id, "comparison", lambda context: iter(results), names)
+    session.comparison = task_queue().submit(task)
     assert task.wait(WAIT)
     assert task.status is Status.DONE
 
 
 def test_rows_pictures_warnings_starts_and_earlier_fits(
-    found: Workspace, monkeypatch: pytest.MonkeyPatch
+    session: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     methods = {key: METHODS[key] for key in ("maximum-likelihood", "least-squares", "splines")}
     monkeypatch.setattr("accpinn.tasks.task.METHODS", methods)
-    page = open_page(COMPARE, found)
+    page = open_page(COMPARE, session)
     page.button(key="compare_run").click().run()
-    assert found.comparison.wait(WAIT)
-    assert found.comparison.status is Status.DONE
-    assert found.adequacy, "the forms of the model come with the methods"
-    page = open_page(COMPARE, found)
+    assert session.comparison.wait(WAIT)
+    assert session.comparison.status is Status.DONE
+    assert session.adequacy, "the forms of the model come with the methods"
+    page = open_page(COMPARE, session)
     shown = page.everything()
     assert "Maximum likelihood (90 % interval)" in shown
-    assert outside_intervals(found.compared, 0) in page.plain()
+    assert outside_intervals(session.compared, 0) in page.plain()
     assert "Outside the window" in shown
     assert len(page.figures()) == 1, "only the open tab is drawn"
     assert "Profile of the loss" in page.open_tab("compare_tabs", "Identifiability").plain()
@@ -61,19 +61,19 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     assert "Splines against the data" in page.everything()
     assert "Earlier fits" not in page.open_tab("compare_tabs", "Repeatability").everything()
 
-    found.train_starts(replace(FAST, iterations=20))
-    assert found.starts.wait(WAIT)
-    assert "Spread" in open_page(COMPARE, found).everything()
+    session.train_starts(replace(FAST, iterations=20))
+    assert session.starts.wait(WAIT)
+    assert "Spread" in open_page(COMPARE, session).everything()
 
-    before = found.compared[0]
-    found.choose(window=Window(10.0, 60.0))
-    assert found.compared == ()
-    assert found.starts is None
-    assert {row.analysis.method for row in found.earlier} == {*methods}
-    assert found.earlier[0].parameters == before.parameters
+    before = session.compared[0]
+    session.choose(window=Window(10.0, 60.0))
+    assert session.compared == ()
+    assert session.starts is None
+    assert {row.analysis.method for row in session.earlier} == {*methods}
+    assert session.earlier[0].parameters == before.parameters
 
-    finished(found, tuple(compare(found.analysis(), found.recording, ("least-squares",))))
-    page = open_page(COMPARE, found)
+    finished(session, tuple(compare(session.analysis(), session.recording, ("least-squares",))))
+    page = open_page(COMPARE, session)
     assert "0–60 s → 10–60 s" in page.everything()
     page.open_tab("compare_tabs", "Summary")
     earlier = page.multiselect(key="compare_earlier")
@@ -83,71 +83,73 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
 
 @pytest.mark.parametrize("failing", [("splines", "particle"), tuple(METHODS)])
 def test_methods_that_fail_are_named_and_the_others_shown(
-    found: Workspace, failing: tuple[str, ...]
+    session: Workspace, failing: tuple[str, ...]
 ) -> None:
     fault = SegmentError("Too little is left of the window; choose a longer one.")
-    row, asked = answer(found), found.analysis()
+    row, asked = answer(session), session.analysis()
     results = [
         Refused(asked.with_method(name), fault) if name in failing else row for name in METHODS
     ]
-    finished(found, results)
-    page = open_page(COMPARE, found)
+    finished(session, results)
+    page = open_page(COMPARE, session)
     (failures,) = [box for box in page.boxes("warning") if box.startswith("No result from ")]
     who = "Splines, Particle filter" if len(failing) == 2 else "any method"
     assert failures == f"No result from {who}: {fault}"
     if len(failing) == 2:
         assert "Least squares" in page.open_tab("compare_tabs", "Methods").everything()
-    assert len(found.compared) == len(METHODS) - len(failing)
+    assert len(session.compared) == len(METHODS) - len(failing)
 
 
-def test_a_stop_keeps_the_rows_and_offers_to_run_again(found: Workspace) -> None:
-    found.compare()
-    found.comparison.stop()
-    assert found.comparison.wait(WAIT)
-    assert found.comparison.status is Status.STOPPED
-    page = open_page(COMPARE, found)
+def test_a_stop_keeps_the_rows_and_offers_to_run_again(session: Workspace) -> None:
+    session.compare()
+    session.comparison.stop()
+    assert session.comparison.wait(WAIT)
+    assert session.comparison.status is Status.STOPPED
+    page = open_page(COMPARE, session)
     assert "Stopped: no result" in page.plain()
     assert page.button(key="compare_run").label.startswith("Run all methods (about ")
 
 
-def test_earlier_fits_are_bounded_and_shown_without_a_comparison(found: Workspace) -> None:
-    result = replace(answer(found, outcome=Outcome.STOPPED), analysis=found.analysis(PAPER))
+def test_earlier_fits_are_bounded_and_shown_without_a_comparison(session: Workspace) -> None:
+    result = replace(answer(session, outcome=Outcome.STOPPED), analysis=session.analysis(PAPER))
     result = replace(result, fits=(replace(result.fit, method="pinn", config=PAPER.to_json()),))
     for _ in range(2):
-        found._record([result])
-    assert len(found.earlier) == 1, "none is kept twice"
-    found.training = None
-    said = open_page(COMPARE, found).plain()
+        session._record([result])
+    assert len(session.earlier) == 1, "none is kept twice"
+    session.training = None
+    said = open_page(COMPARE, session).plain()
     assert "Kept from earlier in this session: 1 fit." in said
     assert "PiNN (paper preset, stopped), " in said
     assert "synthetic_astazero_like.csv, 0–60 s" in said
     assert "Differs now in" not in said
     for seed in range(KEPT_EARLIER + 3):
-        found._record([replace(result, analysis=found.analysis(replace(PAPER, seed=seed)))])
-    assert len(found.earlier) == KEPT_EARLIER
-    found.open(*sample(FIRST_SAMPLE))
-    assert len(found.earlier) == KEPT_EARLIER, "an early step does not drop them"
+        session._record([replace(result, analysis=session.analysis(replace(PAPER, seed=seed)))])
+    assert len(session.earlier) == KEPT_EARLIER
+    session.open(*sample(FIRST_SAMPLE))
+    assert len(session.earlier) == KEPT_EARLIER, "an early step does not drop them"
 
 
-def test_a_training_with_other_settings_has_a_row_of_its_own(found: Workspace) -> None:
-    found.comparison = Task(found.id, "comparison", lambda context: iter(()))
-    found.comparison.results = tuple(compare(found.analysis(), found.recording, ("least-squares",)))
-    assert len(found.compared_with_training()) == 1
-    found.train(replace(FAST, iterations=60))
-    assert found.training.wait(WAIT)
-    _, own = found.compared_with_training()
-    assert own is found.result
+def test_a_training_with_other_settings_has_a_row_of_its_own(session: Workspace) -> None:
+    session.comparison = Task(session.id, "comparison", lambda context: iter(()))
+    session.comparison.results = tuple(
+        compare(session.analysis(), session.recording, ("least-squares",))
+    )
+    assert len(session.compared_with_training()) == 1
+    session.train(replace(FAST, iterations=60))
+    assert session.training.wait(WAIT)
+    _, own = session.compared_with_training()
+    assert own is session.result
     assert own.evaluation.holdout is None
-    found.comparison.results = (own,)
-    assert found.compared_with_training() == (own,), "the same settings need no second row"
+    session.comparison.results = (own,)
+    assert session.compared_with_training() == (own,), "the same settings need no second row"
     stopped = replace(own, fits=(replace(own.fit, outcome=Outcome.STOPPED),))
-    found.training.results = (stopped,)
-    assert found.compared_with_training() == (own,), "an unfinished training is no result"
+    session.training.results = (stopped,)
+    assert session.compared_with_training() == (own,), "an unfinished training is no result"
 
 
-def test_a_comparison_names_one_s_own_training_that_it_waits_for(found: Workspace) -> None:
-    found.train(PAPER)
-    page = open_page(COMPARE, found)
+def test_a_comparison_names_one_s_own_training_that_it_waits_for(session: Workspace) -> None:
+    session.train(PAPER)
+    page = open_page(COMPARE, session)
     said = "Your own training with the paper preset comes first"
     assert said in page.plain()
     page.button(key="compare_run").click().run()

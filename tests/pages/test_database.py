@@ -138,19 +138,19 @@ def test_every_tab_and_the_failures(study: Path) -> None:
 def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = opened().open_tab("database_tabs", "All rows")
     assert len(page.dataframe[0].value) == 3
-    found = page.workspace()
-    found.database_choice.row = 0
+    session = page.workspace()
+    session.database_choice.row = 0
     page.run()
     page.press("database_open")
     assert "gone.csv: this recording is not in the server's folder" in page.boxes("error")[0]
     page.choose("database_make", ["Tesla"])
-    found.database_choice.row = 1
+    session.database_choice.row = 1
     page.run()
     page.press("database_open")
     assert "Preview of the window" in page.texts(), "this is page Data"
-    assert found.recording.source == "mine.csv"
-    assert (found.vehicles, found.window) == ((1, 2, 3), Window(10.0, 70.0))
-    assert found.segment is not None
+    assert session.recording.source == "mine.csv"
+    assert (session.vehicles, session.window) == ((1, 2, 3), Window(10.0, 70.0))
+    assert session.segment is not None
     # One that the browser still reports is not chosen among others.
     page = opened().open_tab("database_tabs", "All rows")
     reported = {"selection": {"rows": [0]}}
@@ -275,11 +275,11 @@ def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> 
     page.choose("data_map_gap_1", "to the car ahead")
     page.choose("data_map_mode_2", "engaged")
     page.press("data_open_mapped")
-    found = page.workspace()
-    assert found.recording.source == "own.csv"
-    np.testing.assert_allclose(found.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
-    np.testing.assert_allclose(found.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
-    assert [Mode(one) for one in found.recording.mode[[0, 200], 1]] == [Mode.HUMAN, Mode.ACC]
+    session = page.workspace()
+    assert session.recording.source == "own.csv"
+    np.testing.assert_allclose(session.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
+    np.testing.assert_allclose(session.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
+    assert [Mode(one) for one in session.recording.mode[[0, 200], 1]] == [Mode.HUMAN, Mode.ACC]
     other = open_page(DATA)
     other.upload("next.csv", foreign())
     assert other.workspace().recording.source == "next.csv", "remembered"

@@ -48,9 +48,9 @@ PAIR = csv(platoon(vehicles=2), metadata(("A", "B")))
 
 
 def with_recording(run: Recording) -> Workspace:
-    found = sessions.workspaces().new()
-    found.open(run)
-    return found
+    session = sessions.workspaces().new()
+    session.open(run)
+    return session
 
 
 def labels(page: Page) -> list[str]:
@@ -74,8 +74,8 @@ def test_a_link_to_an_unknown_session_says_so_and_shows_a_next_step(path: str) -
 
 @pytest.mark.parametrize("path", PAGES)
 def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(path: str) -> None:
-    found = fitted()
-    page = open_page(path, found)
+    session = fitted()
+    page = open_page(path, session)
     assert not page.error
     shown = [one.id for kind in WIDGETS for one in page.get(kind)]
     page.run()
@@ -83,20 +83,20 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(path: s
     if path == HOME:
         assert "**Continue**" in page.texts()
         assert "vehicles 2–5" in page.texts()
-    found.choose(window=Window(395.0, 399.0))
-    assert found.fault
+    session.choose(window=Window(395.0, 399.0))
+    assert session.fault
     page.sound()
     if path in (DATA, TRAIN, COMPARE):
-        assert escape_markdown(found.fault) in page.texts()
+        assert escape_markdown(session.fault) in page.texts()
 
 
 def test_one_click_on_home_trains_a_sample() -> None:
-    found = open_page(HOME).press("Train a sample now").workspace()
-    asked, (recording, truth) = found.training.analysis, sample(FIRST_SAMPLE)
+    session = open_page(HOME).press("Train a sample now").workspace()
+    asked, (recording, truth) = session.training.analysis, sample(FIRST_SAMPLE)
     assert (asked.config, asked.segments(recording)) == (CALIBRATED, (cut(recording),))
-    assert found.true_parameters == truth.parameters
-    stop_training(found)
-    assert "**Training** was stopped" in open_page(HOME, found).texts()
+    assert session.true_parameters == truth.parameters
+    stop_training(session)
+    assert "**Training** was stopped" in open_page(HOME, session).texts()
 
 
 def test_a_file_dropped_on_home_leads_to_data() -> None:
@@ -130,11 +130,11 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
 ) -> None:
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(openacc_dir))
     page = open_page(HOME).open_tab("home_tabs", "Reproduce the paper")
-    found = page.press("home_TableII_run").workspace()
-    assert (found.window, found.case) == (Window(320.0, 620.0), "I")
-    assert found.recording.source == "ASta_040719_platoon5.csv"
-    answer(found, "I")
-    page = open_page(HOME, found).open_tab("home_tabs", "Reproduce the paper")
+    session = page.press("home_TableII_run").workspace()
+    assert (session.window, session.case) == (Window(320.0, 620.0), "I")
+    assert session.recording.source == "ASta_040719_platoon5.csv"
+    answer(session, "I")
+    page = open_page(HOME, session).open_tab("home_tabs", "Reproduce the paper")
     assert "Learned here" not in page.texts(), "Table III is not of Case I"
     page.choose("home_printed", ASTAZERO_ALIKE.title)
     assert "Learned here" in page.texts()
@@ -145,14 +145,14 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
 ) -> None:
     campaigns = {"JRC low speed": False, "Casale": True}
     for campaign, is_run in campaigns.items():
-        found = with_recording(
+        session = with_recording(
             replace(recording(platoon(samples=4000)), source="part7.csv", campaign=campaign)
         )
-        found.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
-        answer(found)
-        assert bool(runs_of(found, CASALE_RUN)) is is_run
-        assert not runs_of(found, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
-        assert (find_run(found, "Casale", "part7.csv") is not None) is is_run
+        session.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
+        answer(session)
+        assert bool(runs_of(session, CASALE_RUN)) is is_run
+        assert not runs_of(session, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
+        assert (find_run(session, "Casale", "part7.csv") is not None) is is_run
         monkeypatch.setenv("ACCPINN_RECORDINGS", str(tmp_path))
         place = tmp_path / campaign / "part7.csv"
         place.parent.mkdir()
@@ -166,8 +166,8 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
     page = open_page(DATA).press("Open this sample")
-    found, before = page.workspace(), page.texts()
-    found.preset = "fast"
+    session, before = page.workspace(), page.texts()
+    session.preset = "fast"
     for said in ("synthetic\\_astazero\\_like\\.csv", "5 vehicles", "Least squares",
                  "Tesla (Model3-like)"):  # fmt: skip
         assert said in before
@@ -189,21 +189,21 @@ def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_
         ("data_ends", (50.0, 55.0), Window(60.0, 160.0)),  # too short for a window
     ):
         page.choose(key, value)
-        assert found.window == window
+        assert session.window == window
     assert page.texts() != before
     page.press("data_suggested")
-    assert found.window == Window(30.0, 330.0)
+    assert session.window == Window(30.0, 330.0)
     assert page.figures()[0]["layout"]["shapes"][0]["x0"] == 30.0
     assert "best excitation" in page.texts()
     assert page.button(key="data_suggested").disabled
     page.choose("data_view", "relative")
     names = [trace["name"] for trace in page.figures()[0]["data"][:4]]
-    assert names == list(found.segment.labels[1:])
+    assert names == list(session.segment.labels[1:])
 
     page.press("data_train")
-    assert found.training is not None
-    page = open_page(DATA, found).choose("data_start", 20.0)
-    assert found.training is None, "an early step drops what came after"
+    assert session.training is not None
+    page = open_page(DATA, session).choose("data_start", 20.0)
+    assert session.training is None, "an early step drops what came after"
     page.choose("data_length", 5.0)
     assert "too short" in page.texts()
     assert page.button(key="data_train").disabled
@@ -213,13 +213,13 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
     time = np.arange(400)
     run = recording(names="AB")
     gap = np.where((time < 100)[:, None], 60.0, run.gap)
-    found = with_recording(replace(run, gap=gap))
-    page = open_page(DATA, found)
-    assert found.segment.mask is None
+    session = with_recording(replace(run, gap=gap))
+    page = open_page(DATA, session)
+    assert session.segment.mask is None
     assert "Without" not in page.texts()
     page.open_tab("data_tabs", "Regimes")
     page.choose("data_exclude_catching up", True)
-    assert found.segment.mask[:, 0].tolist() == (time >= 100).tolist()
+    assert session.segment.mask[:, 0].tolist() == (time >= 100).tolist()
     page.open_tab("data_tabs", "Changes to the data")
     assert "(2 B: 25 % of the instants)" in page.plain()
     page.open_tab("data_tabs", "Window")
@@ -228,44 +228,45 @@ def test_regimes_are_left_out_when_ticked_and_said_everywhere() -> None:
         assert said in page.plain()
     page.open_tab("data_tabs", "Regimes")
     for path in (TRAIN, COMPARE):
-        assert "without catching up" in open_page(path, found).texts()
+        assert "without catching up" in open_page(path, session).texts()
     page.choose("data_sensitivity", True)
     assert "Without catching up" in page.texts()
     page.choose("data_exclude_catching up", False)
-    assert found.segment.mask is None
+    assert session.segment.mask is None
 
 
 def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     run = recording()
-    found = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
-    hand = found.segment.driven_by_hand
+    session = with_recording(replace(run, mode=np.tile(np.int8([0, 1, 0]), (run.samples, 1))))
+    hand = session.segment.driven_by_hand
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
     for path in (DATA, TRAIN, STABILITY):
-        page = open_page(path, found)
+        page = open_page(path, session)
         if path != STABILITY:
             assert any("not ACC" in error for error in page.boxes("error"))
         if path == DATA:
             marks = [one.proto.popover.label for one in page.get("popover")]
             assert any("red" in label and "Driven by hand" in label for label in marks)
             assert any("blue" in label and "Samples complete" in label for label in marks)
-            answer(found)
+            answer(session)
         elif path == STABILITY:
             assert "not by ACC: 3 C" in page.plain()
         if path != DATA:
             assert "<td>Human</td>" in page.texts(), "the table carries it"
-    found.choose(window=Window(0.0, 30.0), excluded=())
-    assert found.segment.driven_by_hand
+    session.choose(window=Window(0.0, 30.0), excluded=())
+    assert session.segment.driven_by_hand
     by_flag = replace(run, mode=np.full_like(run.mode, -1), acc_flag=0)
     assert with_recording(by_flag).segment.driven_by_hand.by_flag
 
 
 def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> None:
-    found = with_sample()
-    found.preset = "paper"
-    page = open_page(DATA, found)
+    session = with_sample()
+    session.preset = "paper"
+    page = open_page(DATA, session)
     page.segmented_control(key="data_case").set_value("I").run()
-    assert found.case == "I"
-    lasts = [METHODS["pinn"].expected_seconds(found.segment, preset(p)) for p in ("fast", "paper")]
+    assert session.case == "I"
+    lasts = [METHODS["pinn"].expected_seconds(session.segment, preset(p))
+             for p in ("fast", "paper")]  # fmt: skip
     duration = format_duration(lasts[1])
     label = page.button(key="data_train").label
     assert all(part in label for part in ("paper preset", "Case I", duration))
@@ -273,26 +274,26 @@ def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> N
     leader = page.selectbox[0]
     assert leader.label == "Leader"
     leader.set_value(3).run()
-    assert found.vehicles == (3, 4, 5)
+    assert session.vehicles == (3, 4, 5)
     page.selectbox[1].set_value(4).run()
-    assert found.vehicles == (3, 4)
+    assert session.vehicles == (3, 4)
     assert not any(box.key == "data_case" for box in page.segmented_control)
-    assert found.true_parameters.alpha.tolist() == [0.0766]
-    found.open(*sample(FIRST_SAMPLE))
-    assert found.case == "II", "a new recording has the default"
+    assert session.true_parameters.alpha.tolist() == [0.0766]
+    session.open(*sample(FIRST_SAMPLE))
+    assert session.case == "II", "a new recording has the default"
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
-    found = with_sample()
-    page = open_page(DATA, found)
-    before = found.recording, found.segment
+    session = with_sample()
+    page = open_page(DATA, session)
+    before = session.recording, session.segment
     assert not page.get("file_uploader")
     page.session_state[OPENING] = True
     page.run()
     page.upload("bad.csv", b"\x89PNG not a run")
     (error,) = page.error
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
-    assert (found.recording, found.segment) == before
+    assert (session.recording, session.segment) == before
     assert "Preview of the window" in page.texts()
     page.upload("mine.csv", PAIR)
     assert "mine\\.csv" in page.texts()
@@ -316,11 +317,11 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 
 def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
-    found = fitted(Window(0.0, 200.0))
-    page = open_page(DATA, found).open_tab("data_tabs", "Validation")
+    session = fitted(Window(0.0, 200.0))
+    page = open_page(DATA, session).open_tab("data_tabs", "Validation")
     assert "Validation: error" not in page.texts()
     page.press("data_validate")
-    assert found.validation.window == Window(200.0, 400.0)
+    assert session.validation.window == Window(200.0, 400.0)
     assert "Validation: error" in page.texts()
     assert not page.warning
     page.choose(next(n.key for n in page.number_input if "start" in n.key and n.value), 100.0)
@@ -328,19 +329,19 @@ def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     assert any("shares 100 s" in said for said in page.boxes("warning"))
     page.file_uploader(key="data_validation_upload").upload("b.csv", PAIR, "text/csv").run()
     assert "has no platoon with 3 followers" in page.plain()
-    assert found.recording.source == FIRST_SAMPLE.name, "the first one stays open"
+    assert session.recording.source == FIRST_SAMPLE.name, "the first one stays open"
 
 
 def test_the_length_that_is_shown_rounded_is_accepted() -> None:
-    found = with_sample()
-    end = found.recording.duration
+    session = with_sample()
+    end = session.recording.duration
     arrays = ("time", "speed", "gap", "mode")
-    shorter = {name: getattr(found.recording, name)[:-1] for name in arrays}
-    found.open(replace(found.recording, **shorter))
-    page = open_page(DATA, found)
+    shorter = {name: getattr(session.recording, name)[:-1] for name in arrays}
+    session.open(replace(session.recording, **shorter))
+    page = open_page(DATA, session)
     assert page.number_input(key="data_length").max == end
     page.choose("data_length", end)
-    assert found.segment.window.duration == pytest.approx(end - 0.1)
+    assert session.segment.window.duration == pytest.approx(end - 0.1)
 
 
 def test_dragging_over_the_chart() -> None:
@@ -357,31 +358,31 @@ def test_dragging_over_the_chart() -> None:
 def test_the_first_window_avoids_holes() -> None:
     frame = platoon(samples=4000)
     frame.loc[500:599, ["Speed2", "IVS1", "IVS2"]] = np.nan
-    found = with_recording(recording(frame))
-    assert found.window == Window(60.0, 360.0)
-    assert found.segment is not None
+    session = with_recording(recording(frame))
+    assert session.window == Window(60.0, 360.0)
+    assert session.segment is not None
 
 
 # Train
 
 
 def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
-    found = with_sample()
-    found.choose(window=Window(0.0, 60.0), vehicles=(1, 2, 3))
-    found.preset = "fast"
-    page = open_page(TRAIN, found)
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2, 3))
+    session.preset = "fast"
+    page = open_page(TRAIN, session)
     for cached in (False, True):
         page.press("Start training")
-        assert found.training.wait(WAIT)
+        assert session.training.wait(WAIT)
         page.sound()
         assert ("From the cache" in page.texts()) == cached
-        assert found.result.analysis.key in store().session(found.id).decode()
+        assert session.result.analysis.key in store().session(session.id).decode()
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in page.texts()
     assert len(page.figures()) == 1
     page.open_tab("train_tabs", "Comparison")
     assert "0.0612" in page.texts(), "the truth of the first follower"
-    assert conditional(None, found.segment) in page.plain()
+    assert conditional(None, session.segment) in page.plain()
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 3
     page.open_tab("train_tabs", "Fit")
@@ -400,17 +401,17 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
 def test_train_says_what_goes_wrong_and_how_sure_it_is(
     parameters: Parameters, excluded: tuple[str, ...]
 ) -> None:
-    found = with_sample()
-    found.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
     if excluded:
-        mask = np.ones_like(found.segment.gaps, dtype=bool)
+        mask = np.ones_like(session.segment.gaps, dtype=bool)
         mask[:50] = False
-        found.segment = replace(found.segment, mask=mask, excluded_regimes=excluded)
-    segment = found.segment
+        session.segment = replace(session.segment, mask=mask, excluded_regimes=excluded)
+    segment = session.segment
     own = Trajectories(segment.time, segment.speeds, segment.gaps)
     same = Parameters.stack([parameters] * segment.followers)
-    answer(found, parameters=same, surrogate=own)
-    page = open_page(TRAIN, found)
+    answer(session, parameters=same, surrogate=own)
+    page = open_page(TRAIN, session)
     written, collide = page.plain(), parameters.tau < 1
     said = f"{segment.labels[1]} collides with the vehicle ahead at" in written
     assert said == collide
@@ -423,20 +424,20 @@ def test_train_says_what_goes_wrong_and_how_sure_it_is(
     assert titles == 2 * len(excluded), "of the parameters and the estimates"
 
 
-def stop_training(found: Workspace) -> None:
+def stop_training(session: Workspace) -> None:
     """As the button does, and wait for it."""
-    found.training.stop()
-    assert found.training.wait(WAIT)
+    session.training.stop()
+    assert session.training.wait(WAIT)
 
 
 def test_stop_continue_or_begin_anew() -> None:
-    found = with_sample()
-    page = open_page(TRAIN, found)
+    session = with_sample()
+    page = open_page(TRAIN, session)
     page.segmented_control(key="train_preset").set_value("paper").run()
     page.press("Start training")
     assert "Stop training" in labels(page)
     assert "Start training" not in labels(page)
-    job = found.training
+    job = session.training
     while not (job.progress and job.progress.iteration):
         assert job.is_active
         job.wait(0.05)
@@ -450,17 +451,17 @@ def test_stop_continue_or_begin_anew() -> None:
         assert f"Continue from iteration {at:,}" in labels(one), "another session goes on there too"
         assert "Start training" not in labels(one)
     page.press(f"Continue from iteration {at:,}")
-    assert found.training is not job
+    assert session.training is not job
     assert "Stop training" in labels(page)
-    stop_training(found)
+    stop_training(session)
     page.run()
     page.press("Start anew")
-    while found.training.progress is None:
-        found.training.wait(0.05)
-    first = found.training.history()
+    while session.training.progress is None:
+        session.training.wait(0.05)
+    first = session.training.history()
     assert first.iteration[0] == 0
-    stop_training(found)
-    assert not any(isinstance(f, Continued) for f in found.result.fit.findings)
+    stop_training(session)
+    assert not any(isinstance(f, Continued) for f in session.result.fit.findings)
 
 
 def test_a_second_session_waits_and_is_told() -> None:
@@ -473,9 +474,9 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
-    found = with_sample()
-    found.preset = "fast"
-    page = open_page(TRAIN, found).choose("train_options", True)
+    session = with_sample()
+    session.preset = "fast"
+    page = open_page(TRAIN, session).choose("train_options", True)
     page.choose("train_fast_iterations", 0)
     (error,) = page.error
     assert "iterations: 0 is not allowed" in error.value.replace("\\", "")
@@ -492,10 +493,10 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     page.choose("train_fast_seed", 7)
     page.choose("train_fast_weight_data_1", 2.0)
     page.choose("train_fast_start", (0.5, 0.5, 0.5))
-    page = open_page(TRAIN, found).choose("train_options", True)  # as after a reload
+    page = open_page(TRAIN, session).choose("train_options", True)  # as after a reload
     assert page.number_input(key="train_fast_seed").value == 7
     page.press("Start training")
-    config = found.training.analysis.config
+    config = session.training.analysis.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
 
@@ -514,15 +515,15 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
 
 
 def test_another_window_ends_a_training_and_forgets_choices_among_the_former_vehicles() -> None:
-    found = with_sample()
-    found.train(preset("paper", iterations=20_000))
-    job, drive = found.training, found.platoon_choice
-    drive.own, drive.omega, found.map_choice.held = "1-4", 0.3, 3
-    found.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
-    assert (drive.own, drive.omega, found.map_choice.held) == ("", None, -1)
+    session = with_sample()
+    session.train(preset("paper", iterations=20_000))
+    job, drive = session.training, session.platoon_choice
+    drive.own, drive.omega, session.map_choice.held = "1-4", 0.3, 3
+    session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
+    assert (drive.own, drive.omega, session.map_choice.held) == ("", None, -1)
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
-    found.choose_source("published")
+    session.choose_source("published")
     drive.own = "1-4"
-    found.choose(vehicles=(1, 2, 3))
+    session.choose(vehicles=(1, 2, 3))
     assert drive.own == "1-4", "the published parameters stay the same"

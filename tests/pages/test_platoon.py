@@ -104,12 +104,12 @@ class TestPage:
             assert AFTER_COLLISION in said
             assert "times as much as the leader's; Audi A6 collides at" in said
             assert not any("collides" in box for box in page.boxes("warning")), "named once"
-        found = page.workspace()
-        found.segment = replace(found.segment, start=40.0)
+        session = page.workspace()
+        session.segment = replace(session.segment, start=40.0)
         said = page.choose("platoon_kind", "recorded").plain()
         assert "as recorded" in said
         assert "largest speed deviation" in said
-        names = [f"{label}, measured" for label in found.segment.labels[1:]]
+        names = [f"{label}, measured" for label in session.segment.labels[1:]]
         assert [one for one in traces(page, 0) if one in names] == names
         page.choose("platoon_measured", False)
         assert not set(names) & set(traces(page, 0))

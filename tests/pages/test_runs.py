@@ -18,19 +18,19 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None:
-    found = fitted(Window(0.0, 60.0))
-    before = found.result.parameters
-    found.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
-    open_page(DATA, found)
-    assert found.result is None
-    (run,) = found.runs
+    session = fitted(Window(0.0, 60.0))
+    before = session.result.parameters
+    session.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
+    open_page(DATA, session)
+    assert session.result is None
+    (run,) = session.runs
     assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
 
     sessions.workspaces.clear()  # as a restart of the server
-    page = open_page(HOME, session=found.id)
+    page = open_page(HOME, session=session.id)
     again = page.workspace()
-    assert again is not found
-    assert again.id == found.id
+    assert again is not session
+    assert again.id == session.id
     page.press(f"home_run_{run.id}")
     assert again.result.parameters == before
     again.open(*sample(FIRST_SAMPLE))
@@ -44,13 +44,13 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
 
 
 def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
-    found = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
+    session = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
     sessions.workspaces.clear()
-    again = open_page(STABILITY, session=found.id).workspace()
+    again = open_page(STABILITY, session=session.id).workspace()
     assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
-    assert again.vehicles == found.vehicles
-    assert again.result.parameters == found.result.parameters
-    assert again.segment.info == found.segment.info
+    assert again.vehicles == session.vehicles
+    assert again.result.parameters == session.result.parameters
+    assert again.segment.info == session.segment.info
 
     # One of the server's folder is read again; an upload is asked for, and not believed by name.
     raw = csv(platoon(3, 1200))
@@ -59,10 +59,10 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     place.write_bytes(raw)
     again.open(read(raw, "mine.csv"))
     again.choose((2, 3), Window(20.0, 70.0), "I")
-    open_page(DATA, session=found.id)
+    open_page(DATA, session=session.id)
     for _ in range(2):
         sessions.workspaces.clear()
-        again = open_page(DATA, session=found.id).workspace()
+        again = open_page(DATA, session=session.id).workspace()
         if not place.exists():
             assert again.awaited.source.name == "mine.csv"
             again.open(read(raw, "mine.csv"))
@@ -72,25 +72,25 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
 
 
 def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
-    found, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
-    found.open(own)
-    answer(found)
-    found.open(*sample(FIRST_SAMPLE))
-    assert found.true_parameters is not None
-    (run,) = found.runs
-    restore_run(found, run.id)
-    assert found.recording is own
-    assert found.true_parameters is None
+    session, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
+    session.open(own)
+    answer(session)
+    session.open(*sample(FIRST_SAMPLE))
+    assert session.true_parameters is not None
+    (run,) = session.runs
+    restore_run(session, run.id)
+    assert session.recording is own
+    assert session.true_parameters is None
 
 
 def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared() -> None:
-    found = fitted(Window(0.0, 60.0))
+    session = fitted(Window(0.0, 60.0))
     for case, outcome, count in (
         ("II", Outcome.CONVERGED, 1),
         ("I", Outcome.STOPPED, 1),
         ("I", Outcome.CONVERGED, 2),
     ):
-        answer(found, case, outcome=outcome)
-        assert len(found.runs) == count
-    page = open_page(TRAIN, found).choose("runs_compare", True)
+        answer(session, case, outcome=outcome)
+        assert len(session.runs) == count
+    page = open_page(TRAIN, session).choose("runs_compare", True)
     assert "case: II → I" in page.plain()

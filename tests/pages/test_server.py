@@ -38,13 +38,13 @@ HOSTILE = "../../<b>annsown</b>.csv"
 
 async def sign_in(server: Server, names: Provider, email: str) -> Browser:
     """A browser that pressed "Sign in" and was sent to the provider and back."""
-    one = Browser(server.address)
-    await one.open()
-    await one.press("sign_in")
-    await one.close()
+    visitor = Browser(server.address)
+    await visitor.open()
+    await visitor.press("sign_in")
+    await visitor.close()
     names.email = email
     with requests.Session() as session:
-        back = await asyncio.to_thread(session.get, server.address + one.sent_to, timeout=60)
+        back = await asyncio.to_thread(session.get, server.address + visitor.sent_to, timeout=60)
         assert back.ok
         assert back.url == f"{server.address}/"
         session.get(f"{server.address}/_stcore/health", timeout=60)  # sets the other cookie
@@ -111,18 +111,18 @@ def test_killed_in_mid_training_it_goes_on_under_the_same_address(tmp_path: Path
     cache, name, own = tmp_path / "cache", "mine.csv", csv(platoon(2, 620))
 
     async def begin(server: Server) -> str:
-        one = Browser(server.address)
-        await one.open()
-        await one.upload("data_upload", name, own)
-        await one.set("data_length", 60.0)
-        await one.go("Train")
-        await one.set("train_preset", ("Paper",))
-        await one.press("train_start")
+        browser = Browser(server.address)
+        await browser.open()
+        await browser.upload("data_upload", name, own)
+        await browser.set("data_length", 60.0)
+        await browser.go("Train")
+        await browser.set("train_preset", ("Paper",))
+        await browser.press("train_start")
         while not list(cache.rglob("*.state.npz")):
-            assert await one.poll(), "it still trains"
+            assert await browser.poll(), "it still trains"
         server.process.kill()
         server.process.wait()
-        return one.session
+        return browser.session
 
     async def go_on(server: Server, session: str) -> None:
         again = Browser(server.address, session)

@@ -39,17 +39,17 @@ def bare() -> Result:
 
 
 def with_fit() -> Workspace:
-    found = with_sample()
-    found.train(preset("fast", iterations=20))
-    assert found.training.wait(120)
-    assert found.training.status is Status.DONE
-    return found
+    session = with_sample()
+    session.train(preset("fast", iterations=20))
+    assert session.training.wait(120)
+    assert session.training.status is Status.DONE
+    return session
 
 
 class TestSaving:
     def test_a_result_is_kept_and_listed_with_data_only_when_asked(self) -> None:
-        found = with_fit()
-        page = open_page(SNAPSHOTS, found)
+        session = with_fit()
+        page = open_page(SNAPSHOTS, session)
         assert "No snapshot is kept here yet" in page.plain()
         assert page.checkbox(key="snapshots_with_data").value, "samples include their data"
         page.checkbox(key="snapshots_with_data").uncheck()
@@ -63,15 +63,15 @@ class TestSaving:
         assert "data are not at hand" not in page.plain(), "the open recording has them"
         assert "<b>mine" not in page.texts()
         kept = library().read(entry.id)
-        assert kept.fit.parameters.values.tobytes() == found.result.parameters.values.tobytes()
+        assert kept.fit.parameters.values.tobytes() == session.result.parameters.values.tobytes()
 
         page.press("snapshots_back")
         assert page.button(key=f"snapshots_open_{entry.id}").label == "\\<b\\>mine\\<\\/b\\>"
         page.checkbox(key="snapshots_with_data").check()
         page.press("Save")
         (with_data,) = [one for one in library().entries() if one.with_data]
-        assert with_data.name == suggested_name(found)
-        assert found.segment.labels[1] in with_data.name
+        assert with_data.name == suggested_name(session)
+        assert session.segment.labels[1] in with_data.name
         page.press("snapshots_back")
         library().cap_count = 0
         page.text_input(key="snapshots_name").input("one more")
@@ -126,8 +126,8 @@ class TestList:
             library().add(replace(whole(), name=name))
         page = open_page(SNAPSHOTS)
         page.text_input(key="snapshots_search").input("BRAVO").run()
-        found = [b.label for b in page.button if (b.key or "").startswith("snapshots_open_")]
-        assert found == ["bravo"]
+        shown = [b.label for b in page.button if (b.key or "").startswith("snapshots_open_")]
+        assert shown == ["bravo"]
 
     def test_one_deleted_elsewhere_can_be_kept_again(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(identity, "is_shared", lambda: True)
@@ -168,18 +168,20 @@ class TestTwo:
         assert "seed: 7 → 0" in page.plain()
 
     def test_differences_are_those_of_the_second_and_unlike_vehicles_are_named(self) -> None:
-        one = whole()
-        values = one.fit.parameters.values.copy()
+        snapshot = whole()
+        values = snapshot.fit.parameters.values.copy()
         values[0, 0] *= 1.5
-        other = replace(one, fits=(replace(one.fit, parameters=Parameters.of(values)),))
-        table = parameter_differences(one, other)
+        other = replace(snapshot, fits=(replace(snapshot.fit, parameters=Parameters.of(values)),))
+        table = parameter_differences(snapshot, other)
         assert table.rows[0][-1] == "+50.0"
-        assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * one.info.followers - 1)
-        assert what_differs(one, one) == ()
-        assert other_vehicles(one, one) == ""
-        names = (one.info.names[0], "Lada", *one.info.names[2:])
-        said = other_vehicles(one, replace(one, infos=(replace(one.info, names=names),)))
-        assert f"{one.info.labels[1]} stands beside 2 Lada." in said
+        assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * snapshot.info.followers - 1)
+        assert what_differs(snapshot, snapshot) == ()
+        assert other_vehicles(snapshot, snapshot) == ""
+        names = (snapshot.info.names[0], "Lada", *snapshot.info.names[2:])
+        said = other_vehicles(
+            snapshot, replace(snapshot, infos=(replace(snapshot.info, names=names),))
+        )
+        assert f"{snapshot.info.labels[1]} stands beside 2 Lada." in said
         assert said.count("stands beside") == 1
 
 
@@ -189,10 +191,10 @@ class TestLink:
         for snapshot in (whole(), bare()):
             page = open_page(path, snapshot=library().add(snapshot))
             assert not page.error
-            found, complete = page.workspace(), bool(snapshot.segments)
-            assert found.restored is not None
-            assert found.result is not None
-            assert (found.segment is not None) == complete
+            session, complete = page.workspace(), bool(snapshot.segments)
+            assert session.restored is not None
+            assert session.result is not None
+            assert (session.segment is not None) == complete
             # History and the network's curves are in the snapshot.
             expected = 0 if path == DATA and not complete else FIGURES.get(path, 0)
             assert len(page.figures()) >= expected
@@ -223,53 +225,53 @@ class TestLink:
         assert "There is no snapshot" in open_page(TRAIN, snapshot=name).plain()
 
     def test_is_followed_in_a_session_that_exists_and_again_after_other_work(self) -> None:
-        found, name = with_fit(), library().add(bare())
-        page = open_page(TRAIN, found, snapshot=name)
-        assert page.workspace() is found
-        assert found.restored.id == name
-        found.open(replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64))
+        session, name = with_fit(), library().add(bare())
+        page = open_page(TRAIN, session, snapshot=name)
+        assert page.workspace() is session
+        assert session.restored.id == name
+        session.open(replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64))
         page.run()
-        assert (found.restored, found.result) == (None, None), "for good"
+        assert (session.restored, session.result) == (None, None), "for good"
         assert "snapshot" not in page.query_params
-        open_page(TRAIN, found, snapshot=name)
-        assert found.restored is not None
+        open_page(TRAIN, session, snapshot=name)
+        assert session.restored is not None
 
     def test_gives_way_to_what_is_opened_later(self) -> None:
         first, second = library().add(bare()), library().add(replace(bare(), name="second"))
         page = open_page(TRAIN, snapshot=first)
-        found = page.workspace()
-        found.restore(library().read(second))
+        session = page.workspace()
+        session.restore(library().read(second))
         for stale in (second, first):  # the browser may send the old address once more
             page.query_params["snapshot"] = stale
             page.run()
-            assert found.restored.name == "second"
+            assert session.restored.name == "second"
             assert page.query_params["snapshot"] in (second, [second])
 
 
 class TestRestoring:
     def test_the_recording_completes_it(self) -> None:
-        found = sessions.workspaces().new()
-        found.restore(library().read(library().add(bare())))
-        assert found.segment is None
-        found.open(*sample(FIRST_SAMPLE))
-        assert found.segment.info.digest == whole().info.digest
-        assert found.result is found.restored
+        session = sessions.workspaces().new()
+        session.restore(library().read(library().add(bare())))
+        assert session.segment is None
+        session.open(*sample(FIRST_SAMPLE))
+        assert session.segment.info.digest == whole().info.digest
+        assert session.result is session.restored
 
     def test_its_data_are_trained_on_with_its_settings_and_nothing_is_lost(self) -> None:
         page = open_page(TRAIN, snapshot=library().add(whole()))
-        found = page.workspace()
-        assert found.config.to_json() == whole().fit.config
+        session = page.workspace()
+        assert session.config.to_json() == whole().fit.config
         page.press("train_start")
         assert "the training is new" in page.plain()
-        assert found.training.wait(120)
-        assert found.result.parameters == whole().parameters
-        assert found.result.analysis.key != whole().analysis.key, "nobody saw the recording"
-        assert [entry.id for entry in found.runs] == [found.result.analysis.key]
-        found.compare()
-        found.comparison.stop()
-        found.train(PAPER)
-        assert found.result is None
-        found.training.stop()
-        assert found.training.wait(120)
-        assert found.result.segment == found.segment, "the snapshot, or what was learned so far"
-        assert len(found.runs) == 1
+        assert session.training.wait(120)
+        assert session.result.parameters == whole().parameters
+        assert session.result.analysis.key != whole().analysis.key, "nobody saw the recording"
+        assert [entry.id for entry in session.runs] == [session.result.analysis.key]
+        session.compare()
+        session.comparison.stop()
+        session.train(PAPER)
+        assert session.result is None
+        session.training.stop()
+        assert session.training.wait(120)
+        assert session.result.segment == session.segment, "the snapshot, or what was learned so far"
+        assert len(session.runs) == 1

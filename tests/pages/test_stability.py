@@ -79,9 +79,9 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
 
 
 def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
-    found = fitted()
-    page = open_page(STABILITY, found)
-    for label in found.segment.labels[1:]:
+    session = fitted()
+    page = open_page(STABILITY, session)
+    for label in session.segment.labels[1:]:
         assert label in page.plain()
     said = headline(page)
     assert said.startswith("Current fit: synthetic_astazero_like.csv, 0–300 s")
@@ -91,7 +91,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert curves[0]["line"]["color"] == "#d8660c"
     assert "Shaded: 90 % bands" in page.plain()
     assert "synthetic_astazero_like.csv · 0–300 s" in page.caption[0].value.replace("\\", "")
-    assert conditional(None, found.segment) in page.plain()
+    assert conditional(None, session.segment) in page.plain()
     page.choose("stability_uncertainty", False)
     assert "Shaded" not in page.plain()
     assert "In brackets: 90 % intervals" in page.plain(), "with and without the bands"
@@ -99,9 +99,9 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert "Audi A6" in page.plain()
     assert "In brackets" not in page.plain()
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
-    found.training.results = (replace(found.result),)
+    session.training.results = (replace(session.result),)
     assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"
-    found.choose(window=Window(0.0, 100.0))
+    session.choose(window=Window(0.0, 100.0))
     page.sound()
     assert not page.get("plotly_chart"), "nothing published passes for what is not there"
     page.press("stability_open_example")
@@ -111,26 +111,26 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
 def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: str) -> None:
     stopped = {"outcome": Outcome.STOPPED, "iterations": 930}
-    found = fitted(**stopped)
-    page = open_page(path, found)
+    session = fitted(**stopped)
+    page = open_page(path, session)
     assert "stopped at 930 iterations" in page.boxes("warning")[0]
     assert headline(page).endswith("#### No verdict")
     assert "NO" not in page.plain().split()
-    library().add(named(found.result, "early"))
-    found.choose_source("snapshot")
+    library().add(named(session.result, "early"))
+    session.choose_source("snapshot")
     assert headline(page.run()).endswith("#### No verdict")
-    answer(found)
-    info = replace(found.result.info, excluded_regimes=("catching up",))
-    found.training.results = (replace(found.result, infos=(info,)),)
+    answer(session)
+    info = replace(session.result.info, excluded_regimes=("catching up",))
+    session.training.results = (replace(session.result, infos=(info,)),)
     page.run()
     assert "without catching up" in headline(page)
     assert "No verdict" not in page.plain()
 
 
 def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> None:
-    found = fitted()
-    answer(found, "I")
-    page = open_page(STABILITY, found)
+    session = fitted()
+    answer(session, "I")
+    page = open_page(STABILITY, session)
     assert EVERY_FOLLOWER in headline(page)
     bode, *_ = page.figures()
     colours = {trace["line"]["color"] for trace in bode["data"] if "line" in trace}
@@ -150,19 +150,19 @@ def test_without_a_fit_nothing_is_shown_until_an_example_is_opened(path: str) ->
 
 
 def test_every_new_training_turns_to_the_current_fit() -> None:
-    found = fitted()
-    found.choose_source("published")
-    found.training = Task(found.id, "training", lambda _: iter(()))  # waits
-    assert headline(open_page(STABILITY, found)).startswith("Published"), "as it was asked for"
-    answer(found)
-    assert found.parameter_source == "fit"
-    found.choose_source("published")
-    open_page(TRAIN, found).press("train_next")
-    assert found.parameter_source == "fit"
-    found.choose_source("published")
-    found.train(replace(FAST, iterations=5))
-    assert found.parameter_source == "fit"
-    found.training.stop()
+    session = fitted()
+    session.choose_source("published")
+    session.training = Task(session.id, "training", lambda _: iter(()))  # waits
+    assert headline(open_page(STABILITY, session)).startswith("Published"), "as it was asked for"
+    answer(session)
+    assert session.parameter_source == "fit"
+    session.choose_source("published")
+    open_page(TRAIN, session).press("train_next")
+    assert session.parameter_source == "fit"
+    session.choose_source("published")
+    session.train(replace(FAST, iterations=5))
+    assert session.parameter_source == "fit"
+    session.training.stop()
 
 
 # By hand
@@ -171,19 +171,19 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
 def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     page = open_page(STABILITY, with_example()).choose("stability_example", CASALE.title)
     page.choose("stability_source", "hand")
-    found = page.workspace()
-    assert found.parameter_choice.rows == (("Hyundai", 0.0104, 0.0718, 1.52),)
+    session = page.workspace()
+    assert session.parameter_choice.rows == (("Hyundai", 0.0104, 0.0718, 1.52),)
     assert "Hyundai amplifies disturbances" in page.plain()
-    found.parameter_choice.rows = (CALM, ("", 0.08, 0.12, 1.5))
-    again = open_page(STABILITY, found)
+    session.parameter_choice.rows = (CALM, ("", 0.08, 0.12, 1.5))
+    again = open_page(STABILITY, session)
     assert "One of two vehicles amplifies disturbances: Vehicle 2" in again.plain()
-    assert "Vehicle 2" in open_page(PLATOON, found).plain()
+    assert "Vehicle 2" in open_page(PLATOON, session).plain()
 
 
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
 def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -> None:
-    found = sessions.workspaces().new()
-    choice = found.parameter_choice
+    session = sessions.workspaces().new()
+    choice = session.parameter_choice
     choice.source = "hand"
     refused = [
         ((("A", None, 0.1, 1.0),), "Parameter set 1: α is missing"),
@@ -193,10 +193,10 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -
     ]
     for rows, sentence in refused if path == STABILITY else refused[:1]:
         choice.rows = rows
-        (error,) = open_page(path, found).boxes("error")
+        (error,) = open_page(path, session).boxes("error")
         assert sentence in error
     choice.rows = (("<script>*x*</script>", 0.08, 0.12, 1.5), ("$a_b$", 0.08, 0.12, 1.5))
-    page = open_page(path, found)
+    page = open_page(path, session)
     assert "<script>" not in page.texts().replace("\\<script", "")
     assert "$a_b$" not in "\n".join(m.value for m in page.markdown)
 
@@ -208,16 +208,16 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -
 def test_a_snapshot_is_a_source_that_is_read_once(
     path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = sessions.workspaces().new()
-    found.parameter_choice.source = "snapshot"
+    session = sessions.workspaces().new()
+    session.parameter_choice.source = "snapshot"
     known = whole().parameters
     changed = Parameters(0.05 + 0 * known.alpha, known.beta, known.tau)
     other = replace(whole(), name="other", fits=(replace(whole().fit, parameters=changed),))
     name, newer = library().add(other), library().add(whole())
-    found.parameter_choice.snapshot = name
-    page = open_page(path, found)
+    session.parameter_choice.snapshot = name
+    page = open_page(path, session)
     assert not page.error
-    held = parameters_from(found, "snapshot", library().entries())
+    held = parameters_from(session, "snapshot", library().entries())
     assert held.vehicles.parameters == changed
 
     looks, reads = [], []
@@ -242,25 +242,25 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 )
 def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
     page = open_page(STABILITY, with_example()).choose("stability_simulate", which)
-    found = page.press("stability_open_platoon").workspace()
-    drive = found.platoon_choice
+    session = page.press("stability_open_platoon").workspace()
+    drive = session.platoon_choice
     assert (drive.order, drive.vehicle, drive.kind) == (*chosen[:2], "sinusoid")
     assert drive.omega == pytest.approx(chosen[2], abs=1e-4)
     if which == 1:
-        other = open_page(PLATOON, found)
+        other = open_page(PLATOON, session)
         assert other.widget("platoon_frequency").value == drive.omega
         assert "Follower 8: BMW X5" in other.plain()
 
 
 def test_the_measured_gain_stands_beside_the_model() -> None:
-    found = fitted()
-    page = open_page(STABILITY, found).open_tab("stability", "Measured")
+    session = fitted()
+    page = open_page(STABILITY, session).open_tab("stability", "Measured")
     for follower in (0, 1):
         if follower:
             page.choose("stability_measured", follower)
         chart = page.figures()[1]["data"]
-        label = found.segment.labels[follower + 1]
-        measured = measured_gain(found.segment, follower)
+        label = session.segment.labels[follower + 1]
+        measured = measured_gain(session.segment, follower)
         (drawn,) = (one for one in chart if one.get("name") == f"{label}, measured")
         np.testing.assert_allclose(numbers(drawn["x"]), measured.omega[measured.coherent])
         assert any(one.get("name") == f"{label}, model" for one in chart)
@@ -268,8 +268,8 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
     page.choose("stability_example", CASALE.title)
     assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
-    found.choose(window=Window(0.0, 40.0))
-    found.choose_source("published")
+    session.choose(window=Window(0.0, 40.0))
+    session.choose_source("published")
     assert "no measured gain" in page.run().boxes("error")[0]
     alone = open_page(STABILITY, with_example()).open_tab("stability", "Measured")
     assert "needs the recorded speeds" in alone.boxes("info")[0]
