@@ -128,10 +128,8 @@ class WindowData:
 class FileContents:
     """What a file has for a batch."""
 
-    recordings: int
-    """Recordings that could be read."""
-    refused: int
-    """Trajectories that could not be read."""
+    known: KnownFile
+    """What a study keeps of it."""
     reasons: tuple[str, ...]
     """Why these could not, recordings have no window, and windows could not be cut."""
     windows: tuple[WindowData, ...]
@@ -163,7 +161,9 @@ def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Cas
                 reasons.append(str(fault))
             else:
                 windows.append(WindowData(analysis, place.modes, about, segment))
-    return FileContents(recordings, refused, tuple(reasons), tuple(windows))
+    analyses = tuple(data.analysis for data in windows)
+    known = KnownFile("", recordings, refused, analyses)
+    return FileContents(known, tuple(reasons), tuple(windows))
 
 
 @dataclass(frozen=True)
@@ -304,8 +304,7 @@ class _Batch:
             self._refuse(file, fault)
             return
         windows = contents.windows
-        analyses = tuple(window.analysis for window in windows)
-        known = KnownFile(mapping, contents.recordings, contents.refused, analyses)
+        known = replace(contents.known, mapping=mapping)
         self._study.refuse(file, contents.reasons)
         self._study.add_file(digest, known)
         rows = self._rows(known)
