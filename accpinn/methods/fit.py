@@ -183,14 +183,6 @@ class Continued(Finding, frozen=True):
     iteration: int
 
 
-class StartedFrom(Finding, frozen=True):
-    """The training began from another fit's weights."""
-
-    text = "Started from the weights of {origin}."
-
-    origin: str
-
-
 class CacheProblem(Finding, frozen=True):
     """A file of the cache that could not be used, read or written."""
 
@@ -213,7 +205,6 @@ MethodFinding = (
     | IterationsExhausted
     | HoldoutLoss
     | Continued
-    | StartedFrom
     | CacheProblem
 )
 
@@ -368,29 +359,27 @@ class Recorder:
 
     def __init__(self) -> None:
         """Empty."""
-        self._rows: list[tuple[float, ...]] = []
-        self._tables: list[FloatArray] = []
-        self._beliefs: list[FloatArray] = []
-        self._spacing, self._skipped = 1, 0
+        self._rows: list[FloatArray] = []
+        """Scalars, evidence, P parameter sets (P, 3), and the P rows of their deviations if any."""
+        self._spacing, self._skipped, self._sets = 1, 0, 1
         self._latest_is_extra = False
 
     def add(self, progress: Progress) -> None:
         """Store a moment."""
         if self._latest_is_extra:
-            for kept in (self._rows, self._tables, self._beliefs):
-                kept.pop()
-        self._rows.append(tuple(float(getattr(progress, name)) for name in _SCALARS))
-        self._tables.append(progress.parameters.values)
-        deviations = progress.deviations
-        believed = np.zeros(0) if deviations is None else np.append(deviations, progress.evidence)
-        self._beliefs.append(believed)
+            self._rows.pop()
+        scalars = [float(getattr(progress, name)) for name in (*_SCALARS, "evidence")]
+        tables = [progress.parameters.values]
+        if progress.deviations is not None:
+            tables.append(progress.deviations)
+        self._rows.append(np.append(scalars, tables))
+        self._sets = len(progress.parameters)
         self._skipped += 1
         self._latest_is_extra = self._skipped < self._spacing and len(self._rows) > 1
         if not self._latest_is_extra:
             self._skipped = 0
         if len(self._rows) > KEPT:
-            self._rows, self._tables = self._rows[::2], self._tables[::2]
-            self._beliefs = self._beliefs[::2]
+            self._rows = self._rows[::2]
             self._spacing *= 2
 
     def __len__(self) -> int:
@@ -399,31 +388,28 @@ class Recorder:
 
     def history(self) -> History:
         """The history so far."""
-        columns = np.array(self._rows).reshape(-1, len(_SCALARS)).T
-        parameters = Parameters.of(np.array(self._tables).reshape(len(self._tables), -1, 3))
-        history = History(**dict(zip(_SCALARS, columns, strict=True)), parameters=parameters)
-        beliefs = np.array(self._beliefs)
-        if not beliefs.size:
+        scalars = len(_SCALARS)
+        rows = np.array(self._rows or np.zeros((0, scalars + 1)))
+        tables = rows[:, scalars + 1 :].reshape(len(rows), -1, self._sets, 3)
+        history = History(
+            **dict(zip(_SCALARS, rows[:, :scalars].T, strict=True)),
+            parameters=Parameters.of(tables[:, 0]),
+        )
+        if tables.shape[1] == 1:
             return history
-        deviations = beliefs[:, :-1].reshape(len(beliefs), -1, 3)
-        return replace(history, evidence=beliefs[:, -1], deviations=deviations)
+        return replace(history, evidence=rows[:, scalars], deviations=tables[:, 1])
 
     def state(self) -> Checkpoint:
         """For a checkpoint."""
-        return {
-            "history.rows": np.array(self._rows).reshape(-1, len(_SCALARS)),
-            "history.tables": np.array(self._tables),
-            "history.beliefs": np.array(self._beliefs).reshape(len(self._beliefs), -1),
-            "history.spacing": np.array([self._spacing, self._skipped, self._latest_is_extra]),
-        }
+        spacing = [self._spacing, self._skipped, self._latest_is_extra, self._sets]
+        return {"history.rows": np.array(self._rows), "history.spacing": np.array(spacing)}
 
     def restore(self, state: Checkpoint) -> None:
         """From a checkpoint."""
-        self._rows = [tuple(float(v) for v in row) for row in state["history.rows"]]
-        self._tables = [np.array(table, float) for table in state["history.tables"]]
-        self._beliefs = [np.array(row, float) for row in state["history.beliefs"]]
-        spacing, skipped, extra = (int(v) for v in state["history.spacing"])
-        self._spacing, self._skipped, self._latest_is_extra = spacing, skipped, bool(extra)
+        self._rows = list(np.array(state["history.rows"], float))
+        spacing, skipped, extra, sets = (int(v) for v in state["history.spacing"])
+        self._spacing, self._skipped, self._sets = spacing, skipped, sets
+        self._latest_is_extra = bool(extra)
 
 
 Run = Generator[Progress, None, Fit]

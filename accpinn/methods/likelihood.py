@@ -148,12 +148,15 @@ class Criterion:
             np.add.at(found, which, total)
         return found
 
-    def score(self, z: FloatArray, groups: Groups) -> tuple[FloatArray, ...]:
+    def score(
+        self, z: FloatArray, groups: Groups, present: FloatArray | None = None
+    ) -> tuple[FloatArray, ...]:
         """Criterion (K,), gradient (K, P) and expected information (K, P, P), prior included.
 
         Args:
             z: (K, P)
             groups: (K,) which group each row belongs to.
+            present: (K,) values that are to be exceeded; a lower row needs no gradient.
         """
         size = self.size
         around = np.stack([z, *(z + move for move in DIFFERENCE * np.eye(size))], axis=1)
@@ -274,7 +277,7 @@ def ascend(
         active = active[~done[active]]
         if not len(active):
             break
-        found = criterion.score(trial[active], groups[active])
+        found = criterion.score(trial[active], groups[active], value[active])
         rounds[active] += 1
         for k, new, slope, information in zip(active, *found, strict=True):
             if not new > value[k] - 1e-9:

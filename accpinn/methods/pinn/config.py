@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal, get_args
 
+import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS
@@ -134,7 +135,8 @@ class PinnConfig:
 
     def to_json(self) -> dict[str, Any]:
         """All settings, with lists in place of tuples and parameters."""
-        return {name: _plain(value) for name, value in vars(self).items()}
+        document: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(self, enc_hook=_numbers))
+        return document
 
     @classmethod
     def from_json(cls, settings: dict[str, Any]) -> "PinnConfig":
@@ -146,7 +148,7 @@ class PinnConfig:
         if settings.keys() != FAST.to_json().keys():
             raise ConfigError("settings: these are not the PiNN's; choose a preset instead.")
         try:
-            return cls(**{name: _like(getattr(FAST, name), v) for name, v in settings.items()})
+            return msgspec.convert(settings, cls, dec_hook=lambda _, values: Parameters.of(values))
         except (TypeError, ValueError):
             raise ConfigError("settings: not all are numbers; choose a preset instead.") from None
 
@@ -160,23 +162,9 @@ def _title(setting: str) -> str:
     return setting.replace("_", " ").replace("lbfgs", "L-BFGS")
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Parameters):
-        return value.values.tolist()
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _like(example: object, value: Any) -> Any:
-    """A value read from JSON as the type that ``example`` has."""
-    if isinstance(example, Parameters):
-        return Parameters.of(value)
-    if isinstance(example, tuple):
-        return tuple(float(v) for v in value)
-    if isinstance(example, float):
-        return float(value)
-    if type(value) is not type(example):
-        raise TypeError(value)
-    return value
+def _numbers(parameters: Parameters) -> list[float]:
+    numbers: list[float] = parameters.values.tolist()
+    return numbers
 
 
 def _require(good: bool, setting: str, allowed: str, given: object) -> None:

@@ -239,20 +239,30 @@ class Evidence(Criterion):
         """What is made as large as possible: the sum of all parts."""
         return sum(parts)
 
-    def score(self, z: FloatArray, groups: Groups) -> tuple[FloatArray, ...]:
+    def score(
+        self, z: FloatArray, groups: Groups, present: FloatArray | None = None
+    ) -> tuple[FloatArray, ...]:
         """Criterion (K,), gradient (K, P) and the filter's expected information (K, P, P).
 
         Slopes are central differences. One-sided ones would not do: α and ατ vary almost together,
         and the error of their slopes would move them by a fifth of a standard error.
+
+        Args:
+            z: (K, P)
+            groups: (K,) which group each row belongs to.
+            present: (K,) values; the gradient of a row with a lower one is 0.
         """
+        value = self.log_likelihood(z, groups) + self.log_prior(z)
+        gradient = np.zeros(z.shape)
+        higher = np.ones(len(z), bool) if present is None else value > present - 1e-6
         moves = DIFFERENCE * np.eye(self.size)
-        around = np.concatenate([z[:, None], z[:, None] + moves, z[:, None] - moves], axis=1)
+        around = z[higher, None] + np.concatenate([moves, -moves])
         rows = around.reshape(-1, self.size)
-        values = self.log_likelihood(rows, np.repeat(groups, around.shape[1]))
-        values = (values + self.log_prior(rows)).reshape(len(z), -1)
-        value, above, below = np.split(values, [1, 1 + self.size], axis=1)
+        values = self.log_likelihood(rows, np.repeat(groups[higher], around.shape[1]))
+        above, below = (values + self.log_prior(rows)).reshape(-1, 2, self.size).swapaxes(0, 1)
+        gradient[higher] = (above - below) / (2 * DIFFERENCE)
         *_, information = super().score(z, groups)
-        return value[:, 0], (above - below) / (2 * DIFFERENCE), information
+        return value, gradient, information
 
     def loss(self, z: FloatArray, config: PinnConfig) -> LossTerms:
         """Ψ of all series together, at coordinates (G, P) of the groups."""

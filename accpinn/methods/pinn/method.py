@@ -8,7 +8,6 @@ from accpinn.methods.fit import Fit, Run
 from accpinn.methods.method import Method, TaskContext
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, METHOD_VERSION, PRESETS, PinnConfig
-from accpinn.methods.pinn.limits import typical_seconds
 from accpinn.methods.pinn.loss import output_columns
 from accpinn.methods.pinn.torch_loading import wait_until_loaded
 from accpinn.model.cthp import Case, Trajectories
@@ -92,6 +91,6 @@ METHOD = Method(
     variant=_variant,
     description="a physics-inspired neural network (PiNN)",
     is_iterative=True,
-    duration=typical_seconds,
+    duration=training.typical_seconds,
     redraw=redraw,
 )

@@ -8,7 +8,7 @@ import pytest
 
 from accpinn.errors import SegmentError
 from accpinn.methods.pinn.config import PinnConfig, preset
-from accpinn.methods.pinn.limits import require_memory
+from accpinn.methods.pinn.training import require_memory
 from accpinn.segment.segment import Segment
 from tests.support.driving import segment_of
 from tests.support.methods import train
