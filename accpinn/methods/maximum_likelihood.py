@@ -126,9 +126,7 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
         segment,
         case,
         Solution(frozen(theta), frozen(free), active),
-        outcome=Outcome.SOLVED
-        if all(maximum.converged for maximum in maxima)
-        else Outcome.FINISHED,
+        outcome=Outcome.SOLVED if all(m.converged for m in maxima) else Outcome.FINISHED,
         config={"spacing": step},
         surrogate=surrogate,
         loss={"log_likelihood": sum(maximum.log_likelihood for maximum in maxima)},
