@@ -53,7 +53,7 @@ UNCERTAIN = (0.3, 1.0, 1.0)
 UNINFORMATIVE = 1e12
 """In m² and m²/s²: variance of a masked measurement."""
 UNSCENTED_SPREAD = 1.0
-"""With 1 the points lie sqrt(n) deviations out and no weight is negative."""
+"""Spread of the points: with 1 they lie sqrt(n) deviations out and no weight is negative."""
 UNIT = np.eye(2)
 KURTOSIS = 2.0
 """The value for normal distributions."""

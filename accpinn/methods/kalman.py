@@ -36,7 +36,7 @@ LOG_TWO_PI = float(np.log(2 * np.pi))
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """What the filter did not foresee of each measurement; (N, 3, B)."""
+    """The part of each measurement that the filter did not predict; (N, 3, B)."""
 
     errors: FloatArray
     """Independent of each other if the model holds; 0 where a sample is missing."""
@@ -72,16 +72,16 @@ def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
 def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
     known: Mask = np.asarray(~np.isnan(measured))
-    found = Innovations(np.zeros(known.shape), np.ones(known.shape), known)
+    result = Innovations(np.zeros(known.shape), np.ones(known.shape), known)
     total = np.zeros(measured.shape[2])
     for columns in _alike(measured):
         for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
             total[columns] = step.added_to(total[columns])
             variances = np.where(np.isinf(step.variances), 1.0, step.variances)
             for k, row in enumerate(step.rows):
-                found.errors[step.at, row, columns] = step.errors[:, k]
-                found.variances[step.at, row, columns] = variances[k]
-    return -0.5 * total, found
+                result.errors[step.at, row, columns] = step.errors[:, k]
+                result.variances[step.at, row, columns] = variances[k]
+    return -0.5 * total, result
 
 
 def _alike(measured: FloatArray) -> Iterator[Columns]:
@@ -97,7 +97,7 @@ def _alike(measured: FloatArray) -> Iterator[Columns]:
     patterns = np.packbits(missing.reshape(-1, measured.shape[2]), axis=0)
     group = np.unique(patterns, axis=1, return_inverse=True)[1].ravel()
     groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
-    if sum(_incomplete(missing[:, :, own[:1]]) for own in groups) < _incomplete(missing):
+    if sum(_incomplete(missing[:, :, columns[:1]]) for columns in groups) < _incomplete(missing):
         yield from groups
     else:
         yield slice(None)
@@ -105,18 +105,18 @@ def _alike(measured: FloatArray) -> Iterator[Columns]:
 
 def _incomplete(missing: Mask) -> int:
     """Instants (N, 3, B) before the end at which a sample is missing."""
-    there = np.flatnonzero(~missing.all(axis=(1, 2)))
-    return int(missing[: there[-1] + 1].any(axis=(1, 2)).sum()) if len(there) else 0
+    instants = np.flatnonzero(~missing.all(axis=(1, 2)))
+    return int(missing[: instants[-1] + 1].any(axis=(1, 2)).sum()) if len(instants) else 0
 
 
 def _measured_part(measured: FloatArray) -> FloatArray:
     """Samples (N, 3, B) up to the last one that is not missing."""
-    there = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
-    return measured[: there[-1] + 1] if len(there) else measured[:0]
+    instants = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
+    return measured[: instants[-1] + 1] if len(instants) else measured[:0]
 
 
 class _Step(NamedTuple):
-    """What the filter makes of an instant, or of K of them that have the same gains."""
+    """The filter at one instant, or at K of them that have the same gains."""
 
     first: int
     """The instant, or the first of them."""
@@ -133,7 +133,7 @@ class _Step(NamedTuple):
     gains: tuple[FloatArray, ...]
     """r times (n, B); none where `constant` stands for them."""
     constant: "_ConstantGain | None" = None
-    """What the instants share; None for a single one."""
+    """The maps that the instants share; None for a single instant."""
 
     @property
     def at(self) -> slice:
@@ -263,13 +263,13 @@ class _ConstantGain:
             np.einsum("ijb,jb->ib", both, now, out=after)
         return known[:-1, :size], known[-1, :size]
 
-    def backward(self, errors: FloatArray, says: FloatArray) -> FloatArray:
+    def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
         """See `_backward`: r (K, n, B) from that after the K instants."""
         back = np.ascontiguousarray(self.transition.transpose(1, 0, 2))
-        pushes = np.zeros((len(errors), *says.shape))
+        pushes = np.zeros((len(errors), *information.shape))
         weighted = errors[::-1] / self.variances
         pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self.whitening, weighted)
-        return recursion(back, pushes, says)[:0:-1]
+        return recursion(back, pushes, information)[:0:-1]
 
 
 def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
@@ -332,28 +332,29 @@ def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
     means = np.empty((len(measured), *model.first.shape))
     for columns in _alike(measured):
         part = model.of(columns)
-        for step, says in _backward(part, _filtered(part, measured[:, :, columns])):
-            pulled: FloatArray = np.einsum("ijb,kjb->kib", step.covariance, says)
+        for step, information in _backward(part, _filtered(part, measured[:, :, columns])):
+            pulled: FloatArray = np.einsum("ijb,kjb->kib", step.covariance, information)
             means[step.at, :, columns] = step.states + pulled
     return means
 
 
 def _backward(model: StateSpace, steps: Iterator[_Step]) -> Iterator[tuple[_Step, FloatArray]]:
-    """What the measurements from an instant on say beyond those before it, last step first.
+    """Backward recursion of the smoother, last step first: r (K, n, B) of Durbin and Koopman.
 
-    That is r (K, n, B) of Durbin and Koopman, with the measurements of an instant taken out one by
-    one, last first.
+    The measurements of an instant are taken out one by one, last first.
     """
     back = model.transition.transpose(1, 0, 2)
-    says = np.zeros_like(model.first)
+    information = np.zeros_like(model.first)
     for step in reversed(list(steps)):
         if step.constant:
-            every = step.constant.backward(step.errors, says)
-            says = every[0]
+            every = step.constant.backward(step.errors, information)
+            information = every[0]
             yield step, every
             continue
-        says = _times(back, says)
+        information = _times(back, information)
         for row in range(len(step.rows) - 1, -1, -1):
             i, gain, variance = OBSERVED[step.rows[row]], step.gains[row], step.variances[row]
-            says[i] += step.errors[0, row] / variance - np.einsum("jb,jb->b", gain, says)
-        yield step, says[None]
+            information[i] += step.errors[0, row] / variance - np.einsum(
+                "jb,jb->b", gain, information
+            )
+        yield step, information[None]

@@ -31,17 +31,17 @@ from accpinn.methods.state_space import (
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5
-"""Of a coordinate, for the slopes."""
+"""Difference of a coordinate, for the slopes."""
 ROUNDS = 60
 LONGEST_STEP = 1.5
-"""Of any coordinate, in a round."""
+"""Longest step of any coordinate in a round."""
 SCORING, NEAR = 10, 1.0
 """Rounds after which the curvature is corrected, and the gain in log L below which it is."""
 CLOSE = 1e-5
 """The search ends when a full step would gain less than this in log L."""
 SAME = 0.3
 """Squared standard errors from a better search within which another one is given up."""
-MEMORY = [one.name for one in COMMON].index("memory")
+MEMORY = [unknown.name for unknown in COMMON].index("memory")
 Groups = NDArray[np.int64]
 AT_ONCE = 400
 """Models filtered at once: as many as have covariances that fit a processor's cache."""
@@ -102,14 +102,14 @@ def log_errors(curvature: FloatArray) -> FloatArray:
 
 def natural(form: Form, z: FloatArray) -> FloatArray:
     """Unknowns in their own units from coordinates (.., P)."""
-    logarithmic = np.array([one.logarithmic for one in coordinates(form)])
+    logarithmic = np.array([unknown.logarithmic for unknown in coordinates(form)])
     return np.where(logarithmic, np.exp(np.where(logarithmic, z, 0.0)), z)
 
 
 def vanishing(form: Form, z: FloatArray) -> FloatArray:
     """θ (.., 3) from coordinates (.., P); components at their least value are 0."""
     theta = natural(form, z)[..., :3]
-    least = np.array([one.lower for one in coordinates(form)[:3]])
+    least = np.array([unknown.lower for unknown in coordinates(form)[:3]])
     return np.where(theta <= least * (1 + 1e-9), 0.0, theta)
 
 
@@ -124,9 +124,11 @@ class Criterion:
         self.series, self.form = series, form
         unknowns: tuple[Coordinate, ...] = coordinates(form)
         self.size = len(unknowns)
-        self.lower, self.upper = np.array([one.bounds for one in unknowns]).T
-        self.start = np.array([one.centre for one in unknowns])
-        self._weight = np.array([0.0 if one.spread is None else one.spread**-2 for one in unknowns])
+        self.lower, self.upper = np.array([unknown.bounds for unknown in unknowns]).T
+        self.start = np.array([unknown.centre for unknown in unknowns])
+        self._weight = np.array(
+            [0.0 if unknown.spread is None else unknown.spread**-2 for unknown in unknowns]
+        )
         self._members = [series.members(g) for g in range(series.groups)]
 
     def model(self, z: FloatArray) -> StateSpace:
@@ -139,14 +141,14 @@ class Criterion:
 
     def log_likelihood(self, z: FloatArray, groups: Groups) -> FloatArray:
         """(K,) log L at coordinates (K, P), each of the group (K,) that is named with it."""
-        found = np.zeros(len(z))
+        total = np.zeros(len(z))
         pairs = np.array([(k, j) for k, g in enumerate(groups) for j in self._members[g]])
         most = max(1, min(AT_ONCE, LARGEST_BATCH // len(self.series.measured)))
         for part in np.array_split(pairs, range(most, len(pairs), most)):
             which, series = part.T
-            total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
-            np.add.at(found, which, total)
-        return found
+            part_total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
+            np.add.at(total, which, part_total)
+        return total
 
     def score(
         self, z: FloatArray, groups: Groups, present: FloatArray | None = None
@@ -164,14 +166,14 @@ class Criterion:
         which, series = np.array(pairs).T
         model = self.model(around[which].reshape(-1, size))
         measured = np.repeat(self.series.measured[:, :, series], size + 1, axis=2)
-        total, found = innovations(model, measured)
+        total, predicted = innovations(model, measured)
         total = total.reshape(len(pairs), -1)
-        errors = found.errors.reshape(-1, len(pairs), size + 1)
-        variances = found.variances.reshape(errors.shape)
+        errors = predicted.errors.reshape(-1, len(pairs), size + 1)
+        variances = predicted.variances.reshape(errors.shape)
         slope = (errors[..., 1:] - errors[..., :1]) / np.sqrt(variances[..., :1])
         growth = np.log(variances[..., 1:] / variances[..., :1]) / np.sqrt(2.0)
         information = sum(
-            np.einsum("tbi,tbj->bij", one, one, optimize=True) for one in (slope, growth)
+            np.einsum("tbi,tbj->bij", rows, rows, optimize=True) for rows in (slope, growth)
         )
         value, gradient = self.log_prior(z), -(z - self.start) * self._weight
         curvature = np.tile(np.diag(self._weight), (len(z), 1, 1))
@@ -205,9 +207,9 @@ def maximise(
     else:
         z = np.array(near)
     groups = np.arange(len(z)) % series.groups
-    found = search(criterion, z, groups)
-    each = (found[group :: series.groups] for group in range(series.groups))
-    return tuple(max(one, key=lambda end: end.criterion) for one in each)
+    ends = search(criterion, z, groups)
+    rivals = (ends[group :: series.groups] for group in range(series.groups))
+    return tuple(max(ends, key=lambda end: end.criterion) for ends in rivals)
 
 
 def search(
@@ -277,9 +279,9 @@ def ascend(
         active = active[~done[active]]
         if not len(active):
             break
-        found = criterion.score(trial[active], groups[active], value[active])
+        scores = criterion.score(trial[active], groups[active], value[active])
         rounds[active] += 1
-        for k, new, slope, information in zip(active, *found, strict=True):
+        for k, new, slope, information in zip(active, *scores, strict=True):
             if not new > value[k] - 1e-9:
                 damping[k] *= 8.0
                 reach[k] = np.abs(trial[k] - z[k]).max() / 4.0

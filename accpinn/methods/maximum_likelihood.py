@@ -85,7 +85,7 @@ def _joint_maxima(
     series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
-    known = [one.coordinates for one in _joint_maxima(segments, case, "cthp", followers)]
+    known = [maximum.coordinates for maximum in _joint_maxima(segments, case, "cthp", followers)]
     return maximise(series, form, near=[np.append(z, x) for x in EXTRA_STARTS[form] for z in known])
 
 
@@ -111,14 +111,14 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
         case: "I" or "II".
     """
     maxima = joint_maxima(segments, case)
-    of = maxima * segment.followers if case == "I" else maxima
-    theta = np.array([one.theta for one in of])
+    followers = maxima * segment.followers if case == "I" else maxima
+    theta = np.array([maximum.theta for maximum in followers])
     active: Mask = np.asarray(theta == 0.0)
     free = theta.copy()
-    for g, one in _without_bounds(segments, case).items():
-        free[slice(None) if case == "I" else g] = one.values[:3]
+    for g, maximum in _without_bounds(segments, case).items():
+        free[slice(None) if case == "I" else g] = maximum.values[:3]
     step = stride_of(segment) * segment.sample_time
-    model = state_space("cthp", np.array([one.values for one in of]), step)
+    model = state_space("cthp", np.array([maximum.values for maximum in followers]), step)
     means = smooth(model, measured_of(segment))
     surrogate, disturbance = _at_instants(segment, step, model, means)
     return Fit.of(
@@ -126,11 +126,11 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
         segment,
         case,
         Solution(frozen(theta), frozen(free), active),
-        outcome=Outcome.SOLVED if all(one.converged for one in maxima) else Outcome.FINISHED,
+        outcome=Outcome.SOLVED if all(m.converged for m in maxima) else Outcome.FINISHED,
         config={"spacing": step},
         surrogate=surrogate,
-        loss={"log_likelihood": sum(one.log_likelihood for one in maxima)},
-        iterations=max(one.rounds for one in maxima),
+        loss={"log_likelihood": sum(maximum.log_likelihood for maximum in maxima)},
+        iterations=max(maximum.rounds for maximum in maxima),
         findings=[
             WeaklyDetermined(vehicle)
             for vehicle, moves in zip(segment.vehicles[1:], moving(segment, case), strict=True)
@@ -138,7 +138,7 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
         ],
         arrays={
             "disturbance": disturbance,
-            "unknowns": np.array([one.values for one in of]),
+            "unknowns": np.array([maximum.values for maximum in followers]),
         },
     )
 
@@ -147,12 +147,12 @@ def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fi
 def _without_bounds(segments: tuple[Segment, ...], case: Case) -> dict[int, Maximum]:
     """Where a bound is active, by group: the maximum without the rational driving constraints."""
     maxima = joint_maxima(segments, case)
-    bound = [g for g, one in enumerate(maxima) if (one.theta == 0.0).any()]
+    bound = [g for g, maximum in enumerate(maxima) if (maximum.theta == 0.0).any()]
     if not bound:
         return {}
     near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
-    found = maximise(series_of(segments, case).of(bound), "unbounded", near)
-    return dict(zip(bound, found, strict=True))
+    unbounded = maximise(series_of(segments, case).of(bound), "unbounded", near)
+    return dict(zip(bound, unbounded, strict=True))
 
 
 def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSize, ...]:
@@ -183,7 +183,9 @@ def _at_instants(
     rates = np.einsum("ijb,kjb->kib", model.rates, means)
     curves = CubicHermiteSpline(time, means[:, :3], rates[:, :3])(segment.time)
     gaps, speeds, ahead = np.moveaxis(curves, 1, 0)
-    disturbance = np.stack([np.interp(segment.time, time, one) for one in means[:, 3].T], axis=1)
+    disturbance = np.stack(
+        [np.interp(segment.time, time, column) for column in means[:, 3].T], axis=1
+    )
     motion = Trajectories(segment.time, np.column_stack([ahead[:, 0], speeds]), gaps)
     return motion, disturbance
 

@@ -20,9 +20,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 TYPICAL_SAMPLES = 3001
-"""Of a window of 300 s."""
+"""Samples of a window of 300 s."""
 FURTHER = 0.35
-"""Of the time of a method, the share that each further follower adds."""
+"""Share of a method's time that each further follower adds."""
 
 
 def one_thread(work: Callable[P, R]) -> Callable[P, R]:
@@ -195,7 +195,7 @@ def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: 
     def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Run:
         yield from ()
         started = time.perf_counter()
-        found = fit(segment, case)
-        return replace(found, seconds=time.perf_counter() - started)
+        estimated = fit(segment, case)
+        return replace(estimated, seconds=time.perf_counter() - started)
 
     return Method(key, title, run, **others)

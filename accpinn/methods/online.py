@@ -28,16 +28,16 @@ TRACK_EVERY: Seconds = 0.5
 INSIGNIFICANT = 1.5
 """Deviations from zero below which a gain may be zero; a cloud at the bound has a mean of 1.3."""
 SPEED_ERROR: MetresPerSecond = 0.05
-"""Of a receiver's Doppler speed, standard deviation."""
+"""Standard deviation of a receiver's Doppler speed."""
 GAP_ERROR: Metres = 0.1
-"""Of a space-gap from two receivers, whose positions wander by decimetres."""
+"""Standard deviation of a space-gap from two receivers, whose positions wander by decimetres."""
 UNEXPLAINED = 0.3
 """In m/s²: the model's residual of the accelerations in OpenACC's runs is 0.27 to 0.46."""
 LASTING: Seconds = 2.0
 """Correlation time of that residual; its means over 3 s are hardly smaller than those over 1 s."""
 DRIFT = (5e-4, 2e-3, 2e-3)
-"""Of α, τ, β in a second, standard deviation; in five minutes 0.009, 0.035 and 0.035. Without it
-a filter ends up certain of the parameters of the first minutes, whatever comes later."""
+"""Standard deviation of the drift of α, τ, β in a second; in five minutes 0.009, 0.035 and 0.035.
+Without it a filter ends up certain of the parameters of the first minutes, whatever comes later."""
 
 
 def kept_samples(segment: Segment) -> list[int]:

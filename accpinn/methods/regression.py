@@ -21,7 +21,7 @@ from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 STEP: Seconds = 1.0
-"""T."""
+"""T, the length of a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Solution:
     theta: FloatArray
     """(3,) or (M, 3) α, ατ, β ≥ 0."""
     unconstrained: FloatArray
-    """Of the same shape, without the bounds."""
+    """(3,) or (M, 3) the optimum without the bounds."""
     active: Mask
-    """Of the same shape: which components are zero because of the bounds."""
+    """(3,) or (M, 3) whether a component is zero because of the bounds."""
 
     @classmethod
     def stack(cls, parts: Sequence["Solution"], followers: int) -> Self:
@@ -165,9 +165,9 @@ class OneSecondMeans:
     mask: Mask
     """(M, K) False where a step contains a sample that does not count or is missing."""
     samples: int
-    """In a step."""
+    """Samples in a step."""
     length: Seconds
-    """Of a step: T, or the sample time if that is longer."""
+    """Length of a step: T, or the sample time if that is longer."""
 
 
 def one_second_means(segment: Segment) -> OneSecondMeans:

@@ -74,12 +74,12 @@ def series_of(
     """
     chosen = range(segments[0].followers) if followers is None or case == "I" else followers
     parts = [_measured_parts(segments, k) for k in chosen]
-    counts = [sum(map(_complete, one)) for one in parts]
+    counts = [sum(map(_complete, pieces)) for pieces in parts]
     if lacking := [k for k, count in zip(chosen, counts, strict=True) if count < LEAST_SAMPLES]:
         if case == "II" or sum(counts) < LEAST_SAMPLES:
             raise SegmentError(_too_little(segments[0], lacking))
-    group = [0 if case == "I" else at for at, one in enumerate(parts) for _ in one]
-    every = [part for one in parts for part in one]
+    group = [0 if case == "I" else at for at, pieces in enumerate(parts) for _ in pieces]
+    every = [part for pieces in parts for part in pieces]
     measured = np.full((max(map(len, every)), 3, len(every)), np.nan)
     for k, part in enumerate(every):
         measured[: len(part), :, k] = part

@@ -62,20 +62,20 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
 SCALE = np.array([0.05, 0.05, 0.2])
-"""Of α, ατ, β: the optimiser's units."""
+"""Units of the optimiser for α, ατ, β."""
 START_ERROR = (0.5, 0.15)
-"""In m and m/s, the largest distance of x_0 from the first sample: three standard deviations of a
+"""Largest distance in m and m/s of x_0 from the first sample: three standard deviations of a
 receiver's errors. Without a limit, x_0 would absorb part of the model's error."""
 AT_ZERO = 1e-6
-"""In units of `SCALE`: the search approaches a bound and never reaches it."""
+"""Distance to a bound, in units of `SCALE`, that the search approaches and never reaches."""
 HIGHEST = np.array([LARGEST.alpha, LARGEST_ALPHA_TAU, LARGEST.beta])
-"""Of α, ατ, β: where nothing but noise moves, the best simulation would repeat it with unbounded
-gains."""
+"""Largest α, ατ, β: where nothing but noise moves, the best simulation would repeat it with
+unbounded gains."""
 SINGULAR = 1e-8
 """Ratio of the derivatives' singular values below which θ is not identifiable."""
 TOLERANCE = 1e-10
 LEAST_STRETCH: Seconds = 5.0
-"""Between masked instants: in less time, an unknown first state explains the motion by itself."""
+"""Shortest simulated stretch: in less time, an unknown first state explains any motion."""
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
@@ -203,8 +203,8 @@ def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
 def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:
     """The best θ within the bounds, and the best one without them."""
     search = _Search(stretches, (True, True, True))
-    found = [search.run(guess) for guess in guesses]
-    best = min(found, key=lambda end: float(end.cost))
+    ends = [search.run(guess) for guess in guesses]
+    best = min(ends, key=lambda end: float(end.cost))
     theta = unconstrained = search.theta(best.x)
     positive = theta > AT_ZERO * SCALE
     active = ~positive
@@ -214,7 +214,7 @@ def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray])
         positive[1] &= positive[0]
         search = _Search(stretches, positive.tolist())
         best = search.run(theta)
-        found.append(best)
+        ends.append(best)
         theta = search.theta(best.x)
     whole = len(stretches[0].ahead) == len(chain.ahead)
     return _End(
@@ -222,7 +222,7 @@ def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray])
         chain.states(theta, search.starts(best.x)[0] if whole else chain.measured[0]),
         _placed(stretches, search.errors(best.x), chain.measured.shape),
         bool(best.success),
-        sum(end.nfev for end in found),
+        sum(end.nfev for end in ends),
         search.is_identifiable(best),
     )
 
@@ -238,13 +238,13 @@ def _placed(stretches: tuple[Chain, ...], errors: FloatArray, shape: tuple[int, 
 
 
 def _findings(segment: Segment, ends: list[_End]) -> list[MethodFinding]:
-    found: list[MethodFinding] = [] if len(ends) == 1 else [SimulatedSeparately()]
+    findings: list[MethodFinding] = [] if len(ends) == 1 else [SimulatedSeparately()]
     if segment.mask is not None:
-        found.append(SimulatedInStretches(LEAST_STRETCH))
+        findings.append(SimulatedInStretches(LEAST_STRETCH))
     for vehicle, end in zip(segment.vehicles[1:], ends, strict=False):
         if not end.identifiable or (end.solution.theta >= HIGHEST * (1 - AT_ZERO)).any():
-            found.append(WeaklyDetermined(None if len(ends) < segment.followers else vehicle))
-    return found
+            findings.append(WeaklyDetermined(None if len(ends) < segment.followers else vehicle))
+    return findings
 
 
 class _Search:
@@ -287,10 +287,10 @@ class _Search:
         for index, (part, start, count) in enumerate(
             zip(self._stretches, starts, rows, strict=True)
         ):
-            own = part.slopes(theta, start).reshape(count, -1)
+            by_part = part.slopes(theta, start).reshape(count, -1)
             at = slice(taken, taken + count)
-            slopes[at, :free] = own[:, self._free]
-            slopes[at, free + index * size : free + (index + 1) * size] = own[:, 3:]
+            slopes[at, :free] = by_part[:, self._free]
+            slopes[at, free + index * size : free + (index + 1) * size] = by_part[:, 3:]
             taken += count
         slopes *= self._unit
         return slopes

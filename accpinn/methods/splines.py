@@ -166,7 +166,9 @@ class _Basis:
         data = np.eye(outputs)
         kinematic, dynamic = _residuals(theta)
         if self._mask is None:
-            residuals = [one for pair in zip(kinematic, dynamic, strict=True) for one in pair]
+            residuals = [
+                residual for pair in zip(kinematic, dynamic, strict=True) for residual in pair
+            ]
             self._add_squares(banded, self._bands, residuals, data)
             return banded
         self._add_squares(banded, self._bands, kinematic, data)
@@ -219,15 +221,15 @@ class _Basis:
 
 
 def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
-    """Of dp/dt = Δv and of dv/dt = .., each for M followers."""
+    """Residuals of dp/dt = Δv and of dv/dt = .., one of each for every follower."""
     followers = len(theta)
     unit = np.eye(2 * followers + 1)
     kinematic, dynamic = [], []
     for follower, (alpha, alpha_tau, beta) in enumerate(theta):
-        ahead, own, gap = unit[follower], unit[follower + 1], unit[followers + 1 + follower]
-        kinematic.append((gap, own - ahead))
+        ahead, speed, gap = unit[follower], unit[follower + 1], unit[followers + 1 + follower]
+        kinematic.append((gap, speed - ahead))
         damping = alpha_tau + beta
-        dynamic.append((own, -alpha * gap + damping * own - beta * ahead))
+        dynamic.append((speed, -alpha * gap + damping * speed - beta * ahead))
     return kinematic, dynamic
 
 

@@ -54,7 +54,7 @@ class PinnConfig:
     iterations: int = 600
     """Adam iterations at most; `fast` ends earlier once it has converged."""
     seed: int = 0
-    """Of the network's initial weights, the minibatches and the train/test split."""
+    """Seed of the network's initial weights, the minibatches and the train/test split."""
     initial: Parameters = STARTS[0]
     """Before the first iteration; the paper's notebooks start at ones."""
     weight_physics: tuple[float, float] = (1.0, 1.0)

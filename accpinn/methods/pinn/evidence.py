@@ -67,9 +67,9 @@ singular to working precision."""
 class Basis(SplineBasis):
     """The features: splines with their derivatives' Gram matrices, and their values at samples."""
 
-    def __init__(self, samples: int, step: Seconds, knots_every: Seconds = KNOTS_EVERY) -> None:
+    def __init__(self, samples: int, step: Seconds) -> None:
         """Splines for samples at 0, step, 2 step, ..."""
-        super().__init__((samples - 1) * step, knots_every, DEGREE)
+        super().__init__((samples - 1) * step, KNOTS_EVERY, DEGREE)
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = float(np.diff(self.breaks)[0]) / 2
         points = ((self.breaks[:-1] + self.breaks[1:]) / 2)[:, None] + half * nodes
@@ -92,8 +92,8 @@ class Basis(SplineBasis):
 
 
 @lru_cache(maxsize=8)
-def _basis(samples: int, step: Seconds, knots_every: Seconds) -> Basis:
-    return Basis(samples, step, knots_every)
+def _basis(samples: int, step: Seconds) -> Basis:
+    return Basis(samples, step)
 
 
 class Physics(NamedTuple):
@@ -146,13 +146,11 @@ class Parts(NamedTuple):
 class LinearEvidence:
     """log p(y | z) of one series, the output layer integrated out."""
 
-    def __init__(
-        self, measured: FloatArray, step: Seconds, knots_every: Seconds = KNOTS_EVERY
-    ) -> None:
+    def __init__(self, measured: FloatArray, step: Seconds) -> None:
         """Sum products of the data p, v, u (N, 3), nan where missing, one sample each ``step``."""
         complete: Mask = np.asarray(~np.isnan(measured).all(axis=1))
         measured = measured[: int(np.flatnonzero(complete)[-1]) + 1]
-        self.basis = _basis(len(measured), step, knots_every)
+        self.basis = _basis(len(measured), step)
         self._measured = measured
         known = [~np.isnan(column) for column in measured.T]
         rows = [self.basis.values[kept] for kept in known]
@@ -218,11 +216,11 @@ class Evidence(Criterion):
 
     rounding = 1e-5
 
-    def __init__(self, series: Series, knots_every: Seconds = KNOTS_EVERY) -> None:
+    def __init__(self, series: Series) -> None:
         """For series, each of them with features of its own length."""
         super().__init__(series)
         self._terms = [
-            LinearEvidence(measured, series.step, knots_every)
+            LinearEvidence(measured, series.step)
             for measured in np.moveaxis(series.measured, -1, 0)
         ]
 
@@ -230,14 +228,10 @@ class Evidence(Criterion):
         """(K,) log evidence at coordinates (K, P), each of the group (K,) named with it."""
         return np.array(
             [
-                sum(self.combined(self._terms[k].parts(values)) for k in self._members[group])
+                sum(sum(self._terms[k].parts(values)) for k in self._members[group])
                 for values, group in zip(np.exp(z), groups, strict=True)
             ]
         )
-
-    def combined(self, parts: Parts) -> float:
-        """What is made as large as possible: the sum of all parts."""
-        return sum(parts)
 
     def score(
         self, z: FloatArray, groups: Groups, present: FloatArray | None = None

@@ -40,8 +40,8 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
     "calibrated": (0.6, 0.8, CALIBRATED.iterations),
     "paper": (450.0, 0.44, PAPER.iterations),
 }
-"""Of a training on 300 s of one follower, the share of it that each further one adds, and for how
-many iterations at most; see docs/validation.md."""
+"""Seconds on 300 s of one follower, the share that each further one adds, and the iterations of
+that measurement; see docs/validation.md."""
 MOST_BYTES = 1.4e9
 _PER_FEATURE, _MASKED = (48, 3), (60, 5)
 """Bytes per instant and input feature that `fast` takes at its peak, and for each follower;
@@ -225,7 +225,7 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
 
 
 def typical_seconds(segment: Segment, settings: PinnConfig | None) -> Seconds:
-    """Of one training that runs all its iterations."""
+    """Expected duration of a training that runs all its iterations."""
     config = settings or FAST
     typical, further, iterations = TYPICAL[config.preset]
     followers = 1 + further * (segment.followers - 1)
