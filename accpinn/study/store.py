@@ -1,9 +1,10 @@
-"""Results on disk: the cache, by the keys of analyses; the library of snapshots, by their digests.
+"""Results on disk: a shelf of files that can be searched, and the cache of results, which is one.
 
-Both are folders of files in the snapshot's format, each beside one SQLite file that can be searched
-and made again from the files. The cache drops what was not used for the longest time once it
-exceeds its cap; it also holds the checkpoints of trainings, and what each session of the app shows.
-The library loses nothing: it refuses what it has no room for, and only a user deletes.
+A `Shelf` is a folder of files in the snapshot's format beside one SQLite file, made again from the
+files where it is missing. The `Store` keeps results by the keys of their analyses and drops what
+was not used for the longest time once it exceeds its cap; it also holds the checkpoints of
+trainings, and what each session of the app shows. The library of
+snapshots is the other shelf (`library.py`).
 """
 
 import io
@@ -28,7 +29,7 @@ from accpinn.serial import dump, restore
 from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
-from accpinn.study.snapshot import SUFFIX, load, read, read_file, to_bytes, write_file
+from accpinn.study.snapshot import SUFFIX, read, read_file, to_bytes
 from accpinn.units import Seconds
 
 INDEX = "index1.sqlite"
@@ -36,14 +37,11 @@ INDEX = "index1.sqlite"
 STATE = ".state.npz"
 DAMAGED = ".damaged"
 DELETED = ".deleted"
-"""Ending of a snapshot that can still be brought back."""
-RESTORABLE: Seconds = 24 * 3600.0
+"""Ending of a file that can still be brought back."""
 ABANDONED: Seconds = 3600.0
 """A file that was begun so long ago is nobody's any more."""
 CACHE_BYTES = 500_000_000
 """Cap on the cache; a result and its checkpoint for 300 s of data take about 0.5 MB."""
-LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
-"""Caps on the library; a result of 300 s without its data takes well below 1 MB."""
 CLOCK_SLACK: Seconds = 60.0
 """Largest difference between the clocks of two machines that share a folder."""
 PATIENCE: Seconds = 10.0
@@ -170,7 +168,7 @@ class Shelf:
             known = {name: (state, entry) for name, state, entry in rows}
             for name, path in paths.items():
                 with suppress(OSError):  # deleted by another process just now
-                    state = _state(path)
+                    state = state_of(path)
                     then, content = known.get(name, ("", b""))
                     entry = _decoded(content) if then == state else None
                     entries[name] = entry or self._indexed(index, name, state)
@@ -253,7 +251,8 @@ def _opened(place: Path | None) -> sqlite3.Connection:
     return connection
 
 
-def _state(path: Path) -> str:
+def state_of(path: Path) -> str:
+    """Time and size of a file, by which the index knows that it is the one it has read."""
     status = path.stat()
     return f"{status.st_mtime_ns} {status.st_size}"
 
@@ -324,7 +323,7 @@ class Store(Shelf):
         path = self.path(key)
         if self._write(path, content, say):
             with suppress(OSError), self.index() as index:
-                self._enter(index, Entry.of(key, bare), _state(path))
+                self._enter(index, Entry.of(key, bare), state_of(path))
             for name in result.analysis.checkpoint_keys[1:]:
                 (self.folder / f"{name}{STATE}").unlink(missing_ok=True)
 
@@ -488,129 +487,3 @@ def _arrays(path: Path, most: int) -> Checkpoint:
             raise ValueError("it would unpack to more than the whole store may hold")
     with np.load(path, allow_pickle=False) as file:
         return {key: file[key] for key in file.files}
-
-
-class Library(Shelf):
-    """The snapshots of a server, each under the first digits of its digest."""
-
-    def __init__(
-        self,
-        place: Path | None = None,
-        cap_bytes: int = LIBRARY_BYTES,
-        cap_count: int = LIBRARY_COUNT,
-    ) -> None:
-        """By default among the user's data."""
-        super().__init__(place or folder("snapshots"), cap_bytes)
-        self.cap_count = cap_count
-
-    def add(self, content: Result | bytes, owner: str = "") -> str:
-        """Keep a snapshot, or the bytes of one, once they are known to be whole.
-
-        Args:
-            content: of a snapshot.
-            owner: a digest of who saves it; one that is there already stays whose it was.
-
-        Returns:
-            Its short name.
-
-        Raises:
-            SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.
-        """
-        data = content if isinstance(content, bytes) else to_bytes(content)
-        result = load(data)
-        name, path = result.id, self.path(result.id)
-        with suppress(SnapshotError):  # a damaged one is mended
-            if path.exists() and self.read(name):
-                return name
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as fault:
-            raise SnapshotError(
-                f"{self.folder}: the snapshot cannot be kept there ({reason_of(fault)}); name"
-                f" another folder in {variable('snapshots')}."
-            ) from None
-        self._sweep()
-        self._check_room(len(data))
-        write_file(data, path, "snapshot")
-        with self.index() as index:
-            self._enter(index, Entry.of(name, result), _state(path), owner)
-        return name
-
-    def owner(self, name: str) -> str:
-        """A digest of who saved a snapshot; empty where that is not known."""
-        return self._ask("select owner from entries where name = ?", name) or ""
-
-    def readable(self, words: str = "") -> tuple[Entry, ...]:
-        """The snapshots that can be read, the newest first."""
-        return tuple(entry for entry in self.entries(words) if not entry.fault)
-
-    def read(self, name: str) -> Result:
-        """The snapshot of that short name; see `Shelf.read`."""
-        result = load(self.raw(name))
-        if result.id != name:
-            raise SnapshotError(
-                f"Snapshot {name} is damaged: its file holds {result.id}; get the file anew."
-            )
-        return result
-
-    def raw(self, name: str) -> bytes:
-        """The file of that short name, to be downloaded.
-
-        Raises:
-            SnapshotError: for an unknown name.
-        """
-        path = self.path(name)
-        if not path.exists():
-            raise unknown(name)
-        return read_file(path)
-
-    def delete(self, name: str) -> None:
-        """Remove one, damaged or not; nothing happens where another did so already.
-
-        For a day `restore` brings it back.
-        """
-        path = self.path(name)
-        try:
-            with suppress(FileNotFoundError):
-                os.replace(path, path.with_suffix(DELETED))
-                os.utime(path.with_suffix(DELETED))
-        except OSError as fault:
-            raise SnapshotError(
-                f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
-                f" {self.folder}."
-            ) from None
-
-    def restore(self, name: str) -> None:
-        """Bring back one that was deleted.
-
-        Raises:
-            SnapshotError: where it is gone for good, or the library is full.
-        """
-        path = self.path(name)
-        deleted = path.with_suffix(DELETED)
-        if path.exists():
-            return
-        if not deleted.exists():
-            raise unknown(name)
-        self._check_room(deleted.stat().st_size)
-        os.replace(deleted, path)
-
-    def _sweep(self) -> None:
-        """Remove what was deleted long ago, and what killed processes have left behind."""
-        for ending, kept in ((UNFINISHED, ABANDONED), (DELETED, RESTORABLE)):
-            for path in self.folder.glob(f"*{ending}"):
-                with suppress(OSError):  # another process swept it just now
-                    if time.time() - path.stat().st_mtime > kept:
-                        path.unlink()
-
-    def _check_room(self, size: int) -> None:
-        sizes = []
-        for path in self._files():
-            with suppress(OSError):  # deleted just now
-                sizes.append(path.stat().st_size)
-        if len(sizes) >= self.cap_count or sum(sizes) + size > self.cap_bytes:
-            raise SnapshotError(
-                f"The server's library of snapshots is full ({len(sizes):,} snapshots,"
-                f" {sum(sizes) / 1e6:.0f} MB); delete some that are no longer needed, then save"
-                " again."
-            )

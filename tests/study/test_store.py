@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.pinn.config import preset
-from accpinn.study import store as module
 from accpinn.study.analysis import Analysis
+from accpinn.study.library import RESTORABLE, Library
 from accpinn.study.result import Result
-from accpinn.study.store import INDEX, SESSION_KEPT, Library, Store
+from accpinn.study.store import INDEX, SESSION_KEPT, Store
 from tests.support.driving import driven
 from tests.support.snapshots import (
     asked_of,
@@ -283,7 +283,7 @@ class TestLibrary:
         library.restore(name)
         assert [entry.id for entry in library.entries()] == [name]
         library.delete(name)
-        later = time.time() + module.RESTORABLE + 60
+        later = time.time() + RESTORABLE + 60
         monkeypatch.setattr(time, "time", lambda: later)
         library.add(called("another"))
         with pytest.raises(SnapshotError, match="There is no snapshot"):

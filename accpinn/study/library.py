@@ -1,0 +1,147 @@
+"""The library of a server's snapshots, by the first digits of their digests.
+
+A shelf (`store.py`) that loses nothing: it refuses what it has no room for, and only a user
+deletes, which for a day can be undone.
+"""
+
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from accpinn.errors import SnapshotError
+from accpinn.storage import UNFINISHED, folder, reason_of, variable
+from accpinn.study.result import Result
+from accpinn.study.snapshot import load, read_file, to_bytes, write_file
+from accpinn.study.store import ABANDONED, DELETED, Entry, Shelf, state_of, unknown
+from accpinn.units import Seconds
+
+RESTORABLE: Seconds = 24 * 3600.0
+LIBRARY_BYTES, LIBRARY_COUNT = 2_000_000_000, 1000
+"""Caps on the library; a result of 300 s without its data takes well below 1 MB."""
+
+
+class Library(Shelf):
+    """The snapshots of a server, each under the first digits of its digest."""
+
+    def __init__(
+        self,
+        place: Path | None = None,
+        cap_bytes: int = LIBRARY_BYTES,
+        cap_count: int = LIBRARY_COUNT,
+    ) -> None:
+        """By default among the user's data."""
+        super().__init__(place or folder("snapshots"), cap_bytes)
+        self.cap_count = cap_count
+
+    def add(self, content: Result | bytes, owner: str = "") -> str:
+        """Keep a snapshot, or the bytes of one, once they are known to be whole.
+
+        Args:
+            content: of a snapshot.
+            owner: a digest of who saves it; one that is there already stays whose it was.
+
+        Returns:
+            Its short name.
+
+        Raises:
+            SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.
+        """
+        data = content if isinstance(content, bytes) else to_bytes(content)
+        result = load(data)
+        name, path = result.id, self.path(result.id)
+        with suppress(SnapshotError):  # a damaged one is mended
+            if path.exists() and self.read(name):
+                return name
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as fault:
+            raise SnapshotError(
+                f"{self.folder}: the snapshot cannot be kept there ({reason_of(fault)}); name"
+                f" another folder in {variable('snapshots')}."
+            ) from None
+        self._sweep()
+        self._check_room(len(data))
+        write_file(data, path, "snapshot")
+        with self.index() as index:
+            self._enter(index, Entry.of(name, result), state_of(path), owner)
+        return name
+
+    def owner(self, name: str) -> str:
+        """A digest of who saved a snapshot; empty where that is not known."""
+        return self._ask("select owner from entries where name = ?", name) or ""
+
+    def readable(self, words: str = "") -> tuple[Entry, ...]:
+        """The snapshots that can be read, the newest first."""
+        return tuple(entry for entry in self.entries(words) if not entry.fault)
+
+    def read(self, name: str) -> Result:
+        """The snapshot of that short name; see `Shelf.read`."""
+        result = load(self.raw(name))
+        if result.id != name:
+            raise SnapshotError(
+                f"Snapshot {name} is damaged: its file holds {result.id}; get the file anew."
+            )
+        return result
+
+    def raw(self, name: str) -> bytes:
+        """The file of that short name, to be downloaded.
+
+        Raises:
+            SnapshotError: for an unknown name.
+        """
+        path = self.path(name)
+        if not path.exists():
+            raise unknown(name)
+        return read_file(path)
+
+    def delete(self, name: str) -> None:
+        """Remove one, damaged or not; nothing happens where another did so already.
+
+        For a day `restore` brings it back.
+        """
+        path = self.path(name)
+        try:
+            with suppress(FileNotFoundError):
+                os.replace(path, path.with_suffix(DELETED))
+                os.utime(path.with_suffix(DELETED))
+        except OSError as fault:
+            raise SnapshotError(
+                f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
+                f" {self.folder}."
+            ) from None
+
+    def restore(self, name: str) -> None:
+        """Bring back one that was deleted.
+
+        Raises:
+            SnapshotError: where it is gone for good, or the library is full.
+        """
+        path = self.path(name)
+        deleted = path.with_suffix(DELETED)
+        if path.exists():
+            return
+        if not deleted.exists():
+            raise unknown(name)
+        self._check_room(deleted.stat().st_size)
+        os.replace(deleted, path)
+
+    def _sweep(self) -> None:
+        """Remove what was deleted long ago, and what killed processes have left behind."""
+        for ending, kept in ((UNFINISHED, ABANDONED), (DELETED, RESTORABLE)):
+            for path in self.folder.glob(f"*{ending}"):
+                with suppress(OSError):  # another process swept it just now
+                    if time.time() - path.stat().st_mtime > kept:
+                        path.unlink()
+
+    def _check_room(self, size: int) -> None:
+        sizes = []
+        for path in self._files():
+            with suppress(OSError):  # deleted just now
+                sizes.append(path.stat().st_size)
+        if len(sizes) >= self.cap_count or sum(sizes) + size > self.cap_bytes:
+            raise SnapshotError(
+                f"The server's library of snapshots is full ({len(sizes):,} snapshots,"
+                f" {sum(sizes) / 1e6:.0f} MB); delete some that are no longer needed, then save"
+                " again."
+            )
