@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -70,7 +69,12 @@ class TestEvery:
     @every_method
     def test_names_itself_and_its_end_and_is_the_same_every_time(self, estimate: Estimator) -> None:
         fit, again = (estimate(driven(duration=30.0, noise=0.05), "II") for _ in range(2))
-        assert bits(replace(fit, seconds=0.0)) == bits(replace(again, seconds=0.0))
+        assert fit.parameters.values.tobytes() == again.parameters.values.tobytes()
+        assert (fit.findings, fit.loss, fit.iterations) == (
+            again.findings,
+            again.loss,
+            again.iterations,
+        )
         assert json.loads(json.dumps(fit.config)) == fit.config
         assert ESTIMATORS[fit.method] is estimate
         assert fit.outcome in (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
