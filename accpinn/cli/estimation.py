@@ -320,8 +320,10 @@ def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     methods = parse_methods(options.methods)
     analysis, recording = chosen_analysis(options)
-    found = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
-    outcomes = list(tqdm(found, total=len(methods), unit="method", file=sys.stderr, disable=None))
+    compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
+    outcomes = list(
+        tqdm(compared, total=len(methods), unit="method", file=sys.stderr, disable=None)
+    )
     results, refused = results_among(outcomes), refused_among(outcomes)
     if not results:
         raise refused[0].fault
@@ -424,9 +426,9 @@ def _comparison_text(
 
 def _warnings(segment: Segment, result: Result, duration: Seconds) -> tuple[str, ...]:
     """On identifiability, and what would improve it; the same for all methods."""
-    found = identifiability_warnings(segment, result.uncertainty, result.fit.case)
-    cure = narrower_intervals(segment.info, result.uncertainty, found, duration)
-    return messages((*found, *cure), segment)
+    warnings = identifiability_warnings(segment, result.uncertainty, result.fit.case)
+    cure = narrower_intervals(segment.info, result.uncertainty, warnings, duration)
+    return messages((*warnings, *cure), segment)
 
 
 def add_starts_options(parser: argparse.ArgumentParser) -> None:

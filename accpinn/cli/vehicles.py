@@ -54,14 +54,14 @@ def _describe_report(
 
 def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     smallest = vehicle.smallest_tau
-    found = {
+    properties = {
         "l2": {"criterion": vehicle.l2.value},
         "linf_paper": {"criterion": vehicle.linf_paper.value},
         "linf_exact": {"gain": vehicle.linf_gain},
     }
     return {
         **fields(vehicle.parameters, *PARAMETER_KEYS),
-        **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in found.items()},
+        **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in properties.items()},
         **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],

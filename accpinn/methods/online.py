@@ -140,11 +140,11 @@ def step_maps(theta: FloatArray, step: Seconds) -> FloatArray:
     rates[..., 1, 0], rates[..., 1, 2] = step * alpha, step * beta
     rates[..., 1, 1] = -step * (alpha_tau + beta)
     rates[..., 2, 3] = 1.0
-    found = UNIT
+    series = UNIT
     for order in (4, 3, 2, 1):
-        found = UNIT + found @ rates / order
-    found[..., 2] -= found[..., 3]
-    return found
+        series = UNIT + series @ rates / order
+    series[..., 2] -= series[..., 3]
+    return series
 
 
 class Filter(Protocol):

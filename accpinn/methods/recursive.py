@@ -166,19 +166,19 @@ def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[M
         theta: (K, G, 3) the estimates averaged over.
         solution: their mean.
     """
-    found: list[MethodFinding] = []
+    findings: list[MethodFinding] = []
     for k, vehicle in enumerate(segment.vehicles[1:]):
         values = theta[:, k % theta.shape[1]]
         if not np.isfinite(values).any():
-            found.append(WeaklyDetermined(vehicle))
+            findings.append(WeaklyDetermined(vehicle))
             continue
         shares = (values == 0).mean(axis=0).tolist()
-        found += [
+        findings += [
             BoundActiveAtTimes(vehicle, name, share)
             for name, share, always in zip(LINEAR_NAMES, shares, solution.active[k], strict=True)
             if share and not always
         ]
-    return found
+    return findings
 
 
 METHOD = direct(

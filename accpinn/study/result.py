@@ -183,8 +183,8 @@ class Result:
             method = METHODS[self.analysis.method]
             return method.fit(segment, self.analysis.case, config, context)
 
-        found = evaluate(self._data, self.fit, estimate, self.recording)
-        return replace(self, parts=replace(self.parts, evaluation=found))
+        evaluation = evaluate(self._data, self.fit, estimate, self.recording)
+        return replace(self, parts=replace(self.parts, evaluation=evaluation))
 
     def with_data(self, recording: Recording) -> Self:
         """The same, with the data cut anew from the recording.

@@ -248,8 +248,8 @@ def _provenance(result: Result, whole: Result, recording: Recording) -> list[Che
         findings = tuple(finding for finding in info.findings if not isinstance(finding, of_cut))
         return replace(info, source="", findings=findings)
 
-    stored, found = ([comparable(info) for info in part.infos] for part in (result, whole))
-    checks = [_compare("info", stored, found)]
+    stored, anew = ([comparable(info) for info in part.infos] for part in (result, whole))
+    checks = [_compare("info", stored, anew)]
     if result.facts:
         checks.append(_compare("facts", result.facts, facts_of(recording)))
     return checks
@@ -299,11 +299,11 @@ def _refit(subject: Result, name: str) -> list[Check]:
     check = _compare("fit", before, after, name, state="reproduced")
     is_exact = check.ok
     if not is_exact and method.tolerance > SOLVED:
-        stored, found = (
+        stored, anew = (
             [{field: getattr(fit, field) for field in EVERYWHERE} for fit in fits]
             for fits in (before, after)
         )
-        check = _compare("fit", stored, found, name, state="reproduced", relative=method.tolerance)
+        check = _compare("fit", stored, anew, name, state="reproduced", relative=method.tolerance)
     checks, evaluation = [check], subject.parts.evaluation
     if evaluation and evaluation.blocks:
         blocks = again.with_holdout().evaluation.blocks
@@ -316,20 +316,20 @@ def _refit(subject: Result, name: str) -> list[Check]:
 
 def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
     """A part computed anew from the stored fit and the data."""
-    stored, found = getattr(parts, part), getattr(fresh, part)
-    if part == "uncertainty" and agree(stored, found):
+    stored, anew = getattr(parts, part), getattr(fresh, part)
+    if part == "uncertainty" and agree(stored, anew):
         # On another processor draws differ, and the ends of intervals a little.
         drawn = from_draws(stored.centre, stored.draws, stored.level)
-        found = judged(drawn, fresh.segments[0], fresh.fit)
+        anew = judged(drawn, fresh.segments[0], fresh.fit)
     if part == "evaluation":
         unknown = ["blocks"]  # they follow from the method alone
         if fresh.fit.surrogate is None:
             unknown.append("surrogate")
         if fresh.recording is None or not fresh.facts:
             unknown += ["out_of_window", "out_of_window_seconds", "out_of_window_findings"]
-        found = replace(found, holdout=pooled_holdout_errors(stored.blocks))
-        stored, found = (replace(side, **dict.fromkeys(unknown)) for side in (stored, found))
-    return [_compare(part, stored, found, name)]
+        anew = replace(anew, holdout=pooled_holdout_errors(stored.blocks))
+        stored, anew = (replace(side, **dict.fromkeys(unknown)) for side in (stored, anew))
+    return [_compare(part, stored, anew, name)]
 
 
 def _curves(subject: Result) -> list[Check]:
@@ -340,14 +340,14 @@ def _curves(subject: Result) -> list[Check]:
     curves = fit.surrogate
     rows = np.unique(np.linspace(0, len(curves.time) - 1, INSTANTS).round().astype(int))
     stored = Trajectories(curves.time[rows], curves.speeds[rows], curves.gaps[rows])
-    found = redraw(fit, stored.time, float(curves.time[-1]))
-    return [_compare("curves", stored, found)]
+    anew = redraw(fit, stored.time, float(curves.time[-1]))
+    return [_compare("curves", stored, anew)]
 
 
 def _compare(
     part: str,
     stored: Any,
-    found: Any,
+    anew: Any,
     name: str = "",
     *,
     state: State = "recomputed",
@@ -357,7 +357,7 @@ def _compare(
     """Two objects of one kind, number by number and text by text."""
     usual, absolute = TOLERANCES.get(part, (RELATIVE, ABSOLUTE))
     relative = relative or usual
-    old, new = (_leaves(value, numbers_only) for value in (stored, found))
+    old, new = (_leaves(value, numbers_only) for value in (stored, anew))
     places = sorted(old.keys() | new.keys())
     differing = [
         place for place in places if not _same(old.get(place), new.get(place), relative, absolute)
@@ -388,10 +388,10 @@ def _leaves(value: Any, numbers_only: bool) -> dict[str, Any]:
     return leaves
 
 
-def _same(stored: Any, found: Any, relative: float, absolute: float) -> bool:
-    if stored is None or found is None or isinstance(stored, str) or isinstance(found, str):
-        return isinstance(stored, str) and isinstance(found, str) and stored == found
-    a, b = np.asarray(stored, float), np.asarray(found, float)
+def _same(stored: Any, anew: Any, relative: float, absolute: float) -> bool:
+    if stored is None or anew is None or isinstance(stored, str) or isinstance(anew, str):
+        return isinstance(stored, str) and isinstance(anew, str) and stored == anew
+    a, b = np.asarray(stored, float), np.asarray(anew, float)
     if a.shape != b.shape:
         return False
     with np.errstate(invalid="ignore", over="ignore"):
@@ -399,21 +399,21 @@ def _same(stored: Any, found: Any, relative: float, absolute: float) -> bool:
     return bool((near | (a == b) | (np.isnan(a) & np.isnan(b))).all())
 
 
-def _shown(place: str, stored: Any, found: Any, differ: bool) -> tuple[str, str]:
+def _shown(place: str, stored: Any, anew: Any, differ: bool) -> tuple[str, str]:
     """A leaf as stored and as found now, with the digits it takes to see a difference."""
     if not place:
         return "", ""
-    if isinstance(stored, np.ndarray) and isinstance(found, np.ndarray):
-        if stored.shape == found.shape:
-            first = np.unravel_index(np.argmax(np.abs(stored - found)), stored.shape)
-            stored, found = float(stored[first]), float(found[first])
+    if isinstance(stored, np.ndarray) and isinstance(anew, np.ndarray):
+        if stored.shape == anew.shape:
+            first = np.unravel_index(np.argmax(np.abs(stored - anew)), stored.shape)
+            stored, anew = float(stored[first]), float(anew[first])
             place = ".".join([place, *map(str, first)])
     words = FEATURED.get(place, f"{place}: {{}}" if differ else "{}")
-    if isinstance(stored, float | int) and isinstance(found, float | int):
-        pairs = [(f"{stored:.{digits}g}", f"{found:.{digits}g}") for digits in range(6, 18)]
+    if isinstance(stored, float | int) and isinstance(anew, float | int):
+        pairs = [(f"{stored:.{digits}g}", f"{anew:.{digits}g}") for digits in range(6, 18)]
         pair = next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
     else:
-        pair = (_brief(stored), _brief(found))
+        pair = (_brief(stored), _brief(anew))
     return words.format(pair[0]), words.format(pair[1])
 
 

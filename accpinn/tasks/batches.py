@@ -66,14 +66,14 @@ class DownloadTask(Task[Download]):
         """How far it is; None before the first byte."""
 
     def _work(self, context: TaskContext) -> Iterator[Download]:
-        for found in download(
+        for progress in download(
             (self.run,), self._folder, self._base,
             on_transfer=partial(setattr, self, "latest"), should_stop=context.should_stop,
         ):  # fmt: skip
-            if found.state is DownloadState.FAILED:
-                raise RecordingError(found.reason)
-            if found.state is not DownloadState.STOPPED:
-                yield found
+            if progress.state is DownloadState.FAILED:
+                raise RecordingError(progress.reason)
+            if progress.state is not DownloadState.STOPPED:
+                yield progress
 
     @property
     def share(self) -> float:

@@ -20,7 +20,6 @@ from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.samples import FOLDER, NOISE_FREE, NOISY, PLATOON, sample
-from tests.support.snapshots import bits
 
 Estimator = Callable[[Segment, Case], Fit]
 

@@ -278,11 +278,11 @@ def show_validation(workspace: Workspace) -> None:
             " are no learned parameters yet."
         )
         return
-    found = show.attempt(lambda: validate(result.fit, segment, other))
-    if found is None:
+    validation = show.attempt(lambda: validate(result.fit, segment, other))
+    if validation is None:
         return
-    table = validation_table(segment.info, other.info, found)
+    table = validation_table(segment.info, other.info, validation)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
-    said = (*messages(found.findings, segment), *messages(found.events, other))
+    said = (*messages(validation.findings, segment), *messages(validation.events, other))
     show.messages(said, "warning")
     show.downloads(table, f"{segment.source}_validation", "validation")

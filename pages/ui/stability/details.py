@@ -185,8 +185,8 @@ def show_measured(shown: ShownVehicles) -> None:
                 lambda k: choice.set(measured=k), labelled=False, width=240,
                 help="The vehicle whose recorded speed is compared with that of the car ahead.",
             )  # fmt: skip
-    found = show.attempt(lambda: _measured(segment, follower))
-    if found is None:
+    gain = show.attempt(lambda: _measured(segment, follower))
+    if gain is None:
         return
     # Vehicles of another source stand for those of the recording, in their order.
     which = 0 if len(chosen) == 1 else follower if len(chosen) == len(labels) else None
@@ -197,21 +197,21 @@ def show_measured(shown: ShownVehicles) -> None:
         key.append((f"{model.name}, model", colour))
     with head:
         show.key(key)
-    show.chart(_figure(found, labels[follower], colour, model), "stability_measured_gain")
-    level = f"{100 * found.level:.0f} %"
+    show.chart(_figure(gain, labels[follower], colour, model), "stability_measured_gain")
+    level = f"{100 * gain.level:.0f} %"
     band = f" Shaded: {level} band of the model." if model and model.draws is not None else ""
     st.caption(
         f"{escape_markdown(segment.source)}, {segment.window}. The measured gain from the speed"
         " ahead to the vehicle's own, from the recorded speeds alone (Welch's method,"
-        f" {found.pieces} pieces of {found.length:.0f} s), with {level} bars for the random error."
+        f" {gain.pieces} pieces of {gain.length:.0f} s), with {level} bars for the random error."
         " Faint: the coherence is not above that of unrelated signals. Where the points leave the"
         " curve, the CTHP with these parameters does not describe how this vehicle passes on"
-        f" disturbances. A peak narrower than {found.omega[0]:.2g} rad/s appears lower than it is;"
+        f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is;"
         " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"
         f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"
     )
     show.downloads(
-        measured_gain_table(labels[follower], found),
+        measured_gain_table(labels[follower], gain),
         f"measured_gain_{labels[follower]}",
         "measured",
     )
