@@ -277,7 +277,12 @@ def climb(criterion: Evidence, theta: FloatArray) -> Generator[Ascending, None, 
     """
     z = np.tile(criterion.start, (len(theta), 1))
     z[:, :3] = np.log(np.maximum(theta, LEAST_START * np.exp(z[:, :3])))
-    maxima = yield from ascend(criterion, z, np.arange(len(z)))
+    groups = np.arange(len(z))
+    first = yield from ascend(criterion, z, groups)
+    # The disturbance may have settled at a lesser maximum while the parameters were far off.
+    z[:, :3] = [maximum.coordinates[:3] for maximum in first]
+    second = yield from ascend(criterion, z, groups)
+    maxima = [max(pair, key=lambda m: m.criterion) for pair in zip(first, second, strict=True)]
     return [
         replace(maximum, curvature=_curvature(criterion, maximum, group))
         for group, maximum in enumerate(maxima)
