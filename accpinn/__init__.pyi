@@ -54,11 +54,11 @@ from .study.analysis import Analysis as Analysis
 from .study.batch import batch as batch
 from .study.groups import group as group
 from .study.groups import read_study as read_study
-from .study.library import Library as Library
 from .study.result import Result as Result
 from .study.run import fit_windows as fit_windows
 from .study.run import run as run
 from .study.snapshot import load as load
+from .study.snapshot_library import Library as Library
 from .study.starts import spread_of as spread_of
 from .study.starts import starts as starts
 from .study.store import Store as Store

@@ -25,9 +25,9 @@ import psutil
 from accpinn.methods.pinn.config import FAST
 from accpinn.recordings.openacc import read
 from accpinn.study.analysis import Analysis, single_window
-from accpinn.study.library import Library
 from accpinn.study.result import Result
 from accpinn.study.run import run
+from accpinn.study.snapshot_library import Library
 from accpinn.units import Seconds
 from bench.batch import SAMPLES, shortened
 from bench.browsing import Browser, visit

@@ -4,7 +4,7 @@ A `Shelf` is a folder of files in the snapshot's format beside one SQLite file, 
 files where it is missing. The `Store` keeps results by the keys of their analyses and drops what
 was not used for the longest time once it exceeds its cap; it also holds the checkpoints of
 trainings, and what each session of the app shows. The library of
-snapshots is the other shelf (`library.py`).
+snapshots is the other shelf (`snapshot_library.py`).
 """
 
 import io

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from accpinn.study.library import Library
 from accpinn.study.snapshot import load
+from accpinn.study.snapshot_library import Library
 from tests.browser.conftest import App, Open
 from tests.browser.running import (
     ESTIMATES,

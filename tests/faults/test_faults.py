@@ -21,9 +21,9 @@ import pytest
 from accpinn.errors import AccpinnError
 from accpinn.recordings import download as downloads
 from accpinn.recordings.catalogue import Run
-from accpinn.study.library import Library
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load, save
+from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
 from accpinn.study.studies import Study, read_rows
 from tests.support.openacc_files import csv, platoon

@@ -38,10 +38,10 @@ from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
-from accpinn.study.library import Library
 from accpinn.study.result import Result
 from accpinn.study.rows import COLUMNS
 from accpinn.study.snapshot import load, named, to_bytes
+from accpinn.study.snapshot_library import Library
 from accpinn.study.studies import FILE, KnownFile, Study, read_failures, read_request
 from accpinn.study.verification import QUICK, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text

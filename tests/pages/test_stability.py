@@ -17,8 +17,8 @@ from accpinn.results.messages.summary import conditional
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import stability_report
-from accpinn.study.library import Library
 from accpinn.study.snapshot import named
+from accpinn.study.snapshot_library import Library
 from accpinn.tasks.task import Task
 from pages.ui.components.parameter_picker import parameters_from
 from pages.ui.session import sessions

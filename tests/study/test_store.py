@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from accpinn.errors import SnapshotError
 from accpinn.methods.pinn.config import preset
 from accpinn.study.analysis import Analysis
-from accpinn.study.library import RESTORABLE, Library
 from accpinn.study.result import Result
+from accpinn.study.snapshot_library import RESTORABLE, Library
 from accpinn.study.store import INDEX, SESSION_KEPT, Store
 from tests.support.driving import driven
 from tests.support.snapshots import (

@@ -14,8 +14,8 @@ from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
 from accpinn.stability.report import stability_report
 from accpinn.storage import folder, variable
-from accpinn.study.library import Library
 from accpinn.study.result import Result
+from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
 from accpinn.tasks.queue import TaskQueue
 
