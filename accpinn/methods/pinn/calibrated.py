@@ -16,11 +16,12 @@ import numpy as np
 
 from accpinn.methods.fit import Outcome
 from accpinn.methods.likelihood import Ascending, Maximum, log_errors, natural, vanishing
+from accpinn.methods.maximum_likelihood import maxima_of
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.pinn.torch_loading import wait_until_loaded
-from accpinn.methods.regression import Regression, Solution
+from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
@@ -35,16 +36,12 @@ class CalibratedTraining(Training):
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
-        """Begin the search at the estimate of least squares."""
+        """Begin the search where the filter's likelihood is largest."""
         super().__init__(segment, case, config, threads)
         self._evidence = Evidence(series_of([segment], case))
         self._network: FastTraining | None = None
         self._iteration = 0
-        start = np.zeros((self._evidence.series.groups, 3))
-        regression = Regression.of(segment)
-        if np.isfinite(regression.grams()).all():
-            start = regression.solve(case).theta[: len(start)]
-        self._search = climb(self._evidence, start)
+        self._search = climb(self._evidence, maxima_of(segment, case))
         self._at: Ascending = next(self._search)
         self._note()
 
