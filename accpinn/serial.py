@@ -2,8 +2,8 @@
 
 Dataclasses and structs become objects with the names of their fields as keys, tuples lists, and
 members of a `NamedEnum` their names; nan and the infinities, which JSON does not have, become
-"nan", "inf" and "-inf". An array, and `Parameters` as an array (.., 3), stands as nested lists
-where it is small. A larger one is kept beside the tree under its own path, as
+"nan", "inf" and "-inf". An array, and `Parameters` as an array (.., 3 or 6), stands as nested
+lists where it is small. A larger one is kept beside the tree under its own path, as
 "fits.0.surrogate.speeds", and the tree holds that path.
 """
 
@@ -50,7 +50,7 @@ def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
         if isinstance(value, Enum):
             value = value.name if isinstance(value, NamedEnum) else value.value
         if isinstance(value, Parameters):
-            value = value.values
+            value = value.complete if value.complete[..., 3:].any() else value.values
         if isinstance(value, np.ndarray):
             if 0 < value.size <= SMALL and value.dtype in (np.float64, np.bool_):
                 return tree(value.tolist(), path)

@@ -8,7 +8,7 @@ import pytest
 
 import accpinn
 from accpinn.errors import AccpinnError, SnapshotError
-from accpinn.methods.state_space import FORMS
+from accpinn.inference.model_adequacy import FORMS
 from accpinn.study.snapshot import named, to_bytes
 from accpinn.study.verification import verify
 from tests.support.command import ROOT

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from accpinn.channels import by_key
+from accpinn.channels import PARAMETER_KEYS, by_key
 from accpinn.cli.options import (
     add_run_options,
     add_segment_options,
@@ -50,6 +50,7 @@ from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.torch_loading import start_loading
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import terms_of
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import (
@@ -348,8 +349,9 @@ def _describe_comparison(
                 "form": form.form,
                 "vehicle": vehicle,
                 **by_key(form.parameters.values[k]),
-                "extra": form.extra[k, 0],
+                **{term: getattr(form.parameters, term)[k] for term in terms_of(form.form)},
                 "aic": form.aic[k],
+                "log_likelihood_ratio": form.likelihood_ratio[k],
                 "holdout": form.holdout[k],
                 "intervals": _describe_form_intervals(form, k),
             }
@@ -360,9 +362,10 @@ def _describe_comparison(
 
 
 def _describe_form_intervals(form: ModelForm, k: int) -> dict[str, Any]:
-    """Both ends of the intervals of α, β, τ and the further unknown under a form."""
-    ends = zip(form.lower[k].values.tolist(), form.upper[k].values.tolist(), strict=True)
-    return {**by_key(map(list, ends)), "extra": form.extra[k, 1:].tolist(), "level": LEVEL}
+    """Both ends of the intervals of a model's parameters."""
+    names = (*PARAMETER_KEYS, *terms_of(form.form))
+    ends = {name: [getattr(form.lower, name)[k], getattr(form.upper, name)[k]] for name in names}
+    return {**ends, "level": LEVEL}
 
 
 def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:

@@ -122,6 +122,7 @@ def _gap_last(model: StateSpace) -> StateSpace:
         transition=model.transition[swap],
         process=model.process[swap],
         noise=model.noise[::-1],
+        shift=model.shift,  # 0, as the CTHP has no intercept
         first=model.first[order],
         first_covariance=model.first_covariance[swap],
         rates=model.rates[swap],

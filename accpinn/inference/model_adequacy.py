@@ -1,16 +1,13 @@
-"""Model adequacy: the CTHP with its disturbance beside models with one term more.
+"""Model adequacy: how the estimates depend on the model, and whether the CTHP holds.
 
-Three further forms of the model have the same exact likelihood (see `methods.state_space`):
+The CTHP, and models with an intercept s₀, a lag, a delay, and with s₀ and a delay (see
+`model.models`), have the same exact likelihood.
 
-    offset    dv/dt = α(p - s₀ - τv) + βΔv + r      s₀ [m]: a standstill distance, or a slope
-    lag       dv/dt = f + r,  df/dt = (α(p - τv) + βΔv - f)/λ      λ [s]: of the actuator
-    delay     dv/dt = α(p - τv) + βΔv, d seconds ago, + r          d [s]
-
-They are compared by Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and by the density that
-each form, estimated from the first two thirds of the time, gives to the measurements of the last
-third. A form that neither criterion prefers may still be true: a lag of a second changes α and β
-by half, and yet five minutes of a recording hardly distinguish it from no lag. The intervals under
-each form (see `inference.posterior`) show how much α, β and τ depend on the form.
+They are compared by their likelihoods, by Akaike's criterion, AIC = 2k - 2 log L with k unknowns,
+and by the density that each, estimated from the first two thirds of the time, gives to the
+measurements of the last third. A model that neither prefers may still be true: a lag of a second
+changes α and β by half, and yet five minutes of a recording hardly distinguish it from no lag. The
+intervals under each model (see `inference.posterior`) show how much α, β and τ depend on it.
 
 The innovations of the CTHP test whether it holds (see `inference.innovation_tests`).
 """
@@ -31,8 +28,9 @@ from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.method import one_thread
 from accpinn.methods.series import Series, determined_followers, series_of
-from accpinn.methods.state_space import FORMS, Form, coordinates
+from accpinn.methods.state_space import complete, coordinates
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import TITLES, Model, terms_of
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -41,32 +39,28 @@ LEARNED = 2 / 3
 masked instants lie between several stretches, it is a share of the longest stretch."""
 BETTER = 4.0
 """Decrease of the AIC that makes a form better, if held-out time is more probable, too."""
-EXTRA: dict[Form, str] = {
-    "offset": "a standstill distance (or a slope)",
-    "lag": "an actuator lag",
-    "delay": "a delay",
-}
-"""The term that a form adds to the CTHP."""
+FORMS: tuple[Model, ...] = ("cthp", "cthp-s0", "cthp-lag", "cthp-delay", "cthp-s0-delay")
+"""The models that are compared."""
 
 
 class BetterForm(Finding, frozen=True, kw_only=True):
-    """Another form of the model is better supported by a follower's data than the CTHP."""
+    """Another model is better supported by a follower's data than the CTHP."""
 
     text = (
-        "{vehicle}: a model with {extra} describes the data better than the CTHP (AIC {aic:+.0f},"
+        "{vehicle}: the {model} describes the data better than the CTHP (AIC {aic:+.0f},"
         " log density of held-out time {holdout:+.1f})."
     )
 
     vehicle: int
     """0 for all followers together."""
-    form: Form
+    form: Model
     aic: float
     """AIC of the form minus that of the CTHP."""
     holdout: float
     """Log density of held-out time under the form minus that under the CTHP."""
 
     def _words(self, about: Labelled) -> Words:
-        return {"extra": EXTRA[self.form]}
+        return {"model": TITLES[self.form]}
 
 
 class Inadequate(Finding, frozen=True):
@@ -103,21 +97,24 @@ AdequacyFinding = BetterForm | Inadequate
 
 @dataclass(frozen=True, eq=False)
 class ModelForm:
-    """One form of the model, estimated for each of M followers."""
+    """One model, estimated for each of M followers."""
 
-    form: Form
+    form: Model
     parameters: Parameters
-    """(M,) the maximum-likelihood estimate."""
+    """(M,) the maximum-likelihood estimate, further terms included."""
     lower: Parameters
-    """(M,) lower ends of the intervals under this form."""
+    """(M,) lower ends of the intervals under this model."""
     upper: Parameters
     """(M,) upper ends."""
-    extra: FloatArray
-    """(M, 3) estimate, lower and upper end of s₀ in m, λ or d in s; 0 for the CTHP."""
     aic: FloatArray
     """(M,) AIC minus that of the CTHP; below zero is better."""
     holdout: FloatArray
     """(M,) log density of the last third minus that under the CTHP; nan where it has no samples."""
+
+    @property
+    def likelihood_ratio(self) -> FloatArray:
+        """(M,) log L minus that of the CTHP."""
+        return len(terms_of(self.form)) - self.aic / 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +172,9 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
             tests = innovation_tests(series, maxima)
         pairs = zip(maxima, posteriors, strict=True)
         values = spread([_estimate_and_ends(form, *pair) for pair in pairs])
-        estimate, lower, upper = (Parameters.of(values[:, row, :3]) for row in range(3))
-        extra = values[:, :, 3]
+        estimate, lower, upper = (Parameters.of(values[:, row]) for row in range(3))
         forms.append(
-            ModelForm(form, estimate, lower, upper, extra, aic - cthp_aic, density - cthp_density)
+            ModelForm(form, estimate, lower, upper, aic - cthp_aic, density - cthp_density)
         )
     tested = InnovationTests(*map(spread, tests))
     subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]
@@ -186,22 +182,12 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
 
 
-def _estimate_and_ends(form: Form, maximum: Maximum, posterior: Posterior) -> FloatArray:
-    """(3, 4) estimate, lower and upper end of α, β, τ and the further unknown of a form."""
-    estimate = _with_extra(form, maximum.values)
-    drawn = _with_extra(form, natural(form, posterior.all_evenly(DRAWS)))
-    lower, upper = interval_ends(drawn, LEVEL)
+def _estimate_and_ends(form: Model, maximum: Maximum, posterior: Posterior) -> FloatArray:
+    """(3, 6) estimate, lower and upper end of the complete parameters under a model."""
+    estimate = complete(form, maximum.values)
+    lower, upper = interval_ends(complete(form, natural(form, posterior.all_evenly(DRAWS))), LEVEL)
     lower[:3] = np.where(estimate[:3] == 0.0, 0.0, lower[:3])
     return np.array([estimate, lower, upper])
-
-
-def _with_extra(form: Form, values: FloatArray) -> FloatArray:
-    """(.., 4) α, β, τ and s₀, λ or d, from the unknowns (.., P); the last is 0 for the CTHP."""
-    extra = np.zeros(values.shape[:-1])
-    if form != "cthp":
-        extra = -values[..., -1] / values[..., 0] if form == "offset" else values[..., -1]
-    parameters = Parameters.from_theta(values[..., :3]).values
-    return np.concatenate([parameters, extra[..., None]], axis=-1)
 
 
 def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> list[BetterForm]:
@@ -220,7 +206,7 @@ def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> 
     return better
 
 
-def _held_out_density(series: Series, maxima: Sequence[Maximum], form: Form) -> FloatArray:
+def _held_out_density(series: Series, maxima: Sequence[Maximum], form: Model) -> FloatArray:
     """(G,) log density of the last third, under parameters estimated from the time before."""
     learned = maximise(
         series.until(LEARNED), form, near=[maximum.coordinates for maximum in maxima]

@@ -25,23 +25,26 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
-from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
+from accpinn.methods.likelihood import Criterion, Groups, Held, Maximum, natural, search
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import Form
+from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
-from accpinn.units import FloatArray, Mask
+from accpinn.model.models import terms_of
+from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)
-"""Standard deviations of ln α, ln β and ln τ."""
+"""Standard deviations of ln α, ln β and the logarithm of the time gap."""
+AT_SPEED: MetresPerSecond = 100 / 3.6
+"""Speed at which the time gap τ + s₀/v has its prior."""
+LEAST_GAP: Seconds = 0.05
+"""Least such time gap; draws below it are none of a car's."""
 STAGES = (200, 200, 1000)
 """Number of draws in each stage; those of the last are kept."""
 FURTHER = 3
 """Largest number of further stages, for groups with few effective draws."""
 ENOUGH = 0.2
 """Effective draws per draw above which no further stage is needed."""
-CURVED: tuple[Form, ...] = ("lag", "delay")
-"""Forms whose posterior is a curved ridge."""
-GRID = (0.1, 0.4, 0.8, 1.2, 1.8)
+GRID = (0.3, 0.8, 1.4)
 """Lags or delays in s of the parts of the first proposal."""
 FREEDOM = 5.0
 """Degrees of freedom of Student's t; its tails are wider than those of all posteriors so far."""
@@ -88,11 +91,37 @@ class Posterior:
         return np.asarray(np.searchsorted(edges, at))
 
 
-def log_prior_of_theta(z: FloatArray) -> FloatArray:
-    """(..) log prior of ln α, ln β and ln τ at coordinates (.., P), up to a constant."""
-    logs = np.stack([z[..., 0], z[..., 2], z[..., 1] - z[..., 0]], axis=-1)
-    away = (logs - np.log(TYPICAL.values)) / PRIOR_SPREAD
-    return np.asarray(-0.5 * (away**2).sum(axis=-1))
+def features(form: Form, z: FloatArray) -> FloatArray:
+    """(.., 3 + T) ln α, ln β, ln of the time gap at `AT_SPEED`, and the T terms, of z (.., P).
+
+    The data determine the time gap τ + s₀/v well and its two parts hardly, so it stands here in
+    place of τ.
+    """
+    values = natural(form, z)
+    gap = values[..., 1] / values[..., 0]
+    if "s0" in terms_of(form):
+        gap = gap + values[..., 9] / AT_SPEED
+    shape = np.log(np.stack([values[..., 0], values[..., 2], np.maximum(gap, LEAST_GAP)], axis=-1))
+    return np.concatenate([shape, values[..., 9:]], axis=-1)
+
+
+def log_prior_of_theta(form: Form, z: FloatArray) -> FloatArray:
+    """(..) log prior of α, β and the time gap at coordinates (.., P), up to a constant.
+
+    It is a density over `features`, so dτ counts relative to the change of the time gap.
+    """
+    shape = features(form, z)[..., :3]
+    away = (shape - np.log(TYPICAL.values)) / PRIOR_SPREAD
+    volume = z[..., 1] - z[..., 0] - shape[..., 2]
+    return np.asarray(-0.5 * (away**2).sum(axis=-1) + volume)
+
+
+def log_prior_of_features(form: Form, phi: FloatArray) -> FloatArray:
+    """(..) log density of the whole prior of the parameters over `features` (.., p)."""
+    terms = [EXTRA[term] for term in terms_of(form)]
+    centre = np.append(np.log(TYPICAL.values), [term.start for term in terms])
+    spread = np.append(PRIOR_SPREAD, [term.spread or np.inf for term in terms])
+    return np.asarray(-0.5 * (((phi - centre) / spread) ** 2).sum(axis=-1))
 
 
 def sample(
@@ -100,6 +129,9 @@ def sample(
     maxima: Sequence[Maximum],
     form: Form = "cthp",
     seed: int = 0,
+    *,
+    held: Held = (),
+    stages: Sequence[int] = STAGES,
 ) -> tuple[Posterior, ...]:
     """Sample the posterior of each group.
 
@@ -108,8 +140,10 @@ def sample(
         maxima: (G,) the maximum of each group.
         form: the form of the model.
         seed: the seed of the draws.
+        held: terms of the form that keep their values.
+        stages: number of draws in each stage.
     """
-    criterion, stages = Criterion(series, form), STAGES
+    criterion = Criterion(series, form, held)
     rng = np.random.default_rng(seed)
     proposals = [Proposal.at(parts) for parts in _first_parts(criterion, maxima)]
     best: dict[int, Posterior] = {}
@@ -137,7 +171,8 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
 
     A form with a curved posterior has one part for each of several values of its lag or delay.
     """
-    if criterion.form not in CURVED:
+    is_free = criterion.lower[-1] < criterion.upper[-1]
+    if not is_free or not {"lag", "delay"} & set(terms_of(criterion.form)):
         return [[maximum] for maximum in maxima]
     rows = np.array([np.append(m.coordinates[:-1], lag) for lag in GRID for m in maxima])
     parts = search(criterion, rows, np.arange(len(rows)) % len(maxima), is_last_held=True)
@@ -151,7 +186,7 @@ def _log_posterior(criterion: Criterion, z: FloatArray, groups: Groups) -> Float
     log[inside] = (
         criterion.log_likelihood(plausible, groups[inside])
         + criterion.log_prior(plausible)
-        + log_prior_of_theta(plausible)
+        + log_prior_of_theta(criterion.form, plausible)
     )
     return np.where(np.isfinite(log), log, -np.inf)
 

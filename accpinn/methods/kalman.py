@@ -155,6 +155,9 @@ class _Step(NamedTuple):
 
 def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     """The filter over measurements (N, 3, B)."""
+    if model.shift.any():
+        measured = measured.copy()
+        measured[:, OBSERVED[0]] -= model.shift
     known: Mask = np.asarray(~np.isnan(measured))
     somewhere: Mask = np.asarray(known.any(axis=2))
     everywhere: Mask = np.asarray(known.all(axis=2))

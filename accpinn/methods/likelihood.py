@@ -12,7 +12,7 @@ Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,6 @@ from accpinn.methods.kalman import innovations, log_likelihood
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import (
     COMMON,
-    Coordinate,
     Form,
     StateSpace,
     coordinates,
@@ -43,6 +42,8 @@ SAME = 0.3
 """Squared standard errors from a better search within which another one is given up."""
 MEMORY = [unknown.name for unknown in COMMON].index("memory")
 Groups = NDArray[np.int64]
+Held = tuple[tuple[str, float], ...]
+"""Names of terms that are not sought, with their values."""
 AT_ONCE = 400
 """Models filtered at once: as many as have covariances that fit a processor's cache."""
 LARGEST_BATCH = 3_000_000
@@ -119,10 +120,16 @@ class Criterion:
     rounding: float = 0.0
     """Gain that rounding hides; a search that expects less ends."""
 
-    def __init__(self, series: Series, form: Form = "cthp") -> None:
-        """For series, under a form of the model."""
+    def __init__(self, series: Series, form: Form = "cthp", held: Held = ()) -> None:
+        """For series, under a form of the model, with some of its terms held at given values."""
         self.series, self.form = series, form
-        unknowns: tuple[Coordinate, ...] = coordinates(form)
+        values = dict(held)
+        unknowns = [
+            replace(unknown, start=value, lower=value, upper=value)
+            if (value := values.get(unknown.name)) is not None
+            else unknown
+            for unknown in coordinates(form)
+        ]
         self.size = len(unknowns)
         self.lower, self.upper = np.array([unknown.bounds for unknown in unknowns]).T
         self.start = np.array([unknown.centre for unknown in unknowns])
@@ -188,7 +195,10 @@ class Criterion:
 
 
 def maximise(
-    series: Series, form: Form = "cthp", near: Sequence[FloatArray] | None = None
+    series: Series,
+    form: Form = "cthp",
+    near: Sequence[FloatArray] | None = None,
+    held: Held = (),
 ) -> tuple[Maximum, ...]:
     """The maximum of each group, the best of several searches.
 
@@ -197,8 +207,9 @@ def maximise(
         form: of the model.
         near: (S * G, P) coordinates that the maximum is known to be near to, those of all groups
             in turn; else `STARTS` count.
+        held: terms of the form that keep their values.
     """
-    criterion = Criterion(series, form)
+    criterion = Criterion(series, form, held)
     if near is None:
         z = np.tile(criterion.start, (len(STARTS) * series.groups, 1))
         gain, memory = np.repeat(STARTS, series.groups, axis=0).T
@@ -306,7 +317,8 @@ def ascend(
         z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True
     ):
         free = not_held(criterion, end, slope)
-        free[len(COMMON) :] = True  # a lag of almost nothing is as uncertain as any other
+        # A lag of almost nothing is as uncertain as any other, unless it is held.
+        free[len(COMMON) :] = (criterion.lower < criterion.upper)[len(COMMON) :]
         bend = np.where(np.logical_and.outer(free, free), bend, 0.0)
         likelihood = float(top - criterion.log_prior(end))
         maxima.append(

@@ -16,24 +16,26 @@ import numpy as np
 from accpinn.findings import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
-from accpinn.methods.likelihood import Maximum, maximise
+from accpinn.methods.likelihood import Held, Maximum, maximise
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution
-from accpinn.methods.series import measured_of, moving, series_of, stride_of
+from accpinn.methods.series import Series, measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, state_space
 from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.models import terms_of
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, frozen
 
 KEY = "maximum-likelihood"
 DISTURBANCE = slice(3, 6)
 """s, T and T₂ among the unknowns."""
-EXTRA_STARTS: dict[Form, tuple[float, ...]] = {
-    "offset": (0.0,),
-    "lag": (0.1, 0.5, 1.2),
-    "delay": (0.1, 0.5, 1.2),
-}
-"""From which the further unknown is sought; the likelihood of a lag may have two maxima."""
+INTERCEPT: Metres = 6.0
+"""Value of s₀ from which it is sought; τ gives way at `TYPICAL_SPEED`."""
+LATENESSES = (0.3, 0.9)
+"""Values of a lag or a delay in s from which it is sought; its likelihood may have two maxima."""
+TYPICAL_SPEED: MetresPerSecond = 25.0
+SHORTEST_HEADWAY: Seconds = 0.2
+"""Least τ of a start."""
 
 
 class DisturbanceSize(Finding, frozen=True):
@@ -85,8 +87,39 @@ def _joint_maxima(
     series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
-    known = [maximum.coordinates for maximum in _joint_maxima(segments, case, "cthp", followers)]
-    return maximise(series, form, near=[np.append(z, x) for x in EXTRA_STARTS[form] for z in known])
+    return further_maxima(series, form, _joint_maxima(segments, case, "cthp", followers))
+
+
+def further_maxima(
+    series: Series, form: Form, known: Sequence[Maximum], held: Held = ()
+) -> tuple[Maximum, ...]:
+    """The maximum of each group under a model with further terms.
+
+    Args:
+        series: G groups.
+        form: of the model.
+        known: (G,) the maxima of the CTHP, from which the search starts.
+        held: terms that keep their values.
+    """
+    if form == "cthp":
+        return tuple(known)
+    starts = _further_starts(form, [maximum.coordinates for maximum in known])
+    return maximise(series, form, starts, held)
+
+
+def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]:
+    """Starts of a model with further terms, from the maxima (G, P) of the CTHP."""
+    terms = terms_of(form)
+    intercept = INTERCEPT if "s0" in terms else 0.0
+    starts = []
+    for late in LATENESSES if terms[-1] != "s0" else (0.0,):
+        further = [intercept if term == "s0" else late for term in terms]
+        for z in known:
+            tau = np.exp(z[1] - z[0]) - intercept / TYPICAL_SPEED
+            start = np.append(z, further)
+            start[1] = z[0] + np.log(max(tau, SHORTEST_HEADWAY))
+            starts.append(start)
+    return starts
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:

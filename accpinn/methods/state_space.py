@@ -12,13 +12,15 @@ model, and so is the noise of the receivers:
     du = a dt,  da = -a/3 dt + .. dW                  speed ahead u [m/s], acceleration's deviation
     y  = (p, v, u) + white noise                      measured at even steps; samples may be missing
 
-Forms of the model add one term: a constant acceleration (a standstill distance or a slope, which
-cannot be told apart), a first-order actuator lag, or a delay (Padé, second order).
+Other models add terms (see `model.models`): an intercept s₀, which shifts the measured gaps, and a
+lag or a delay (Padé, second order) between the command and the acceleration, the disturbance
+being added behind it.
 
 The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Control 23, 1978).
 Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 225-237.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
@@ -26,14 +28,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TYPICAL
+from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TYPICAL, Parameters
+from accpinn.model.models import TERMS, Model, Term, terms_of
 from accpinn.units import FloatArray, Seconds
 
 Columns = slice | NDArray[np.int64]
 """Some of the models, which lie on the last axis."""
-Form = Literal["cthp", "offset", "lag", "delay", "unbounded"]
-"""The CTHP, one of three further terms, or the CTHP without the rational driving constraints."""
-FORMS: tuple[Form, ...] = ("cthp", "offset", "lag", "delay")
+Form = Model | Literal["unbounded"]
+"""A model, or the CTHP without the rational driving constraints."""
 OBSERVED = (0, 1, 2)
 """The states p, v, u, which are measured."""
 LEADER_MEMORY: Seconds = 3.0
@@ -87,24 +89,29 @@ COMMON = (
 """θ = (α, ατ, β) first. The priors are about as wide as real followers differ, as far as their runs
 tell (docs/validation.md). The least noise is what the receivers can resolve: with less, recordings
 that were smoothed drive the disturbance's memory to absurd values."""
-EXTRA: dict[Form, Coordinate] = {
-    "offset": Coordinate("offset", 0.0, -2.0, 2.0, 0.5, logarithmic=False),
-    "lag": Coordinate("lag", 0.0, 0.05, 3.0, 1.0, logarithmic=False),
-    "delay": Coordinate("delay", 0.0, 0.05, 3.0, 1.0, logarithmic=False),
+EXTRA: dict[Term, Coordinate] = {
+    "s0": Coordinate("s0", 6.0, -30.0, 60.0, 6.0, logarithmic=False),
+    "lag": Coordinate("lag", 0.5, 0.05, 3.0, 0.4, logarithmic=False),
+    "delay": Coordinate("delay", 0.7, 0.05, 3.0, 0.4, logarithmic=False),
 }
-"""The offset is in m/s², a standstill distance times -α; lag and delay are in s.
-
-The prior of lag and delay is the positive half of a normal distribution, in seconds: one of their
-logarithms has much of its weight at values near zero, which the data can hardly tell from a second.
-"""
+"""The terms beside the CTHP: s₀ in m, λ and d in s, with normal priors."""
 
 
 def coordinates(form: Form) -> tuple[Coordinate, ...]:
-    """The unknowns of a form of the model: nine, and one more where it adds a term."""
+    """The unknowns of a model: nine, and one more for each term beside the CTHP."""
     if form == "unbounded":
         theta = [replace(one, lower=-one.upper, logarithmic=False) for one in COMMON[:3]]
         return (*theta, *COMMON[3:])
-    return (*COMMON, EXTRA[form]) if form in EXTRA else COMMON
+    return (*COMMON, *(EXTRA[term] for term in terms_of(form)))
+
+
+def complete(form: Model, values: FloatArray) -> FloatArray:
+    """(.., 6) the complete parameters, as `Parameters` holds them, from the unknowns (.., P)."""
+    result = np.zeros((*values.shape[:-1], 6))
+    result[..., :3] = Parameters.from_theta(values[..., :3]).values
+    for at, term in enumerate(terms_of(form), len(COMMON)):
+        result[..., 3 + TERMS.index(term)] = values[..., at]
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +124,8 @@ class StateSpace:
     """(n, n, B): covariance of what is added in a step."""
     noise: FloatArray
     """(3, B): variances of the measurements of p, v, u."""
+    shift: FloatArray
+    """(B,) s₀ in m, by which the measured gap exceeds the state p."""
     first: FloatArray
     """(n, B): means of the states before the first sample."""
     first_covariance: FloatArray
@@ -138,17 +147,17 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
         step: between samples in s.
     """
     alpha, alpha_tau, beta, deviation, memory, rise, gap, speed, leader = values[:, :9].T
+    terms = dict(zip(terms_of(form), values[:, 9:].T, strict=True))
     count = len(values)
-    size = 6 + {"offset": 1, "lag": 1, "delay": 2}.get(form, 0)
+    size = 6 + ("lag" in terms) + 2 * ("delay" in terms)
     rates, density, covariance = (np.zeros((count, size, size)) for _ in range(3))
-    mean = np.zeros((count, size))
     p, v, u, r, w, a = range(6)
 
     rates[:, p, u], rates[:, p, v] = 1.0, -1.0
     density[:, p, p] = GAP_DRIFT
     command = np.zeros((count, size))
     command[:, p], command[:, v], command[:, u] = alpha, -alpha_tau - beta, beta
-    _add_command(form, rates, command, values[:, -1], covariance, mean)
+    _add_command(terms, rates, command, covariance)
     rates[:, v, r] += 1.0
     rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
     rates[:, w, w] = -1.0 / memory
@@ -169,42 +178,40 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
         transition=_last(transition),
         process=_last(process),
         noise=np.stack([gap, speed, speed]) ** 2,
-        first=mean.T.copy(),
+        shift=terms.get("s0", np.zeros(count)),
+        first=np.zeros((size, count)),
         first_covariance=_last(covariance),
         rates=_last(rates),
     )
 
 
 def _add_command(
-    form: Form,
+    terms: Mapping[Term, FloatArray],
     rates: FloatArray,
     command: FloatArray,
-    extra: FloatArray,
     covariance: FloatArray,
-    mean: FloatArray,
 ) -> None:
-    """What the controller asks for (B, n) becomes acceleration, by way of the form's own states."""
+    """The command (B, n) becomes acceleration, by way of the states of a lag or a delay."""
     v, own = 1, 6
     usual = 0.25
-    if form == "lag":
-        rates[:, own] = command / extra[:, None]
-        rates[:, own, own] -= 1.0 / extra
+    if "lag" in terms:
+        lag = terms["lag"]
+        rates[:, own] = command / lag[:, None]
+        rates[:, own, own] -= 1.0 / lag
         rates[:, v, own] = 1.0
         covariance[:, own, own] = usual**2
         return
     rates[:, v] += command
-    if form == "offset":  # a state that never moves
-        rates[:, v, own] = 1.0
-        mean[:, own] = extra
-    elif form == "delay":
+    if "delay" in terms:
         # exp(-ds) is about 1 - 12ds / (d²s² + 6ds + 12).
+        delay = terms["delay"]
         rates[:, own, own + 1] = 1.0
         rates[:, own + 1] = command
-        rates[:, own + 1, own] -= 12.0 / extra**2
-        rates[:, own + 1, own + 1] -= 6.0 / extra
-        rates[:, v, own + 1] -= 12.0 / extra
-        covariance[:, own, own] = (usual * extra**2 / 12.0) ** 2
-        covariance[:, own + 1, own + 1] = (usual * extra / 6.0) ** 2
+        rates[:, own + 1, own] -= 12.0 / delay**2
+        rates[:, own + 1, own + 1] -= 6.0 / delay
+        rates[:, v, own + 1] -= 12.0 / delay
+        covariance[:, own, own] = (usual * delay**2 / 12.0) ** 2
+        covariance[:, own + 1, own + 1] = (usual * delay / 6.0) ** 2
 
 
 def discretise(

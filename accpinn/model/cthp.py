@@ -18,6 +18,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accpinn.model.models import TERMS
 from accpinn.units import FloatArray, Seconds, frozen
 
 Case = Literal["I", "II"]
@@ -31,25 +32,38 @@ BLOCK = 256
 
 
 class Parameters:
-    """α, β and τ of one vehicle or of many: an immutable array (.., 3).
+    """α, β and τ of one vehicle or of many, and the further terms of its model, immutable.
 
     Attributes:
-        values: (.., 3) α [1/s²], β [1/s], τ [s]; τ is nan where α = 0, as it has no effect there.
+        complete: (.., 6) α [1/s²], β [1/s], τ [s], s₀ [m], λ [s], d [s]; τ is nan where α = 0, as
+            it has no effect there. Terms that the model does not have are 0.
     """
 
-    __slots__ = ("values",)
-    values: FloatArray
+    __slots__ = ("complete",)
+    complete: FloatArray
 
-    def __init__(self, alpha: ArrayLike, beta: ArrayLike, tau: ArrayLike) -> None:
+    def __init__(
+        self,
+        alpha: ArrayLike,
+        beta: ArrayLike,
+        tau: ArrayLike,
+        s0: ArrayLike = 0.0,
+        lag: ArrayLike = 0.0,
+        delay: ArrayLike = 0.0,
+    ) -> None:
         """Parameters of the given values.
 
         Args:
-            alpha: gain on the spacing error p - τv in 1/s²; any shape.
+            alpha: gain on the spacing error p - s₀ - τv in 1/s²; any shape.
             beta: gain on the relative speed Δv in 1/s; broadcast against the others.
             tau: desired time headway in s.
+            s0: intercept of the desired gap in m.
+            lag: time constant between command and acceleration in s.
+            delay: time between command and acceleration in s.
         """
-        parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in (alpha, beta, tau)))
-        object.__setattr__(self, "values", frozen(np.stack(parts, axis=-1)))
+        given = (alpha, beta, tau, s0, lag, delay)
+        parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
+        object.__setattr__(self, "complete", frozen(np.stack(parts, axis=-1)))
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse: parameters never change."""
@@ -57,11 +71,11 @@ class Parameters:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Copy and pickle by value."""
-        return Parameters.of, (self.values,)
+        return Parameters.of, (self.complete,)
 
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
-        """Parameters from an array (.., 3) of α, β, τ."""
+        """Parameters from an array (.., 3) of α, β, τ, or (.., 6) with s₀, λ and d behind them."""
         return cls(*np.moveaxis(np.asarray(values, np.float64), -1, 0))
 
     @classmethod
@@ -74,7 +88,31 @@ class Parameters:
     @classmethod
     def stack(cls, parts: Iterable["Parameters"]) -> Self:
         """Several vehicles' parameters (..) as one (K, ..)."""
-        return cls.of(np.array([part.values for part in parts]).reshape(-1, 3))
+        return cls.of(np.array([part.complete for part in parts]).reshape(-1, 6))
+
+    @property
+    def values(self) -> FloatArray:
+        """(.., 3) α, β, τ."""
+        return self.complete[..., :3]
+
+    @property
+    def s0(self) -> Any:
+        """(..) in m; a plain float for one vehicle."""
+        return _scalar(self.complete[..., 3])
+
+    @property
+    def lag(self) -> Any:
+        """(..) in s; a plain float for one vehicle."""
+        return _scalar(self.complete[..., 4])
+
+    @property
+    def delay(self) -> Any:
+        """(..) in s; a plain float for one vehicle."""
+        return _scalar(self.complete[..., 5])
+
+    def time_gap(self, speed: ArrayLike) -> FloatArray:
+        """(..) τ + s₀/v in s: the time gap in equilibrium at a speed v > 0 in m/s."""
+        return np.asarray(self.tau + self.s0 / np.asarray(speed, float))
 
     @property
     def theta(self) -> FloatArray:
@@ -99,29 +137,31 @@ class Parameters:
 
     def __len__(self) -> int:
         """The number of vehicles along the first axis."""
-        return len(self.values) if self.values.ndim > 1 else 1
+        return len(self.complete) if self.complete.ndim > 1 else 1
 
     def __getitem__(self, index: Any) -> "Parameters":
         """Parameters at an index, a slice or a list of indices of the first axis."""
-        return Parameters.of(self.values[index])
+        return Parameters.of(self.complete[index])
 
     def __iter__(self) -> Iterator["Parameters"]:
         """Iterate over the vehicles along the first axis."""
-        return (Parameters.of(row) for row in self.values)
+        return (Parameters.of(row) for row in self.complete)
 
     def __eq__(self, other: object) -> bool:
         """Whether all values are the same; nan equals nan."""
         return isinstance(other, Parameters) and np.array_equal(
-            self.values, other.values, equal_nan=True
+            self.complete, other.complete, equal_nan=True
         )
 
     def __hash__(self) -> int:
         """Hash of the values."""
-        return hash((self.values.shape, self.values.tobytes()))
+        return hash((self.complete.shape, self.complete.tobytes()))
 
     def __repr__(self) -> str:
         """The values by name."""
-        return f"Parameters(alpha={self.alpha}, beta={self.beta}, tau={self.tau})"
+        terms = {name: getattr(self, name) for name in TERMS if self.complete[..., 3:].any()}
+        named = {"alpha": self.alpha, "beta": self.beta, "tau": self.tau} | terms
+        return f"Parameters({', '.join(f'{name}={value}' for name, value in named.items())})"
 
 
 def _scalar(values: FloatArray) -> Any:
@@ -188,10 +228,15 @@ def simulate(
     """
     step = (time[-1] - time[0]) / (len(time) - 1)
     leader = np.asarray(leader_speed, float)
-    start = np.stack([initial_gaps, initial_speeds], axis=1).ravel()
-    state = respond(motion_matrix(parameters), leader, step, start)
+    matrix, size = motion_matrix(parameters), 2 * len(parameters)
+    start = np.zeros(len(matrix))
+    start[0:size:2] = np.asarray(initial_gaps) - parameters.complete[:, 3]
+    start[1:size:2] = initial_speeds
+    start[size:] = _further_states(parameters, start[:size], leader[0])
+    state = respond(matrix, leader, step, start)
+    gaps = state[:, 0:size:2] + parameters.complete[:, 3]
     return Trajectories(
-        np.asarray(time, float), np.column_stack([leader, state[:, 1::2]]), state[:, 0::2]
+        np.asarray(time, float), np.column_stack([leader, state[:, 1:size:2]]), gaps
     )
 
 
@@ -224,20 +269,57 @@ def respond(matrix: FloatArray, drive: FloatArray, step: Seconds, start: FloatAr
 
 
 def motion_matrix(parameters: Parameters) -> FloatArray:
-    """(2M, 2M+1): d/dt of (p_1, v_1, .., p_M, v_M) from that state and, last, the leader's speed.
+    """(K, K+1): d/dt of (p_1 - s₀, v_1, .., v_M, further states) from these and the leader's speed.
 
-    As it is linear, the same matrix moves deviations from an equilibrium.
+    A lag has one further state, the acceleration that is reached; a delay has the two of its Padé
+    approximant (see `models`). As the system is linear, the same matrix moves deviations from an
+    equilibrium.
     """
     size = 2 * len(parameters)
-    matrix = np.zeros((size, size + 1))
-    ahead = size
-    for gap, theta in zip(range(0, size, 2), parameters.theta, strict=True):
+    further = [(lag > 0) + 2 * (delay > 0) for lag, delay in parameters.complete[:, 4:]]
+    total = size + sum(further)
+    matrix = np.zeros((total, total + 1))
+    ahead, own = total, size
+    for gap, theta, (lag, delay) in zip(
+        range(0, size, 2), parameters.theta, parameters.complete[:, 4:], strict=True
+    ):
         alpha, alpha_tau, beta = theta
         speed = gap + 1
         matrix[gap, [ahead, speed]] = 1.0, -1.0
-        matrix[speed, [gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
+        command = np.zeros(total + 1)
+        command[[gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
+        reached = command
+        if delay > 0:
+            reached = command.copy()
+            reached[own + 1] -= 12.0 / delay
+            matrix[own, own + 1] = 1.0
+            matrix[own + 1] = command
+            matrix[own + 1, [own, own + 1]] += -12.0 / delay**2, -6.0 / delay
+            own += 2
+        if lag > 0:
+            matrix[own] = reached / lag
+            matrix[own, own] -= 1.0 / lag
+            reached = np.eye(total + 1)[own]
+            own += 1
+        matrix[speed] = reached
         ahead = speed
     return matrix
+
+
+def _further_states(parameters: Parameters, motion: FloatArray, leader: float) -> FloatArray:
+    """The further states of `motion_matrix`, at rest under the command of (2M,) p - s₀ and v."""
+    states: list[float] = []
+    ahead = np.append(leader, motion[1::2])
+    for k, (theta, (lag, delay)) in enumerate(
+        zip(parameters.theta, parameters.complete[:, 4:], strict=True)
+    ):
+        gap, speed = motion[2 * k : 2 * k + 2]
+        command = float(theta @ [gap, -speed, ahead[k] - speed])
+        if delay > 0:
+            states += [command * delay**2 / 12.0, 0.0]
+        if lag > 0:
+            states.append(command)
+    return np.array(states)
 
 
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:

@@ -145,8 +145,7 @@ SHAPES: dict[type, dict[str, str]] = {
     TrackingErrors: {"gap_mae": "M", "gap_rmse": "M", "speed_mae": "V", "speed_rmse": "V"},
     Whiteness: dict.fromkeys(
         ("deviation", "correlation", "memory", "independent", "probability"), "M"),
-    ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "extra": "M3", "aic": "M",
-                "holdout": "M"},
+    ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "aic": "M", "holdout": "M"},
 }  # fmt: skip
 """Lengths of arrays and tuples by type and field; a field may be None.
 

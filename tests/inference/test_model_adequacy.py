@@ -6,12 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn.inference.model_adequacy import Adequacy, BetterForm, Inadequate, model_forms
+from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, Inadequate, model_forms
 from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.methods.state_space import FORMS, coordinates, state_space
+from accpinn.methods.state_space import coordinates, state_space
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import terms_of
 from accpinn.results.tables.estimates import model_form_table
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
@@ -40,7 +41,8 @@ def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
     assert not [one for one in found.findings if isinstance(one, BetterForm | Inadequate)]
     np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
     assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
-    assert 0.0 < found.forms[2].extra[0, 1] < found.forms[2].extra[0, 2] < 0.5, "the lag"
+    lag = next(form for form in found.forms if form.form == "cthp-lag")
+    assert 0.0 < lag.lower[0].lag < lag.upper[0].lag < 0.5
     for form in found.forms:
         lower, upper = form.lower.values[0], form.upper.values[0]
         width = upper - lower  # a 90 % interval misses now and then, but not by far
@@ -52,22 +54,25 @@ def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
 
 @all_draws
 @pytest.mark.parametrize(
-    ("departure", "form", "value", "tolerance"),
-    [({"standstill": 6.0}, "offset", 6.0, 2.0), ({"lag": 1.0}, "lag", 1.0, 0.3)],
+    ("departure", "term", "value", "tolerance"),
+    [({"standstill": 6.0}, "s0", 6.0, 2.0), ({"lag": 1.0}, "lag", 1.0, 0.3)],
 )
 def test_a_term_that_the_recording_shows_is_found(
-    departure: dict[str, float], form: str, value: float, tolerance: float
+    departure: dict[str, float], term: str, value: float, tolerance: float
 ) -> None:
     segment = recorded(**departure)
     found = model_forms(segment)
     (better,) = [one for one in found.findings if isinstance(one, BetterForm)]
     assert better.vehicle == 2
     assert better.aic < -4
-    (own,) = [one for one in found.forms if one.form == form]
+    (own,) = [one for one in found.forms if one.form == f"cthp-{term}"]
     assert own.aic[0] < -4
     assert own.form == better.form
-    assert own.extra[0, 0] == pytest.approx(value, abs=tolerance)
-    assert own.extra[0, 1] < own.extra[0, 0] < own.extra[0, 2]
+    estimate, lower, upper = (
+        getattr(part[0], term) for part in (own.parameters, own.lower, own.upper)
+    )
+    assert estimate == pytest.approx(value, abs=tolerance)
+    assert lower < estimate < upper
     np.testing.assert_allclose(own.parameters.values[0], TRUE, rtol=0.2)
     lower, upper = own.lower.values[0], own.upper.values[0]
     width = upper - lower  # a 90 % interval misses now and then, but not by far
@@ -79,10 +84,10 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     """The truth, a lag of a second, is hardly told from none; α differs by half between them."""
     true = Parameters.of([[0.0953, 0.127, 1.2]])
     segment = disturbed(true, 4, Disturbance(lag=1.0), duration=200.0)
-    maxima, series = joint_maxima((segment,), "II", "lag"), series_of([segment], "II")
+    maxima, series = joint_maxima((segment,), "II", "cthp-lag"), series_of([segment], "II")
     ends = []
     for seed in (2, 3):
-        (found,) = sample(series, maxima, "lag", seed)
+        (found,) = sample(series, maxima, "cthp-lag", seed)
         assert found.effective > 0.1 * STAGES[-1]
         ends.append(np.quantile(found.all_evenly(1000)[:, [0, -1]], (0.05, 0.95), axis=0))
     assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()
@@ -90,9 +95,9 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
 
 def test_a_delay_delays_what_the_controller_asks_for() -> None:
     """From space-gap to acceleration, the form's response is α exp(-jωd) up to ω = 1.5/d."""
-    values = np.array([[one.start for one in coordinates("delay")]])
+    values = np.array([[one.start for one in coordinates("cthp-delay")]])
     values[0, -1] = delay = 0.8
-    rates = state_space("delay", values, 0.5).rates[..., 0]
+    rates = state_space("cthp-delay", values, 0.5).rates[..., 0]
     own = [6, 7]
     for omega in np.linspace(0.05, 1.5 / delay, 20):
         inner = np.linalg.solve(1j * omega * np.eye(2) - rates[np.ix_(own, own)], rates[own, 0])
@@ -155,8 +160,8 @@ def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> N
     names = [column.title for column in table.columns]
     for row, form in zip(table.rows, found.forms, strict=True):
         extras = {name: row[names.index(name)] for name in ("s₀", "λ", "d")}
-        given = [value for value in extras.values() if value is not None]
-        assert given == ([] if form.form == "cthp" else [pytest.approx(form.extra[0])])
+        given = [value.value for value in extras.values() if value is not None]
+        assert given == [getattr(form.parameters[0], term) for term in terms_of(form.form)]
         assert row[1] == pytest.approx(
             [form.parameters[0].alpha, form.lower[0].alpha, form.upper[0].alpha]
         )

@@ -9,9 +9,9 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.inference.model_adequacy import FORMS
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
-from accpinn.methods.state_space import FORMS
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.study import comparison
@@ -142,7 +142,13 @@ class TestCommand:
         found = document(capsys, "compare", THREE, *of)
         assert isinstance(found["warnings"], list)
         assert [form["form"] for form in found["forms"][::2]] == list(FORMS)
-        assert found["forms"][0].keys() >= {"alpha", "tau", "extra", "aic", "holdout"}
+        assert found["forms"][0].keys() >= {
+            "alpha",
+            "tau",
+            "aic",
+            "log_likelihood_ratio",
+            "holdout",
+        }
         assert [row["method"] for row in found["rows"]] == ["pinn", "splines"]
         for row in found["rows"]:
             assert len(row["parameters"]) == len(row["intervals"]) == len(row["whiteness"]) == 2

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from accpinn.evaluation.evaluation import part
-from accpinn.inference.model_adequacy import Adequacy, BetterForm, ModelForm
+from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
 from accpinn.methods.fit import Fit
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset
-from accpinn.methods.state_space import FORMS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording
@@ -125,15 +124,14 @@ def two_windows() -> Result:
 def delayed(vehicle: int = 2) -> Adequacy:
     """One follower that a delay describes better."""
     estimate, lower, upper = (
-        Parameters.of([[factor * value for value in (0.1, 0.3, 1.2)]]) for factor in (1, 0.8, 1.2)
+        Parameters.of([[factor * value for value in (0.1, 0.3, 1.2, 2.0, 0.5, 0.9)]])
+        for factor in (1, 0.8, 1.2)
     )
     forms = tuple(
-        ModelForm(form, estimate, lower, upper, np.array([[extra, 0.8 * extra, 1.2 * extra]]),
-                  np.array([aic]), np.array([1.0]))
-        for form, extra, aic in zip(FORMS, (0.0, 2.0, 0.5, 0.9), (0.0, -1.0, -2.0, -20.0),
-                                    strict=True)
+        ModelForm(form, estimate, lower, upper, np.array([aic]), np.array([1.0]))
+        for form, aic in zip(FORMS, (0.0, -1.0, -2.0, -20.0, -19.0), strict=True)
     )  # fmt: skip
-    better = BetterForm(vehicle=vehicle, form="delay", aic=-20.0, holdout=1.0)
+    better = BetterForm(vehicle=vehicle, form="cthp-delay", aic=-20.0, holdout=1.0)
     return Adequacy(forms, None, (better,))
 
 

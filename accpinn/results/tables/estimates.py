@@ -14,8 +14,9 @@ from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
-from accpinn.methods.state_space import Form
+from accpinn.model import models
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import TERMS, Term, terms_of
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import (
     ABSENT,
@@ -254,45 +255,43 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, last))
 
 
-FORMS: dict[Form, str] = {
-    "cthp": "CTHP",
-    "offset": "With a standstill distance s₀",
-    "lag": "With an actuator lag λ",
-    "delay": "With a delay d",
-}
-EXTRA_COLUMNS: dict[Form, Column] = {
-    "offset": Column("s₀", "m", 1),
+TERM_COLUMNS: dict[Term, Column] = {
+    "s0": Column("s₀", "m", 1),
     "lag": Column("λ", "s", 2),
     "delay": Column("d", "s", 2),
 }
-"""The further unknown of each form."""
+"""The terms beside the CTHP."""
 
 
 def _form_cells(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
-    """The estimates of α, β, τ and the further unknown, with intervals."""
+    """The estimates of α, β, τ and the further terms, with intervals."""
     group = f"Estimate ({100 * LEVEL:.0f} % interval)"
-    ends = [
-        np.array([part[follower].values for part in (form.parameters, form.lower, form.upper)])
-        for form in forms
-    ]
-    for column, cells in zip(PARAMETER_COLUMNS, np.transpose(ends, (2, 0, 1)), strict=True):
-        yield replace(column, group=group), [Estimate(*cell) for cell in cells.tolist()]
-    for name, column in EXTRA_COLUMNS.items():
-        extras = [form.extra[follower].tolist() if form.form == name else None for form in forms]
+    ends = np.array(
+        [
+            [part[follower].complete for part in (form.parameters, form.lower, form.upper)]
+            for form in forms
+        ]
+    )
+    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS.values())):
+        term = None if at < 3 else TERMS[at - 3]
         yield (
             replace(column, group=group),
-            [extra if extra is None else Estimate(*extra) for extra in extras],
+            [
+                Estimate(*cell) if term is None or term in terms_of(form.form) else None
+                for form, cell in zip(forms, ends[:, :, at].tolist(), strict=True)
+            ],
         )
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
-    """One row a form of the model, for one follower (0 for the first): estimates and intervals."""
+    """One row a model, for one follower (0 for the first): estimates and intervals."""
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
-            (Column("Form of the model"), [FORMS[form.form] for form in forms]),
+            (Column("Model"), [models.TITLES[form.form] for form in forms]),
             *_form_cells(forms, follower),
-            (Column("AIC", "", 1, AGAINST), [form.aic[follower] for form in forms]),
+            (Column("Log-likelihood", "", 1, AGAINST),
+             [form.likelihood_ratio[follower] for form in forms]),
             (Column("Held-out log density", "", 1, AGAINST),
              [form.holdout[follower] for form in forms]),
         ],

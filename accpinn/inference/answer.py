@@ -1,0 +1,276 @@
+"""The answer: one complete parameter set a vehicle, with its interval as the car's typical value.
+
+The windows of a recording are estimated one by one under the exact likelihood (see
+`methods.maximum_likelihood`). Their posteriors, and what many cars taught about how windows differ,
+give the typical value of the car and its interval, and the interval that a further window's
+parameters have (see `inference.population`). Everything that shows, simulates, judges or exports
+"the answer" takes it from here.
+
+The headline is the time gap in equilibrium, τ + s₀/v, at a stated speed: the data determine it,
+while τ and s₀ may trade off against each other.
+"""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import chdtrc
+
+from accpinn.errors import ConfigError
+from accpinn.findings import Finding
+from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, sampled_population
+from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
+from accpinn.methods.likelihood import Held, Maximum
+from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
+from accpinn.methods.method import one_thread
+from accpinn.methods.series import determined_followers, series_of
+from accpinn.methods.state_space import EXTRA, complete
+from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import BEST, TERMS, Model, terms_of
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, MetresPerSecond, Seconds
+
+STAGES = (150, 150, 500)
+"""Draws in each stage of a window's posterior."""
+DRAWS = 400
+"""Draws of equal weight that stand for a window's posterior."""
+SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
+"""Speeds at which the time gap is stated, beside the median speed."""
+SIGNIFICANCE = 0.05
+"""Below this probability under equal parameters, windows are said to differ."""
+
+
+class WindowsDiffer(Finding, frozen=True):
+    """A follower's windows differ by more than sampling error explains."""
+
+    text = (
+        "{vehicle}: its {windows} windows differ by more than sampling error explains (p ="
+        " {probability:.2g}), so a further window may differ as much: use the interval for one."
+    )
+
+    vehicle: int
+    """0 for all followers together."""
+    windows: int
+    probability: float
+
+
+@dataclass(frozen=True)
+class Span:
+    """A value with its interval as the car's typical one, and the interval in a further window."""
+
+    value: float
+    lower: float
+    upper: float
+    further_lower: float
+    further_upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The parameters of M followers over K windows; nan for a follower that is not determined."""
+
+    model: Model
+    level: float
+    speeds: FloatArray
+    """(M,) each follower's median speed in m/s over the windows."""
+    parameters: Parameters
+    """(M,) the complete parameter set of each follower."""
+    typical: Parameters
+    """(n, M) draws of the typical value."""
+    further: Parameters
+    """(n, M) draws of what a further window has."""
+    windows: Parameters
+    """(K, M) the maximum-likelihood estimate of each window by itself."""
+    windows_lower: Parameters
+    """(K, M) lower ends of the windows' own intervals."""
+    windows_upper: Parameters
+    """(K, M) upper ends."""
+    differ: FloatArray
+    """(M,) probability that windows differ as much by sampling error alone; nan for one window."""
+    findings: tuple[WindowsDiffer, ...]
+    seconds: Seconds
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the model's parameters, as `Parameters` has them."""
+        return ("alpha", "beta", "tau", *terms_of(self.model))
+
+    def span(self, name: str, follower: int) -> Span:
+        """One parameter of one follower, by its name in `Parameters`."""
+        return self._span(*(getattr(part, name) for part in self._parts), follower)
+
+    def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
+        """The time gap of one follower in equilibrium at a speed, in s."""
+        return self._span(*(part.time_gap(speed) for part in self._parts), follower)
+
+    @property
+    def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
+        return self.parameters, self.typical, self.further
+
+    def _span(
+        self, value: FloatArray, typical: FloatArray, further: FloatArray, follower: int
+    ) -> Span:
+        ends = [interval_ends(drawn[:, follower], self.level) for drawn in (typical, further)]
+        return Span(float(value[follower]), *(float(end) for pair in ends for end in pair))
+
+
+def answer(
+    segments: Sequence[Segment],
+    case: Case = "II",
+    model: Model = BEST,
+    held: Mapping[str, float] | None = None,
+) -> Answer:
+    """Find the answer of the vehicles in some windows; takes about a second for five minutes.
+
+    Args:
+        segments: (K,) the windows, of the same vehicles with the same step.
+        case: "I" for one parameter set, "II" for one per follower.
+        model: whose parameters.
+        held: terms of the model that keep their values, as {"s0": 4.0}.
+
+    Raises:
+        ConfigError: for a term that the model does not have.
+    """
+    fixed = tuple(sorted((held or {}).items()))
+    check_held(model, fixed)
+    return _answer(tuple(segments), case, model, fixed)
+
+
+def check_held(model: Model, held: Held) -> None:
+    """Refuse what cannot be held.
+
+    Raises:
+        ConfigError: naming what can.
+    """
+    for name, value in held:
+        if name not in terms_of(model):
+            known = ", ".join(terms_of(model)) or "no term"
+            raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
+        least, most = EXTRA[TERMS[TERMS.index(name)]].bounds
+        if not least <= value <= most:
+            allowed = f"{least:g} to {most:g}"
+            raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPosterior:
+    """What one window alone says of its M followers; nan for one that it does not determine."""
+
+    estimates: FloatArray
+    """(M, 6) complete parameters of greatest likelihood."""
+    drawn: FloatArray
+    """(M, n, p) draws of `features` of equal weight from the posterior."""
+
+
+@lru_cache(maxsize=256)
+@one_thread
+def window_posterior(
+    segment: Segment, case: Case, model: Model, held: Held = ()
+) -> WindowPosterior:
+    """The posterior of each follower of one window under a model, with some terms held."""
+    followers = segment.followers
+    estimates = np.full((followers, 6), np.nan)
+    drawn = np.full((followers, DRAWS, 3 + len(terms_of(model))), np.nan)
+    known = determined_followers((segment,), case)
+    if known:
+        series = series_of([segment], case, known)
+        cthp = joint_maxima((segment,), case, followers=known)
+        maxima = further_maxima(series, model, cthp, held)
+        posteriors = sample(series, maxima, model, held=held, stages=STAGES)
+        rows = [np.array(known)] if case == "I" else [np.array([k]) for k in known]
+        for row, maximum, posterior in zip(rows, maxima, posteriors, strict=True):
+            estimates[row] = _own(model, maximum)
+            drawn[row] = features(model, posterior.all_evenly(DRAWS))
+    return WindowPosterior(estimates, drawn)
+
+
+@lru_cache(maxsize=64)
+@one_thread
+def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held) -> Answer:
+    started = time.perf_counter()
+    windows = [window_posterior(segment, case, model, held) for segment in segments]
+    own = np.array([window.estimates for window in windows])
+    drawn = np.array([window.drawn for window in windows])
+    lower, upper = interval_ends(np.moveaxis(_complete(model, drawn), 2, 0), LEVEL)
+    followers = range(segments[0].followers)
+    typical = [_typical(drawn[:, k], model, held) for k in followers]
+    drawn_values, drawn_further = (np.stack(rows, axis=1) for rows in zip(*typical, strict=True))
+    differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
+    vehicles = (0,) if case == "I" else segments[0].vehicles[1:]
+    return Answer(
+        model=model,
+        level=LEVEL,
+        speeds=np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0),
+        parameters=Parameters.of(_complete(model, drawn_values.mean(axis=0))),
+        typical=Parameters.of(_complete(model, drawn_values)),
+        further=Parameters.of(_complete(model, drawn_further)),
+        windows=Parameters.of(own),
+        windows_lower=Parameters.of(np.where(own == 0.0, 0.0, lower)),
+        windows_upper=Parameters.of(upper),
+        differ=differ,
+        findings=tuple(
+            WindowsDiffer(vehicle, len(segments), float(p))
+            for vehicle, p in zip(vehicles, differ, strict=False)
+            if p < SIGNIFICANCE
+        ),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _typical(drawn: FloatArray, model: Model, held: Held) -> tuple[FloatArray, FloatArray]:
+    """Draws (n, p) of one follower's typical value and of a further window's parameters.
+
+    Args:
+        drawn: (K, n, p) draws of its windows.
+        model: whose `features` they are.
+        held: terms that keep their values.
+    """
+    drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
+    size = CHAINS * KEPT
+    if not len(drawn):
+        nothing = np.full((size, 3 + len(terms_of(model))), np.nan)
+        return nothing, nothing
+    fixed = [name for name, _ in held]
+    free = np.array([True] * 3 + [term not in fixed for term in terms_of(model)])
+    prior = log_prior_of_features(model, drawn)
+    sampled = sampled_population(drawn[..., free], prior, POPULATIONS[model].of(free))
+    value, further = np.tile(drawn[0, 0], (2, size, 1))
+    value[:, free], further[:, free] = sampled.value, sampled.further
+    return value, further
+
+
+def _complete(model: Model, phi: FloatArray) -> FloatArray:
+    """(.., 6) complete parameters from `features` (.., p)."""
+    complete = np.zeros((*phi.shape[:-1], 6))
+    complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])
+    for at, term in enumerate(terms_of(model), 3):
+        least = -np.inf if term == "s0" else 0.0
+        complete[..., 3 + TERMS.index(term)] = np.maximum(phi[..., at], least)
+    complete[..., 2] = np.maximum(np.exp(phi[..., 2]) - complete[..., 3] / AT_SPEED, 0.0)
+    return complete
+
+
+def _own(model: Model, maximum: Maximum) -> FloatArray:
+    """(6,) the complete parameters of a maximum; those at their least value are 0."""
+    return complete(model, np.append(maximum.theta, maximum.values[3:]))
+
+
+def _heterogeneity(drawn: FloatArray) -> float:
+    """Probability of windows that differ as much by sampling error alone; nan for one window.
+
+    It is that of Cochran's Q in p coordinates, from draws (K, n, p), which are taken as normal in
+    each window.
+    """
+    drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
+    free = drawn.std(axis=(0, 1)) > 0 if len(drawn) else np.zeros(drawn.shape[-1], bool)
+    if len(drawn) < 2 or not free.any():
+        return float("nan")
+    means = drawn[..., free].mean(axis=1)
+    precisions = np.array([np.linalg.inv(np.cov(rows[:, free].T)) for rows in drawn])
+    pooled = np.linalg.solve(precisions.sum(axis=0), np.einsum("kij,kj->i", precisions, means))
+    away = means - pooled
+    q = float(np.einsum("ki,kij,kj->", away, precisions, away))
+    return float(chdtrc((len(means) - 1) * int(free.sum()), q))

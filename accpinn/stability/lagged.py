@@ -1,0 +1,192 @@
+"""String stability of vehicles with a lag λ or a delay d, from the polynomials of their response.
+
+    H(s) = e^(-ds) (βs + α) q(s) / D(s),   D(s) = s² (1 + λs) q(s) + q(-s) ((ατ+β)s + α)
+    q(s) = 1 + ds/2 + d²s²/12
+
+q(-s)/q(s) is the Padé approximant of the delay inside the loop (see `model.models`). The factor
+e^(-ds) shifts the response in time and changes neither |H| nor ‖h‖₁, so it needs no approximation.
+s₀ shifts gaps alone and does not appear.
+
+L₂: with x = ω², both |N|² and |D|² are polynomials in x whose constant terms are equal, so
+
+    |H(jω)| ≤ 1 for all ω   ⇔   R(x) = (|D|² - |N|²)/x ≥ 0 for all x ≥ 0, and D has no unstable root
+
+and the largest gain lies at a root of d|H|²/dx. L∞: with the poles p_i and residues r_i of N/D the
+step response is u(t) = Σ r_i (e^(p_i t) - 1)/p_i; ‖h‖₁ is its total variation.
+
+Without lag and delay these are the closed forms of `criteria` and `frequency`, to which tests
+compare them, as to numerical integration of |h|.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.model.cthp import Parameters
+from accpinn.units import FloatArray, Mask
+
+INSTANTS = 3000
+"""Instants of the step response."""
+TIME_CONSTANTS = 15.0
+"""Length of the step response, in time constants of the slowest pole."""
+AT_ONCE = 200
+"""Vehicles whose step responses are held at once."""
+ROUNDING = 1e-9
+"""Share of the largest coefficient below which R(x) counts as zero."""
+
+
+def is_lagged(parameters: Parameters) -> bool:
+    """Whether any vehicle has a lag or a delay."""
+    return bool((parameters.complete[..., 4:] > 0).any())
+
+
+def polynomials(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+    """Coefficients (V, 6) of N(s) and D(s), constant term first; a common factor s is divided out.
+
+    Args:
+        parameters: V vehicles.
+    """
+    alpha, alpha_tau, beta = parameters.theta.T
+    lag, delay = parameters.complete[:, 4:].T
+    zero, one = np.zeros_like(alpha), np.ones_like(alpha)
+    pade = np.stack([one, delay / 2.0, delay**2 / 12.0], axis=1)
+    mirrored = pade * [1.0, -1.0, 1.0]
+    upper = _product(np.stack([alpha, beta], axis=1), pade)
+    inertia = _product(np.stack([zero, zero, one, lag], axis=1), pade)
+    control = _product(mirrored, np.stack([alpha, alpha_tau + beta], axis=1))
+    upper, inertia, control = (_padded(part) for part in (upper, inertia, control))
+    lower = inertia + control
+    bare = (alpha == 0)[:, None]  # without α both have a root at zero
+    return tuple(np.where(bare, np.roll(part, -1, axis=1), part) for part in (upper, lower))
+
+
+def _product(left: FloatArray, right: FloatArray) -> FloatArray:
+    """(V, a+b-1) coefficients of the products of polynomials (V, a) and (V, b)."""
+    result = np.zeros((len(left), left.shape[1] + right.shape[1] - 1))
+    for power, coefficients in enumerate(left.T):
+        result[:, power : power + right.shape[1]] += coefficients[:, None] * right
+    return result
+
+
+def _padded(coefficients: FloatArray) -> FloatArray:
+    return np.pad(coefficients, ((0, 0), (0, 6 - coefficients.shape[1])))
+
+
+def _squared(coefficients: FloatArray) -> FloatArray:
+    """(V, 6) |P(jω)|² as a polynomial in x = ω²: even powers squared plus x times odd ones."""
+    signs = np.array([1.0, -1.0, 1.0])
+    even, odd = coefficients[:, 0::2] * signs, coefficients[:, 1::2] * signs
+    result = _product(even, even)
+    return np.pad(result, ((0, 0), (0, 1))) + np.pad(_product(odd, odd), ((0, 0), (1, 0)))
+
+
+def _roots(coefficients: FloatArray) -> NDArray[np.complex128]:
+    """(V, n) the roots of polynomials (V, n+1), constant term first; nan beyond their degree."""
+    count, size = coefficients.shape
+    degrees = np.where(coefficients != 0.0, np.arange(size), 0).max(axis=1)
+    roots = np.full((count, size - 1), np.nan + 0j)
+    for degree in set(degrees.tolist()) - {0}:
+        rows = np.flatnonzero(degrees == degree)
+        companion = np.zeros((len(rows), degree, degree))
+        companion[:, range(1, degree), range(degree - 1)] = 1.0
+        companion[:, :, -1] = -coefficients[rows, :degree] / coefficients[rows, degree, None]
+        roots[rows[:, None], np.arange(degree)] = np.linalg.eigvals(companion)
+    return roots
+
+
+@dataclass(frozen=True, eq=False)
+class LaggedStability:
+    """What the polynomials say of V vehicles."""
+
+    stable: Mask
+    """(V,) whether the vehicle itself is stable: all poles decay."""
+    peak: FloatArray
+    """(V,) max |H|, at least 1; infinite for an unstable vehicle."""
+    omega: FloatArray
+    """(V,) ω of the peak in rad/s; 0 where nothing is amplified."""
+    margin: FloatArray
+    """(V,) the least R(x) relative to R's size; negative where a frequency is amplified."""
+    crossover: FloatArray
+    """(V,) the highest ω in rad/s below which a frequency is amplified; nan where none is."""
+
+
+def lagged_stability(parameters: Parameters) -> LaggedStability:
+    """Peak, crossover and L₂ margin of V vehicles."""
+    upper, lower = polynomials(parameters)
+    above, below = _squared(upper), _squared(lower)
+    rest = (below - above)[:, 1:]
+    stable = _decays(_roots(lower))
+    slopes = _product(_derived(above), below) - _product(above, _derived(below))
+    at = _positive(_roots(slopes))
+    gains = _value(above, at) / np.maximum(_value(below, at), 1e-300)
+    best = gains.argmax(axis=1)[:, None]
+    peak, omega = (np.take_along_axis(part, best, axis=1)[:, 0] for part in (gains, np.sqrt(at)))
+    places = _positive(_roots(_derived(rest)))
+    size = np.abs(rest[:, 0]) + parameters.alpha + parameters.beta**2
+    margin = _value(rest, places).min(axis=1) / np.maximum(size, 1e-300)
+    last = np.sqrt(_positive(_roots(rest)).max(axis=1))
+    return LaggedStability(
+        stable,
+        peak=np.where(stable, np.sqrt(np.maximum(peak, 1.0)), np.inf),
+        omega=np.where(stable & (peak > 1.0), omega, 0.0),
+        margin=np.where(stable, margin, -np.inf),
+        crossover=np.where((margin < -ROUNDING) & (last > 0), last, np.nan),
+    )
+
+
+def _decays(poles: NDArray[np.complex128]) -> Mask:
+    """(V,) whether all poles (V, n) decay."""
+    return np.asarray(((poles.real < 0) | np.isnan(poles)).all(axis=1))
+
+
+def _derived(coefficients: FloatArray) -> FloatArray:
+    return coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
+
+
+def _value(coefficients: FloatArray, x: FloatArray) -> FloatArray:
+    """(V, K) the polynomials (V, n) at (V, K)."""
+    result = np.zeros_like(x)
+    for coefficient in coefficients.T[::-1]:
+        result = result * x + coefficient[:, None]
+    return np.asarray(result)
+
+
+def _positive(roots: NDArray[np.complex128]) -> FloatArray:
+    """(V, n+1) the roots that are real and above zero, 0 in place of the others and last."""
+    real = np.abs(roots.imag) <= 1e-7 * np.maximum(np.abs(roots), 1e-12)
+    kept = np.where(real & (roots.real > 0), roots.real, 0.0)
+    return np.pad(kept, ((0, 0), (0, 1)))
+
+
+def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+    """Overshoot of the step response (V,), and ‖h‖₁ (V,), the exact L∞ gain.
+
+    Args:
+        parameters: V vehicles. The gain of one that is unstable, or not damped, is infinite.
+    """
+    upper, lower = polynomials(parameters)
+    poles = _roots(lower)
+    overshoots, gains = np.full((2, len(upper)), np.inf)
+    decaying = np.flatnonzero(_decays(poles) & np.isfinite(poles.real).any(axis=1))
+    for rows in np.array_split(decaying, len(decaying) // AT_ONCE + 1):
+        p = np.where(np.isnan(poles[rows]), -1.0, poles[rows])
+        residues = _value(upper[rows], p) / _value(_derived(lower[rows]), p)
+        weights = np.where(np.isnan(poles[rows]), 0.0, residues / p)
+        time = TIME_CONSTANTS * np.linspace(0.0, 1.0, INSTANTS) / -p.real.max(axis=1)[:, None]
+        step = sum(
+            (w[:, None] * np.expm1(pole[:, None] * time)).real
+            for w, pole in zip(weights.T, p.T, strict=True)
+        )
+        gains[rows] = np.abs(np.diff(step, axis=1)).sum(axis=1)
+        overshoots[rows] = np.maximum(step.max(axis=1) - step[:, -1], 0.0)
+    return overshoots, gains
+
+
+def lagged_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:
+    """(V, K) H(jω) of V vehicles at (K,) frequencies in rad/s."""
+    upper, lower = polynomials(parameters)
+    s = 1j * np.asarray(omega, float)
+    late = np.exp(-s * parameters.complete[:, 5:])
+    values = [np.polynomial.polynomial.polyval(s, part.T) for part in (upper, lower)]
+    return np.asarray(late * values[0] / values[1])
