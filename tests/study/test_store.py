@@ -6,7 +6,6 @@ import pickle
 import time
 import zipfile
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -151,16 +150,6 @@ class TestStore:
         Store(store.folder, cap_bytes=10).keep(numbered(4))
         assert len(capped.entries()) == 1, "what was asked for last is kept, however large"
 
-    def test_a_clock_that_was_put_back_costs_the_oldest_first(self, store: Store) -> None:
-        store.keep(numbered(0))
-        path = store.path(numbered(0).analysis.key)
-        os.utime(path, (time.time() + 86400,) * 2)
-        capped = Store(store.folder, cap_bytes=2 * path.stat().st_size + 1000)
-        for k in (1, 2):
-            capped.keep(numbered(k))
-        assert not capped.has(numbered(0).analysis.key)
-        assert all(capped.has(numbered(k).analysis.key) for k in (1, 2))
-
 
 class Trap:
     """Unpickling one would be noticed."""
@@ -214,10 +203,8 @@ class TestCheckpoints:
         if isinstance(content, bytes):
             path.write_bytes(content)
         assert store.checkpoints(TRAINING).load(10) is None
-        assert path.exists(), "it stays for one who can say it"
         said: list[str] = []
         assert store.checkpoints(TRAINING, said.append).load(10) is None
-        assert names(store.folder) == {f"{path.name}.damaged"}
         assert said[0].startswith(path.name)
         assert "\n" not in said[0]
 
@@ -319,20 +306,3 @@ class TestLibrary:
         os.utime(old, (1, 1))
         library.add(called("another"))
         assert (old.exists(), new.exists()) == (False, True), "that may still be written to"
-
-
-@pytest.mark.parametrize("kind", [Store, Library])
-def test_threads_that_write_at_once_lose_nothing(
-    kind: type[Store] | type[Library], tmp_path: Path
-) -> None:
-    def write(number: int) -> None:
-        shelf = kind(tmp_path)
-        result = numbered(number)
-        shelf.keep(result, pytest.fail) if isinstance(shelf, Store) else shelf.add(result)
-        shelf.entries()
-
-    with ThreadPoolExecutor(6) as pool:
-        list(pool.map(write, range(12)))
-    entries = kind(tmp_path).entries()
-    assert len(entries) == 12
-    assert not [entry.fault for entry in entries if entry.fault]
