@@ -52,6 +52,8 @@ from .stability.report import StabilityReport as StabilityReport
 from .stability.report import stability_report as stability_report
 from .study.analysis import Analysis as Analysis
 from .study.batch import batch as batch
+from .study.comparison import spread_of as spread_of
+from .study.comparison import starts as starts
 from .study.groups import group as group
 from .study.groups import read_study as read_study
 from .study.result import Result as Result
@@ -59,8 +61,6 @@ from .study.run import fit_windows as fit_windows
 from .study.run import run as run
 from .study.snapshot import load as load
 from .study.snapshot_library import Library as Library
-from .study.starts import spread_of as spread_of
-from .study.starts import starts as starts
 from .study.store import Store as Store
 from .study.windows import between_windows as between_windows
 

@@ -78,13 +78,6 @@ def test_several_windows_and_several_methods() -> None:
     assert [row.analysis.method for row in rows] == ["least-squares", "splines"]
 
 
-def test_a_store_answers_the_same_question_again(tmp_path: Path) -> None:
-    for is_cached in (False, True):
-        store = accpinn.Store(tmp_path)
-        result = accpinn.fit(FOLDER / f"{NOISY}.csv", 0, 60, method="splines", store=store)
-        assert result.fit.cached == is_cached
-
-
 @pytest.mark.parametrize("regime", ["catching-up", "catching up", ["catching up"]])
 def test_arguments_may_be_spelt_as_on_the_command_line(regime: str | list[str]) -> None:
     result = accpinn.fit(

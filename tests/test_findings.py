@@ -12,7 +12,7 @@ from accpinn.recordings import recording as recordings
 from accpinn.recordings.recording import Window
 from accpinn.segment import quality
 from accpinn.segment import segment as segments
-from accpinn.study import starts, windows
+from accpinn.study import comparison, windows
 
 BLOCKS = (Window(1.0, 2.5), Window(4.0, 4.0))
 WIDE = intervals.ParameterInterval("α", 0.01, 0.2, 0.1, 0.05)
@@ -82,9 +82,9 @@ SAID = [
     (model_adequacy.BetterForm(vehicle=2, form="cthp-lag", aic=-20.0, holdout=1.0),
      ["-20", "+1.0"]),
     (model_adequacy.Inadequate(0, True, True, False, False), ["over time and larger"]),
-    (starts.TrainingSpread(5, 40.0, True, 2), ["5", "40 %", "2 of them"]),
-    (starts.TrainingSpread(4, 0.1, False, 0), ["4", "0.1 %"]),
-    (starts.SpreadUndetermined(0, "τ", 1, 3), ["All followers", "τ", "1 of 3"]),
+    (comparison.TrainingSpread(5, 40.0, True, 2), ["5", "40 %", "2 of them"]),
+    (comparison.TrainingSpread(4, 0.1, False, 0), ["4", "0.1 %"]),
+    (comparison.SpreadUndetermined(0, "τ", 1, 3), ["All followers", "τ", "1 of 3"]),
     (prediction.BandCoverage(2, 0.9, 0.9, 0.61), ["90 %", "61 %"]),
     (prediction.BandCoverage(2, 0.5, 0.9, 0.0), ["50 %"]),
     (windows.WindowsDiffer(2, ("α", "τ"), 5), ["α and τ differ ", "5"]),

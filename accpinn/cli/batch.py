@@ -21,10 +21,9 @@ from accpinn.recordings.mapping import load_mapping
 from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
-from accpinn.study.batch import batch
+from accpinn.study.batch import BatchProgress, batch
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
-from accpinn.study.progress import BatchProgress, BatchSummary
 from accpinn.study.studies import FAILURES, RESULTS
 
 ALL = "all"
@@ -91,7 +90,7 @@ def _progress_bar() -> Iterator[Any]:
 
         def show_progress(now: BatchProgress) -> None:
             bar.n = now.share
-            parts = [f"{now.done:.1f}/{now.files} files", f"{now.windows} windows"]
+            parts = [f"{now.done:.1f}/{now.files} files", f"{now.finished} windows"]
             parts += [f"{now.rows} rows", f"{now.failed} failed"]
             if now.seconds_left:
                 parts.append(f"{tqdm.format_interval(now.seconds_left)} left")
@@ -100,12 +99,12 @@ def _progress_bar() -> Iterator[Any]:
         yield show_progress
 
 
-def _describe_batch(summary: BatchSummary, _out: str) -> dict[str, Any]:
+def _describe_batch(summary: BatchProgress, _out: str) -> dict[str, Any]:
     """The batch as the command-line contract has it."""
     return fields(summary, *KEYS)
 
 
-def _batch_text(summary: BatchSummary, out: str) -> str:
+def _batch_text(summary: BatchProgress, out: str) -> str:
     lines = [
         f"{out}: {summary.recordings} recordings, {summary.windows} windows,"
         f" {summary.followers} followers, {summary.rows} rows in {RESULTS}"

@@ -65,15 +65,17 @@ from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import (
     Refused,
+    Spread,
     compare,
     parse_methods,
     refused_among,
     results_among,
+    spread_of,
+    starts,
 )
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, named, save, writable_path
-from accpinn.study.starts import Spread, spread_of, starts
 from accpinn.study.windows import BetweenWindows, between_windows, differing_windows
 from accpinn.units import Seconds
 

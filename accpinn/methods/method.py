@@ -44,7 +44,7 @@ class Checkpoints(Protocol):
         """Keep a state in place of the former one."""
 
     def reject(self, fault: Exception) -> None:
-        """Set the state aside, as no training can go on from it."""
+        """Say that no training can go on from the state."""
 
 
 @dataclass(frozen=True)

@@ -132,15 +132,14 @@ class Analysis:
         return self._address(self.settings)
 
     @cached_property
-    def checkpoint_keys(self) -> tuple[str, ...]:
-        """Content addresses of checkpoints that a training may go on from, the usual one first.
+    def checkpoint_key(self) -> str:
+        """Content address of the checkpoint that a training may go on from; empty for others.
 
-        A longer training goes on where a shorter one ends, so the number of iterations is no part
-        of the first address; the second one is for a training that a longer one has overtaken.
+        A longer training goes on where a shorter one ends, so the number of iterations is no part.
         """
         resumable = METHODS[self.method].resumable_settings
         shared = resumable(self.settings) if resumable else None
-        return (self._address(shared), self.key) if shared is not None else ()
+        return self._address(shared) if shared is not None else ""
 
     def _address(self, settings: dict[str, Any]) -> str:
         asked = {

@@ -5,17 +5,18 @@ each method. Answers are kept in a study by the keys of their analyses as they a
 that was killed or stopped goes on where it was, a renamed file is not computed again, and a further
 method adds its rows.
 
-Workers on this machine read the files themselves; those of a scheduler elsewhere are sent the data
-and need no access to the files.
+The files are read here; workers, on this machine or elsewhere, are sent the data of windows.
 """
 
 import math
 import os
-from collections import deque
-from collections.abc import Callable, Sequence
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +34,7 @@ from accpinn.segment.segment import Segment
 from accpinn.storage import reason_of
 from accpinn.study.analysis import Analysis, Source
 from accpinn.study.cluster import Job, connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Sources, files_of, plan
-from accpinn.study.progress import BatchProgress, BatchSummary, Tally, size_of
+from accpinn.study.plan import LEAST, Sources, files_of, plan, size_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
 from accpinn.study.studies import Failure, KnownFile, Request, Study, read_rows
@@ -46,6 +46,40 @@ NOTHING = f"no complete stretch of {LEAST:g} s in car-following under ACC"
 OTHER_MAPPING = (
     "its columns were read by another mapping before; take another folder for results by this one"
 )
+
+
+@dataclass(frozen=True)
+class BatchProgress:
+    """How far a batch has got, and at its end what it has come to."""
+
+    files: int = 0
+    done: float = 0.0
+    """Finished files, those in work as fractions."""
+    recordings: int = 0
+    """Recordings that could be read."""
+    refused: int = 0
+    """Files, and trajectories of tables, that could not be read."""
+    windows: int = 0
+    """Windows of the files so far."""
+    finished: int = 0
+    """Windows that this call has computed."""
+    followers: int = 0
+    """Sum over all windows of each one's followers."""
+    rows: int = 0
+    """One a window, follower and method; those reused included."""
+    failed: int = 0
+    """Methods on windows that have no result."""
+    reused: int = 0
+    """Rows that were there already."""
+    seconds: Seconds = 0.0
+    seconds_left: Seconds | None = None
+    """None as long as nothing is known."""
+    share: float = 0.0
+    """Share of all the work that is done, 0 to 1."""
+    stopped: bool = False
+    """Whether it ended early because the caller said so."""
+    unknown_names: tuple[str, ...] = ()
+    """Names of followers whose make and model the package does not know in one spelling."""
 
 
 def batch(
@@ -60,7 +94,7 @@ def batch(
     mapping: CsvMapping | None = None,
     on_progress: Callable[[BatchProgress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
-) -> BatchSummary:
+) -> BatchProgress:
     """Apply methods to every window of many recordings, and keep what they find in a folder.
 
     Args:
@@ -92,7 +126,6 @@ def batch(
         raise ConfigError(
             f"workers: {workers} is not allowed; choose 1 or more, and none beside a scheduler."
         )
-    files = files_of(sources, Path(study))
     listed = [sources] if isinstance(sources, str | os.PathLike) else sources
     request = Request(
         sources=tuple(map(os.path.abspath, listed)),
@@ -103,12 +136,22 @@ def batch(
         scheduler=scheduler,
         mapping=mapping,
     )
-    with Study(Path(study), request) as opened:
-        running = _Batch(opened, request, files, on_progress, should_stop)
-        return running.work()
+    return run_request(Path(study), request, on_progress, should_stop)
 
 
-# On a worker
+def run_request(
+    study: Path,
+    request: Request,
+    on_progress: Callable[[BatchProgress], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> BatchProgress:
+    """Do what is missing of a request; see `batch`."""
+    files = files_of(request.sources, study)
+    with Study(study, request) as opened:
+        return _Batch(opened, request, files, on_progress, should_stop).work()
+
+
+# Windows
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,26 +178,27 @@ class FileContents:
     windows: tuple[WindowData, ...]
 
 
-def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Case) -> FileContents:
-    """Read a file, and cut its windows, each of at most ``window`` s.
+def read_file(path: Path, request: Request, mapping: str) -> FileContents:
+    """Read a file, and cut its windows; ``mapping`` is the digest of how its columns are read.
 
     Raises:
         RecordingError: when the file as a whole cannot be read.
     """
     recordings, refused, reasons, windows = 0, 0, list[str](), []
-    for recording in read_all(path, mapping=mapping):
+    longest = request.window or math.inf
+    for recording in read_all(path, mapping=request.mapping):
         if not isinstance(recording, Recording):
             refused += 1
             reasons.append(str(recording))
             continue
         recordings += 1
-        source, planned = Source.of(recording), plan(recording, window)
+        source, planned = Source.of(recording), plan(recording, longest)
         named = {"file": path.name, "trajectory": source.trajectory, "sha256": source.sha256}
         about = {**facts_of(recording), **named}
         if not planned:
             reasons.append(NOTHING)
         for place in planned:
-            analysis = Analysis(source, place.vehicles, (place.window,), case, method=KEY)
+            analysis = Analysis(source, place.vehicles, (place.window,), request.case, method=KEY)
             try:
                 (segment,) = analysis.segments(recording)
             except AccpinnError as fault:
@@ -162,7 +206,7 @@ def read_file(path: Path, mapping: CsvMapping | None, window: Seconds, case: Cas
             else:
                 windows.append(WindowData(analysis, place.modes, about, segment))
     analyses = tuple(data.analysis for data in windows)
-    known = KnownFile("", recordings, refused, analyses)
+    known = KnownFile(mapping, recordings, refused, analyses)
     return FileContents(known, tuple(reasons), tuple(windows))
 
 
@@ -217,126 +261,143 @@ class _Batch:
         on_progress: Callable[[BatchProgress], None] | None,
         should_stop: Callable[[], bool] | None,
     ) -> None:
-        self._study, self._request, self._methods = study, request, request.methods
+        self._study, self._request, self._files = study, request, files
+        self._digests: dict[str, Path] = {}
+        """The files so far, by the SHA-256 of their bytes."""
         self._on_progress = on_progress or (lambda _: None)
         self._should_stop = should_stop or (lambda: False)
-        self._tally, self._published = Tally(files), 0.0
-        self._unread, self._jobs = deque(files), deque[Callable[[], Job]]()
-        self._files: dict[str, Path] = {}
-        """The files so far, by the SHA-256 of their bytes."""
+        sizes = {file: 1.0 + (file.stat().st_size if file.is_file() else 0.0) for file in files}
+        self._weights = {file: size / sum(sizes.values()) for file, size in sizes.items()}
+        self._counts: dict[str, Any] = Counter[str]()
+        """The counts of `BatchProgress` by name."""
+        self._done = self._share = self._computed = 0.0
+        """Files done, and shares of all work that are done and that were computed by this call."""
+        self._began, self._published = time.monotonic(), 0.0
 
-    def work(self) -> BatchSummary:
+    def work(self) -> BatchProgress:
         """Run all jobs; workers are started for the first one that is left to do."""
         request, study = self._request, self._study
         self._tell(0)
-        is_ended, first = True, self._next_job()
+        jobs = chain.from_iterable(map(self._jobs_of, self._files))
+        is_ended, first = True, next(jobs, None)
         if first:
             with connected(request.workers, request.scheduler) as client:
-                waiting = [first]
                 is_ended = run_all(
                     client,
-                    lambda: waiting.pop() if waiting else self._next_job(),
+                    chain([first], jobs),
                     is_local=not request.scheduler,
                     on_progress=self._tell,
                     should_stop=self._should_stop,
                 )
         study.note(replace(request, is_finished=is_ended))
-        self._on_progress(self._tally.progress(0, is_done=is_ended))
         named = {row["name"] for row in read_rows(study.folder) if row["make"]}
-        counts = self._tally.counts
-        names = ("recordings", "refused", "windows", "followers", "rows", "failed", "reused")
-        return BatchSummary(
-            **{name: counts[name] for name in names},
-            seconds=self._tally.seconds,
-            stopped=not is_ended,
-            unknown_names=tuple(sorted(name for name in named if not is_known(name))),
-        )
+        names = tuple(sorted(name for name in named if not is_known(name)))
+        summary = replace(self._progress(0), stopped=not is_ended, unknown_names=names)
+        if is_ended:
+            summary = replace(summary, seconds_left=0.0, share=1.0)
+        self._on_progress(summary)
+        return summary
 
     def _tell(self, workers: int) -> None:
-        self._on_progress(self._tally.progress(workers))
-        if self._tally.seconds - self._published > PUBLISHED_EVERY:
+        now = self._progress(workers)
+        self._on_progress(now)
+        if now.seconds - self._published > PUBLISHED_EVERY:
             self._study.publish()
-            self._published = self._tally.seconds
+            self._published = now.seconds
 
-    def _next_job(self) -> Job | None:
-        """The next window that is left to do, else the next file that is not known."""
-        while not self._jobs and self._unread:
-            self._look_at(self._unread.popleft())
-        return self._jobs.popleft()() if self._jobs else None
+    def _progress(self, workers: int) -> BatchProgress:
+        """How far it has got.
 
-    def _look_at(self, file: Path) -> None:
-        """Have a file read, unless all of it is known."""
+        Each file is a share of the work by its bytes, split among its windows by their size. The
+        time left is what the rest would take at the pace so far, once each worker has had a window.
+        """
+        seconds, share = round(time.monotonic() - self._began, 3), min(1.0, self._share)
+        is_known = self._counts["finished"] >= max(1, workers)
+        return BatchProgress(
+            files=len(self._files),
+            done=min(self._done, len(self._files)),
+            seconds=seconds,
+            seconds_left=seconds / self._computed * (1.0 - share) if is_known else None,
+            share=share,
+            **self._counts,
+        )
+
+    def _advance(self, file: Path, fraction: float = 1.0) -> None:
+        """A fraction of a file is done."""
+        self._done += fraction
+        self._share += fraction * self._weights[file]
+
+    def _jobs_of(self, file: Path) -> Iterator[Job]:
+        """The windows of a file that are left to do."""
         try:
             raw = file.read_bytes()
             used = mapping_of(raw, file.name, self._request.mapping)
         except OSError as fault:
-            self._refuse(file, f"it cannot be opened ({reason_of(fault)})")
-            return
+            reason = f"it cannot be opened ({reason_of(fault)})"
         except Exception as fault:  # whatever a file holds, the others go on
-            self._refuse(file, sentence_of(fault))
-            return
-        digest = sha256(raw).hexdigest()
-        mapping = sha256(write_mapping(used)).hexdigest() if used else ""
-        earlier = self._files.setdefault(digest, file)
-        known = self._study.known_file(digest)
-        if earlier != file:
-            self._refuse(file, f"its contents are those of {earlier.name}")
-        elif known and known.mapping != mapping:
-            self._refuse(file, OTHER_MAPPING)
-        elif known and not any(map(_missing, rows := self._rows(known))):
-            self._count(known, rows)
-            self._tally.skip(file)
+            reason = sentence_of(fault)
         else:
-            longest = self._request.window or math.inf
-            arguments = (file.absolute(), self._request.mapping, longest, self._request.case)
-            finish = partial(self._plan, file, digest, mapping)
-            job = Job(read_file, arguments, finish)
-            if self._request.scheduler:
-                job.work_here()
-            else:
-                self._jobs.append(lambda: job)
+            mapping = sha256(write_mapping(used)).hexdigest() if used else ""
+            reason = yield from self._jobs_in(file, sha256(raw).hexdigest(), mapping)
+        if reason:
+            self._counts["refused"] += 1
+            self._advance(file)
+            self._study.refuse(file, [reason])
 
-    def _plan(
-        self, file: Path, digest: str, mapping: str, contents: FileContents | None, fault: str
-    ) -> None:
-        """Keep what was read of a file, and have its windows estimated."""
-        if contents is None:
-            self._refuse(file, fault)
-            return
-        windows = contents.windows
-        known = replace(contents.known, mapping=mapping)
-        self._study.refuse(file, contents.reasons)
-        self._study.add_file(digest, known)
+    def _jobs_in(self, file: Path, digest: str, mapping: str) -> Generator[Job, None, str]:
+        """The same; returns why nothing of it can be used. What is known whole is not read."""
+        earlier = self._digests.setdefault(digest, file)
+        known, windows = self._study.known_file(digest), tuple[WindowData, ...]()
+        if earlier != file:
+            return f"its contents are those of {earlier.name}"
+        if known and known.mapping != mapping:
+            return OTHER_MAPPING
+        if not known or any(map(_missing, self._rows(known))):
+            try:
+                contents = read_file(file, self._request, mapping)
+            except Exception as fault:
+                return sentence_of(fault)
+            known, windows = contents.known, contents.windows
+            self._study.refuse(file, contents.reasons)
+            self._study.add_file(digest, known)
         rows = self._rows(known)
         self._count(known, rows)
-        left = [(window, asked) for window, asked in zip(windows, map(_missing, rows), strict=True)
-                if asked]  # fmt: skip
+        left = [
+            (window, asked)
+            for window, asked in zip(windows, map(_missing, rows), strict=False)
+            if asked
+        ]
         if not left:
-            self._tally.skip(file)
+            self._advance(file)
         sizes = [size_of(window.analysis.window.duration, len(window.modes)) for window, _ in left]
         for (window, asked), size in zip(left, sizes, strict=True):
-            self._jobs.append(partial(self._job, file, size / sum(sizes), window, asked))
+            finish = partial(self._finish, file, size / sum(sizes), asked)
+            yield Job(answer_all, (window, asked), finish)
+        return ""
 
-    def _job(
-        self, file: Path, fraction: float, window: WindowData, asked: tuple[Analysis, ...]
-    ) -> Job:
-        began = self._tally.begin()
-
-        def finish(answers: list[Answer] | None, fault: str) -> None:
-            self._tally.finish(file, fraction, began)
-            for answer in answers or [Answer(a, [], fault, is_final=False) for a in asked]:
-                self._keep(answer, file.name)
-
-        return Job(answer_all, (window, asked), finish)
+    def _finish(
+        self,
+        file: Path,
+        fraction: float,
+        asked: tuple[Analysis, ...],
+        answers: list[Answer] | None,
+        fault: str,
+    ) -> None:
+        """Write what came of a window, which is a fraction of what was left of its file."""
+        self._advance(file, fraction)
+        self._computed += fraction * self._weights[file]
+        self._counts["finished"] += 1
+        for answer in answers or [Answer(a, [], fault, is_final=False) for a in asked]:
+            self._keep(answer, file.name)
 
     def _keep(self, answer: Answer, file: str) -> None:
         """Write what came of an analysis."""
         analysis = answer.analysis
         if answer.rows:
             self._study.add_rows(analysis, file, answer.rows)
-            self._tally.counts["rows"] += len(answer.rows)
+            self._counts["rows"] += len(answer.rows)
             return
-        self._tally.counts["failed"] += 1
+        self._counts["failed"] += 1
         alone = analysis.vehicles[1] if len(analysis.vehicles) == 2 else None
         reason = f"{analysis.method}: {answer.reason}"
         failure = Failure(file, analysis.window.start, alone, reason)
@@ -344,12 +405,13 @@ class _Batch:
 
     def _rows(self, known: KnownFile) -> list[list[Known]]:
         """What is known of each window by each method."""
-        every = ([w.with_method(method) for method in self._methods] for w in known.windows)
+        methods = self._request.methods
+        every = ([w.with_method(method) for method in methods] for w in known.windows)
         return [[(asked, self._study.rows_of(asked)) for asked in window] for window in every]
 
     def _count(self, known: KnownFile, rows: list[list[Known]]) -> None:
         """Count a file's recordings and windows, and what is known of them."""
-        counts = self._tally.counts
+        counts = self._counts
         counts["recordings"] += known.recordings
         counts["refused"] += known.refused
         counts["windows"] += len(known.windows)
@@ -358,9 +420,3 @@ class _Batch:
         counts["reused"] += sum(numbers)
         counts["rows"] += sum(numbers)
         counts["failed"] += numbers.count(0)
-
-    def _refuse(self, file: Path, reason: str) -> None:
-        """Nothing of a file can be used."""
-        self._tally.counts["refused"] += 1
-        self._tally.skip(file)
-        self._study.refuse(file, [reason])

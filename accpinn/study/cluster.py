@@ -47,14 +47,6 @@ class Job(NamedTuple):
     finish: Callable[[Any, str], None]
     """Takes its answer, and why there is none or an empty text; called in the caller's thread."""
 
-    def work_here(self) -> None:
-        """Make the call in this thread, whatever comes of it."""
-        try:
-            answer, fault = self.run(*self.arguments), ""
-        except Exception as error:
-            answer, fault = None, sentence_of(error)
-        self.finish(answer, fault)
-
 
 @contextmanager
 def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
@@ -178,7 +170,7 @@ def sentence_of(fault: BaseException) -> str:
 
 def run_all(
     client: "Client",
-    next_job: Callable[[], Job | None],
+    jobs: Iterator[Job],
     *,
     is_local: bool,
     on_progress: Callable[[int], None],
@@ -188,7 +180,7 @@ def run_all(
 
     Args:
         client: of their scheduler.
-        next_job: gives the next job, or None; asked again once a job has ended.
+        jobs: each is asked for when a worker has room for it.
         is_local: whether the workers are those of this machine.
         on_progress: called after every job with the number of workers.
         should_stop: asked several times a second.
@@ -216,7 +208,7 @@ def run_all(
                 )
             room = max(1, slots) * (1 if is_local else AHEAD)
             # What has ended is written before another file is read.
-            while len(running) < room and ended.empty() and (job := next_job()):
+            while len(running) < room and ended.empty() and (job := next(jobs, None)):
                 future = client.submit(job.run, *job.arguments, pure=False)
                 running[future.key] = (future, job)
                 future.add_done_callback(ended.put)

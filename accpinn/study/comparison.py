@@ -1,35 +1,54 @@
-"""All methods on identical data: results whose analyses differ in the method alone.
+"""Results whose analyses differ in one thing: the method, the initial values, or the instants.
 
-Most methods are loops over small arrays, which threads would not run side by side. Where that saves
-time a second process takes the longest methods, while the caller works through its list from the
-quickest one on; an estimate is the same wherever it is made. The process is loky's: a fork is not
-safe beside threads, and the standard library's spawn would run the caller's script again.
+*Comparison*: all methods on identical data, with blocks held out.
+
+*Multistart*: the PiNN from several initial values and seeds. The paper trains one recording from
+five initial values of (α, β, τ) and prints where each ends (Table I). The preset `fast` solves for
+α, β and τ, so its initial values have no effect after the first iteration and only the seed
+matters; the preset `paper` moves them step by step, so both matter.
+
+*Sensitivity* to instants at which the model may not hold: the same methods on all instants of a
+window, and with the regimes of `segment.quality` excluded in turn. The model is meant for
+car-following alone, yet car-following is selected by the time gap, which the model is to explain;
+so neither end is the truth, and the distance between them shows how far the data and the model
+disagree.
 """
 
-import os
-import threading
-import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from loky import ProcessPoolExecutor
+import numpy as np
 
-from accpinn.errors import AccpinnError, ConfigError
-from accpinn.evaluation.evaluation import Evaluation
-from accpinn.methods.fit import Fit
+from accpinn.channels import PARAMETERS
+from accpinn.errors import AccpinnError, ConfigError, SegmentError
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.methods.fit import Outcome
 from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS, segment_for
+from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import DURATION
-from accpinn.segment.segment import Segment
+from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.study.analysis import Analysis
-from accpinn.study.result import Result, result_of
+from accpinn.study.result import Result
 from accpinn.study.run import estimate
-from accpinn.units import Seconds
+from accpinn.units import FloatArray
 
-WORTH: Seconds = 4.0
-"""Typical time of the methods below which a second process would hardly have started."""
-POLL: Seconds = 0.1
+NOTICED = 1.0
+"""Spread of a parameter, in percent, above which trainings disagree."""
+COMPARED = ("least-squares", "splines")
+"""Methods whose sensitivity is computed."""
+CHOICES = {
+    "all instants": (),
+    "without catching up": ("catching up",),
+    "without standstill and manual": ("standstill", "manual"),
+    "car-following only": EXCLUDABLE,
+}
+"""The regimes excluded, by what is then left."""
+
+
+# Methods
 
 
 @dataclass(frozen=True)
@@ -43,10 +62,6 @@ class Refused:
     def method(self) -> str:
         """Key of the method."""
         return self.analysis.method
-
-
-Answer = tuple[Fit, Evaluation] | AccpinnError
-"""A method's fit with its evaluation, or why it could not serve the data."""
 
 
 def parse_methods(text: str) -> tuple[str, ...]:
@@ -93,21 +108,18 @@ def compare(
         segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
     analyses = [analysis.with_method(key) for key in methods]
     segments = analyses[0].segments(recording, segments)
-    work = _Work(analyses, segments, recording, context or TaskContext())
-    try:
-        for asked in analyses:
-            answer = work.answer(asked)
-            if answer is None:
-                return
-            if isinstance(answer, AccpinnError):
-                yield Refused(asked, answer)
-                continue
-            fit, evaluation = answer
-            result = result_of(asked, segments, (fit,), recording)
-            result.parts.evaluation = evaluation
-            yield result
-    finally:
-        work.close()
+    context = context or TaskContext()
+    for asked in analyses:
+        try:
+            result = estimate(asked, segments, recording, context=context)
+            if not context.is_stopped:
+                result = result.with_holdout(context)
+        except AccpinnError as fault:  # the others may well serve
+            yield Refused(asked, fault)
+            continue
+        if context.is_stopped:
+            return
+        yield result
 
 
 def results_among(outcomes: Iterable[object]) -> tuple[Result, ...]:
@@ -120,90 +132,161 @@ def refused_among(outcomes: Iterable[object]) -> tuple[Refused, ...]:
     return tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
 
 
-def _run(
+# Initial values
+
+
+class TrainingSpread(Finding, frozen=True):
+    """How far apart the trainings end."""
+
+    text = (
+        "The {trainings} trainings end up to {largest:.0f} % apart{why}. Do not quote a single one"
+        " of them."
+    )
+    text_if_close = "All {trainings} trainings end within {end:.2g} % of each other{where}."
+
+    trainings: int
+    """Number of trainings."""
+    largest: float
+    """Largest spread of any parameter, in percent."""
+    every: bool
+    """Whether every parameter has a spread."""
+    unconverged: int
+    """Number of trainings that had not converged when their iterations ended."""
+
+    def sentence(self, about: Labelled) -> str:
+        """The finding as a sentence, which depends on the spread."""
+        return self.filled(self.text_if_close if self.largest <= NOTICED else self.text, about)
+
+    def _words(self, about: Labelled) -> Words:
+        why = (
+            f"; {self.unconverged} of them had not converged when their iterations ended, so more"
+            " iterations may bring them together"
+        )
+        return {
+            "end": max(self.largest, 0.01),
+            "where": "" if self.every else " in the parameters that all of them determine",
+            "why": why if self.unconverged else "",
+        }
+
+
+class SpreadUndetermined(Finding, frozen=True):
+    """A parameter has no spread, as some trainings leave it undetermined."""
+
+    text = (
+        "{vehicle}: {symbol} is undetermined in {count} of {trainings} trainings, so it has no"
+        " spread."
+    )
+
+    vehicle: int
+    """0 for all followers together."""
+    symbol: str
+    """Symbol of the parameter."""
+    count: int
+    """Number of trainings that leave it undetermined."""
+    trainings: int
+    """Number of all trainings."""
+
+
+SpreadFinding = TrainingSpread | SpreadUndetermined
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How far apart several trainings of one segment end."""
+
+    percent: FloatArray
+    """(M, 3) spread of α, β, τ in percent: largest minus smallest, over the mean.
+
+    It is nan for one training, and where a training leaves the parameter undetermined.
+    """
+    findings: tuple[SpreadFinding, ...]
+
+
+def starts(
     analysis: Analysis,
-    segments: tuple[Segment, ...],
-    recording: Recording | None,
-    context: TaskContext,
-) -> Answer | None:
-    """The answer of a method, blocks held out included; None once the context says stop."""
-    try:
-        result = estimate(analysis, segments, recording, context=context)
-        if context.is_stopped:
-            return None
-        evaluation = result.with_holdout(context).evaluation
-    except AccpinnError as fault:  # the others may well serve
-        return fault
-    return None if context.is_stopped else (result.fit, evaluation)
+    *,
+    initials: Sequence[Parameters] = STARTS,
+    seeds: Sequence[int] | None = None,
+) -> Iterator[Analysis]:
+    """The same question from every initial value, with every seed.
+
+    Args:
+        analysis: whose settings serve all trainings, but for initial values and seed.
+        initials: of α, β, τ.
+        seeds: by default that of the analysis alone.
+    """
+    config: PinnConfig = analysis.config
+    for seed in (config.seed,) if seeds is None else seeds:
+        for initial in initials:
+            yield analysis.with_method(analysis.method, replace(config, initial=initial, seed=seed))
 
 
-@dataclass
-class _Work:
-    """Answers of methods, some from a second process."""
+def spread_of(results: Sequence[Result]) -> Spread:
+    """How far apart trainings of one segment end that differ in initial values and seed."""
+    info, case = results[0].info, results[0].fit.case
+    if len(results) < 2:
+        return Spread(np.full((info.followers, 3), np.nan), ())
+    tables = np.array([result.parameters.values for result in results])
+    mean = tables.mean(axis=0)
+    spread = 100.0 * np.divide(
+        np.ptp(tables, axis=0), mean, out=np.full_like(mean, np.nan), where=mean != 0
+    )
+    findings: list[SpreadFinding] = []
+    known = spread[np.isfinite(spread)]
+    if known.size:
+        unconverged = sum(result.fit.outcome is Outcome.FINISHED for result in results)
+        every = known.size == spread.size
+        findings.append(TrainingSpread(len(results), float(known.max()), every, unconverged))
+    findings += _undetermined(info, case, tables)
+    return Spread(spread, tuple(findings))
 
-    analyses: list[Analysis]
-    segments: tuple[Segment, ...]
-    recording: Recording | None
-    context: TaskContext
-    _answers: dict[str, Answer | None] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-    _executor: ProcessPoolExecutor | None = None
 
-    def __post_init__(self) -> None:
-        """Start the second process where two processors and enough work are there."""
-        self._left = sorted(self.analyses, key=lambda one: METHODS[one.method].typical_seconds)
-        helpful = [METHODS[one.method] for one in self._left if _is_helpful(one)]
-        share = min(1.0, self.segments[0].window.duration / DURATION)
-        lasting = share * sum(method.typical_seconds for method in helpful)
-        if self.context.threads != 1 and (os.cpu_count() or 1) > 1 and lasting >= WORTH:
-            self.context = replace(self.context, threads=1)
-            self._executor = ProcessPoolExecutor(max_workers=1, env={"OMP_NUM_THREADS": "1"})
-            threading.Thread(target=self._help, daemon=True).start()
+def _undetermined(info: SegmentInfo, case: Case, tables: FloatArray) -> list[SpreadUndetermined]:
+    """Which parameter is nan in how many of the trials' tables (T, M, 3)."""
+    vehicles = (0,) if info.shares(case) else info.vehicles[1:]
+    counts = np.isnan(tables).sum(axis=0).tolist()
+    return [
+        SpreadUndetermined(vehicle, one.symbol, count, len(tables))
+        for vehicle, row in zip(vehicles, counts, strict=False)
+        for one, count in zip(PARAMETERS, row, strict=True)
+        if count
+    ]
 
-    def answer(self, asked: Analysis) -> Answer | None:
-        """The answer of a method, once it is known; None once the context says stop."""
-        while not self.context.is_stopped:
-            with self._lock:
-                if asked.method in self._answers:
-                    return self._answers[asked.method]
-                mine = asked if asked in self._left else next(iter(self._left), None)
-                if mine:
-                    self._left.remove(mine)
-            if mine:
-                answer = _run(mine, self.segments, self.recording, self.context)
-                self._answers[mine.method] = answer
-            else:
-                time.sleep(POLL)
-        return None
 
-    def close(self) -> None:
-        """End the second process, whatever it is at."""
-        with self._lock:
-            self._left.clear()
-        if self._executor:
-            self._executor.shutdown(wait=False, kill_workers=True)
+# Instants
 
-    def _help(self) -> None:
-        """Hand the longest methods that are left to the second process, one at a time."""
-        assert self._executor
-        while True:
-            with self._lock:
-                helpful = [analysis for analysis in self._left if _is_helpful(analysis)]
-                if not helpful:
-                    return
-                asked = helpful[-1]
-                self._left.remove(asked)
+
+@dataclass(frozen=True)
+class SensitivityResult:
+    """The parameters that one method finds from a part of the instants; M followers."""
+
+    choice: str
+    """Which instants, a key of `CHOICES`."""
+    share: tuple[float, ...]
+    """(M,) share of each follower's instants excluded, 0 to 1."""
+    method: str
+    parameters: Parameters | None = None
+    """(M,); None where too little is left, or samples are missing for long."""
+    fault: SegmentError | None = None
+    """Why there are none."""
+
+
+def sensitivity(
+    segment: Segment, recording: Recording | None = None, case: Case = "II"
+) -> tuple[SensitivityResult, ...]:
+    """A row for each method and choice, choices first; takes four times splines' time."""
+    plain = replace(segment, mask=None, excluded_regimes=())
+    regimes = label_regimes(plain, recording)
+    rows: list[SensitivityResult] = []
+    for choice, names in CHOICES.items():
+        codes = [regimes.names.index(name) for name in names]
+        share = tuple(sum(shares[code] for code in codes) for shares in regimes.shares)
+        for method in COMPARED:
+            row = SensitivityResult(choice, share, method)
             try:
-                future = self._executor.submit(
-                    _run, asked, self.segments, self.recording, TaskContext(threads=1)
-                )
-                self._answers[asked.method] = future.result()
-            except Exception:  # killed, or it could not start: the caller runs the method
-                with self._lock:
-                    self._left.append(asked)
-                return
-
-
-def _is_helpful(analysis: Analysis) -> bool:
-    """Whether a second process can run a method: one without progress and checkpoints."""
-    return not METHODS[analysis.method].is_iterative
+                part = exclude_regimes(plain, regimes, names) if any(share) else plain
+                row = replace(row, parameters=METHODS[method].fit(part, case).parameters)
+            except SegmentError as fault:
+                row = replace(row, fault=fault)
+            rows.append(row)
+    return tuple(rows)

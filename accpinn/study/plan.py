@@ -11,6 +11,9 @@ Departures of up to 10 s from the last of these, as behind a car that cuts in, d
 stretch. Stretches in which all followers of a chain qualify are taken together; what a follower has
 beyond them it has alone, behind the vehicle ahead. Stretches are cut into windows of the asked
 length from their start on; the rest of a stretch is a window where it lasts for a minute.
+
+How long a batch takes is estimated from files at even steps among all of them, sorted by size,
+which are read; the others count by their bytes.
 """
 
 import os
@@ -21,7 +24,10 @@ from pathlib import Path
 
 import numpy as np
 
-from accpinn.errors import RecordingError
+from accpinn.errors import AccpinnError, RecordingError
+from accpinn.methods.method import FURTHER
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.files import read_all
 from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, SLACK, chains, complete_windows
 from accpinn.segment.quality import CAR_FOLLOWING
@@ -35,6 +41,16 @@ DEPARTURE: Seconds = 10.0
 """Longest departure from car-following that does not interrupt a stretch."""
 LEAST: Seconds = 60.0
 """Shorter stretches say little about three parameters."""
+INTERVALS_SECONDS = 2.0
+"""Typical time of a window's intervals, as the typical seconds of methods."""
+READ = 6
+"""Largest number of files that are read for an estimate."""
+START: Seconds = 5.0
+"""Time until the workers are ready."""
+TYPICAL: Seconds = 300.0
+"""Length of the windows that the typical seconds of methods are of."""
+WITHOUT_BLOCKS = 1 / 3
+"""Share of a method's typical seconds that is left where no blocks are held out."""
 ACC_FLAG = 1
 ENDINGS = (".csv", ".txt")
 Sources = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -171,3 +187,55 @@ def files_of(sources: Sources, study: Path | None = None) -> list[Path]:
 def _is_note(path: Path) -> bool:
     """Whether a text accompanies the runs and is none."""
     return path.suffix.lower() == ".txt" and not path.stem.lower().startswith("step")
+
+
+# How long it takes
+
+
+def size_of(duration: Seconds, followers: int) -> float:
+    """How many windows of one follower over 300 s take as long as one of ``duration`` s."""
+    return duration / TYPICAL * (1 + FURTHER * (followers - 1))
+
+
+@dataclass(frozen=True)
+class BatchEstimate:
+    """What a batch will come to."""
+
+    files: int
+    windows: float
+    followers: float
+    """Sum over all windows of each one's followers."""
+    size: float
+    """Windows of one follower over 300 s that would take as long."""
+    exact: bool
+    """Whether all files were read."""
+
+    def seconds(self, methods: Sequence[str], workers: int) -> Seconds:
+        """How long it takes, to within a factor of two or so, with so many workers at a time."""
+        window = sum(METHODS[key].typical_seconds for key in methods) + INTERVALS_SECONDS
+        return START + WITHOUT_BLOCKS * window * self.size / workers
+
+
+def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:
+    """The estimate for a folder and windows of at most ``window`` s.
+
+    Raises:
+        RecordingError: when the folder does not exist, or holds no CSV file.
+    """
+    files = sorted(files_of(source), key=lambda path: path.stat().st_size)
+    sizes = np.array([path.stat().st_size for path in files], float)
+    taken = np.unique(np.linspace(0, len(files) - 1, min(READ, len(files))).round().astype(int))
+    sums: FloatArray = np.zeros(3)
+    for k in taken:
+        try:
+            for recording in read_all(files[k]):
+                if isinstance(recording, Recording):
+                    for planned in plan(recording, window):
+                        followers = len(planned.vehicles) - 1
+                        size = size_of(planned.window.duration, followers)
+                        sums += np.array([1.0, followers, size])
+        except AccpinnError:  # a file that cannot be read has no windows
+            continue
+    sums *= sizes.sum() / max(1.0, sizes[taken].sum())
+    windows, followers, size = sums.tolist()
+    return BatchEstimate(len(files), windows, followers, size, len(taken) == len(files))

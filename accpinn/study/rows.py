@@ -9,23 +9,13 @@ import numpy as np
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, by_key
 from accpinn.errors import ParameterError
-from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
-    closed_loop,
-    closed_loop_errors,
-    closed_loop_findings,
-    collision_times,
-    surrogate_errors,
-)
+from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.makes import make_and_model
 from accpinn.recordings.recording import unnamed
-from accpinn.stability.criteria import MARGINAL, checked, exact_margin, l2_margin, step_metrics
+from accpinn.stability.report import stability_report
 from accpinn.study.result import Result
 from accpinn.units import known_mean
-
-VERDICTS = ("l2_stable", "linf_stable", "linf_gain")
-"""Columns of what follows from the estimate alone."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +82,9 @@ def rows_of(
         recording: what is known of the recording: its facts, file, trajectory and SHA-256.
         modes: (M,) as `plan` gives them.
     """
-    fit, uncertainty = result.fit, result.uncertainty
+    fit, uncertainty, evaluation = result.fit, result.uncertainty, result.evaluation
     (segment,) = result.segments
-    surrogate, simulated = surrogate_errors(segment, fit), closed_loop_errors(segment, fit)
-    findings = closed_loop_findings(segment, closed_loop(segment, fit))
-    collisions = collision_times(findings, segment.vehicles)
+    collisions = collision_times(evaluation.findings, segment.vehicles)
     speeds = segment.measured_speeds[:, 1:]
     mean_speeds = known_mean(speeds)
     errors = np.log(uncertainty.draws.values).std(axis=0)
@@ -127,8 +115,8 @@ def rows_of(
             "mean_time_gap": result.quality.mean_time_gap[k],
             "mean_speed": mean_speeds[k],
             "speed_deviation": float(np.nanstd(speeds[:, k])),
-            "surrogate_mae": _gap_error(surrogate, k),
-            "closed_loop_mae": _gap_error(simulated, k),
+            "surrogate_mae": _gap_error(evaluation.surrogate, k),
+            "closed_loop_mae": _gap_error(evaluation.closed_loop, k),
             "collision_time": collisions[k],
             **_verdicts(fit.parameters[k]),
         }
@@ -150,13 +138,13 @@ def _gap_error(errors: TrackingErrors | None, follower: int) -> float | None:
 def _verdicts(parameters: Parameters) -> dict[str, Any]:
     """Verdicts as the command `stability` gives them; None where the parameters allow none."""
     try:
-        clean = checked(parameters)
+        (vehicle,) = stability_report(parameters).vehicles
     except ParameterError:
-        return dict.fromkeys(VERDICTS)
+        return dict.fromkeys(("l2_stable", "linf_stable", "linf_gain"))
     return {
-        "l2_stable": bool(np.where(clean.alpha > 0, l2_margin(clean), 0.0) >= -MARGINAL),
-        "linf_stable": bool(exact_margin(clean) >= -MARGINAL),
-        "linf_gain": float(step_metrics(clean).gain),
+        "l2_stable": vehicle.l2.stable,
+        "linf_stable": vehicle.linf_exact.stable,
+        "linf_gain": vehicle.linf_gain,
     }
 
 

@@ -45,7 +45,7 @@ def run(
         cached = tuple(replace(fit, cached=True) for fit in known.fits)
         result = replace(known, analysis=analysis, fits=cached).on(segments, recording)
     else:
-        if store and analysis.checkpoint_keys:
+        if store and analysis.checkpoint_key:
             checkpoints = store.checkpoints(analysis, problems.append)
             context = replace(context or TaskContext(), checkpoints=checkpoints)
         result = estimate(analysis, segments, recording, context=context)

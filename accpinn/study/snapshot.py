@@ -20,13 +20,12 @@ import re
 import tempfile
 import zipfile
 from dataclasses import fields, is_dataclass, replace
-from math import isfinite, prod
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from accpinn.channels import COMPUTABLE
@@ -326,7 +325,7 @@ def read(data: bytes, is_complete: bool = True) -> Result:
             manifest = msgspec.json.decode(archive.read(MANIFEST))
             _check_schema(manifest)
             document = archive.read(DOCUMENT)
-            arrays = _arrays(archive.read(ARRAYS))
+            arrays = read_arrays(archive.read(ARRAYS), LARGEST)
     except SnapshotError:
         raise
     except Exception:  # zip, JSON and array parsers raise many kinds for foreign bytes
@@ -346,7 +345,7 @@ def read(data: bytes, is_complete: bool = True) -> Result:
         _check_numbers(tree, arrays)
         result = restore(Result, tree, arrays)
         _check(result, is_complete)
-    except (ValueError, KeyError, IndexError, RecursionError, MemoryError, AccpinnError) as fault:
+    except (ValueError, TypeError, LookupError, RecursionError, MemoryError, AccpinnError) as fault:
         said = str(sanitise(str(fault))).rstrip(".")[:160]
         raise SnapshotError(f"The snapshot is refused: {said}.") from None
     return replace(result, digest=digest)
@@ -370,26 +369,17 @@ def _check_schema(manifest: Any) -> None:
     )
 
 
-def _arrays(packed: bytes) -> Arrays:
-    """The arrays of an `.npz`; memory is taken only for what the file itself holds."""
-    arrays = {}
+def read_arrays(packed: bytes, most: int) -> Arrays:
+    """The arrays of an `.npz`, where they unpack to so many bytes at most.
+
+    Raises:
+        Exception: of many kinds, for anything else.
+    """
     with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > LARGEST:
-            raise SnapshotError("The snapshot is refused: its arrays would unpack to too much.")
-        for name in archive.namelist():
-            arrays[name.removesuffix(".npy")] = _array(archive.read(name))
-    return arrays
-
-
-def _array(member: bytes) -> NDArray[Any]:
-    file = io.BytesIO(member)
-    npy.read_magic(file)
-    shape, _, dtype = npy.read_array_header_1_0(file)
-    if dtype.kind not in "fb" or prod(shape) * dtype.itemsize != len(member) - file.tell():
-        raise ValueError("no plain array of numbers")
-    file.seek(0)
-    values: NDArray[Any] = npy.read_array(file, allow_pickle=False)
-    return values
+        if sum(entry.file_size for entry in archive.infolist()) > most:
+            raise ValueError(f"it would unpack to more than {most / 1e6:.0f} MB")
+    with np.load(io.BytesIO(packed), allow_pickle=False) as file:
+        return {name: np.asarray(file[name]) for name in file.files}
 
 
 _UNSEEN = re.compile(

@@ -12,7 +12,6 @@ import os
 import re
 import sqlite3
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -29,21 +28,18 @@ from accpinn.serial import dump, restore
 from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
-from accpinn.study.snapshot import SUFFIX, read, read_file, to_bytes
+from accpinn.study.snapshot import SUFFIX, read, read_arrays, read_file, to_bytes
 from accpinn.units import Seconds
 
 INDEX = "index1.sqlite"
 """The number is raised with every change of the tables: another index is made from the files."""
 STATE = ".state.npz"
-DAMAGED = ".damaged"
 DELETED = ".deleted"
 """Ending of a file that can still be brought back."""
 ABANDONED: Seconds = 3600.0
 """A file that was begun so long ago is nobody's any more."""
 CACHE_BYTES = 500_000_000
 """Cap on the cache; a result and its checkpoint for 300 s of data take about 0.5 MB."""
-CLOCK_SLACK: Seconds = 60.0
-"""Largest difference between the clocks of two machines that share a folder."""
 PATIENCE: Seconds = 10.0
 """Longest wait for another process that writes the index."""
 SESSION_KEPT: Seconds = 30 * 24 * 3600.0
@@ -219,13 +215,10 @@ class Shelf:
         place = self.folder / INDEX
         try:
             connection = _opened(place)
-        except sqlite3.DatabaseError:
+        except sqlite3.DatabaseError:  # it is damaged, or the folder cannot be written to
             with suppress(OSError):
-                os.replace(place, place.with_suffix(DAMAGED))
-            try:
-                connection = _opened(place)
-            except sqlite3.DatabaseError:  # a folder that cannot be written to
-                connection = _opened(None)
+                place.unlink()
+            connection = _opened(None)
         with closing(connection), suppress(sqlite3.OperationalError), connection:
             yield connection
 
@@ -283,18 +276,13 @@ class Store(Shelf):
         """The answer to an analysis, without its data; None where there is none."""
         path = self.path(analysis.key)
         try:
-            content = path.read_bytes()
-        except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
-            return None
-        except OSError as fault:
-            self._refuse(path.name, reason_of(fault), say, is_damaged=False)
-            return None
-        try:
-            result = read(content, is_complete=False)
+            result = read(path.read_bytes(), is_complete=False)
             if result.analysis.key != analysis.key:
                 raise SnapshotError("it belongs to another analysis")
-        except SnapshotError as fault:
-            self._refuse(path.name, str(fault), say)
+        except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
+            return None
+        except (OSError, SnapshotError) as fault:
+            self.refuse(path.name, fault, say)
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
@@ -321,19 +309,17 @@ class Store(Shelf):
                 say(str(fault))
             return
         path = self.path(key)
-        if self._write(path, content, say):
+        if self.write(path, content, say):
             with suppress(OSError), self.index() as index:
                 self._enter(index, Entry.of(key, bare), state_of(path))
-            for name in result.analysis.checkpoint_keys[1:]:
-                (self.folder / f"{name}{STATE}").unlink(missing_ok=True)
 
     def checkpoints(self, analysis: Analysis, say: Say | None = None) -> "StoredCheckpoints":
         """The checkpoints of a training."""
-        return StoredCheckpoints(self, analysis.checkpoint_keys, say)
+        return StoredCheckpoints(self, analysis.checkpoint_key, say)
 
     def stopped_state(self, analysis: Analysis) -> Checkpoint | None:
         """The state from which a stopped training would go on; None where it is new."""
-        if not analysis.checkpoint_keys or self.has(analysis.key):
+        if not analysis.checkpoint_key or self.has(analysis.key):
             return None
         config = analysis.config
         return self.checkpoints(analysis).load(config.iterations + config.lbfgs_iterations)
@@ -376,7 +362,8 @@ class Store(Shelf):
 
     # Files
 
-    def _write(self, path: Path, content: bytes, say: Say | None) -> bool:
+    def write(self, path: Path, content: bytes, say: Say | None) -> bool:
+        """Write a file and make room for it; whether that was possible."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             write_whole(path, content)
@@ -392,41 +379,24 @@ class Store(Shelf):
         self._make_room(keep=path.name)
         return True
 
-    def _refuse(self, name: str, fault: str, say: Say | None, is_damaged: bool = True) -> None:
-        """Say why a file is of no use; a damaged one is set aside, where somebody hears of it."""
-        if say is None:
-            return
-        said = f"could not be read ({fault}), so"
-        if is_damaged:
-            aside = f"{name}{DAMAGED}"
-            try:
-                os.replace(self.folder / name, self.folder / aside)
-                where = f"it has been set aside as {aside}"
-            except OSError:
-                where = "it is ignored"
-            said = f"cannot be used ({fault.rstrip('.')[:80]}); {where}, and"
-        is_state = name.endswith(STATE)
+    def refuse(self, name: str, fault: Exception, say: Say | None) -> None:
+        """Say why a file is of no use; the next one of its name takes its place."""
+        reason = reason_of(fault) if isinstance(fault, OSError) else str(fault).rstrip(".")[:80]
         follows = (
-            "the training does not go on from there"
-            if is_state
-            else "what it held is computed again"
+            "the training begins anew" if name.endswith(STATE) else "what it held is computed again"
         )
-        say(f"{name} in {self.folder} {said} {follows}.")
+        if say:
+            say(f"{name} in {self.folder} cannot be used ({reason}), so {follows}.")
 
     def _make_room(self, keep: str) -> None:
-        """Delete what was not used for the longest time until the cap holds.
-
-        Entries dated in the future (the clock was set back) are removed first.
-        """
-        files, now = [], time.time() + CLOCK_SLACK
+        """Delete what was not used for the longest time until the cap holds."""
+        files = []
         for pattern in (f"*{SUFFIX}*", f"*{STATE}*", f"*{UNFINISHED}"):
             for path in self.folder.glob(pattern):
                 with suppress(OSError):  # another process was quicker
-                    status = path.stat()
-                    used = status.st_mtime
-                    files.append((used <= now, used, status.st_size, path))
-        total = sum(size for *_, size, _ in files)
-        for *_, size, path in sorted(files):
+                    files.append((path.stat().st_mtime, path.stat().st_size, path))
+        total = sum(size for _, size, _ in files)
+        for _, size, path in sorted(files):
             if total <= self.cap_bytes:
                 return
             if path.name != keep:
@@ -436,54 +406,34 @@ class Store(Shelf):
 
 
 class StoredCheckpoints:
-    """The checkpoints of one training in the store, as `methods.method.Checkpoints` asks."""
+    """The checkpoint of one training in the store, as `methods.method.Checkpoints` asks."""
 
-    def __init__(self, store: Store, keys: tuple[str, ...], say: Say | None) -> None:
-        """Where they lie: under the first key, or under the second beside a longer training's."""
-        self._store, self._keys, self._say = store, keys, say
-        self._key = keys[0]
-
-    def _path(self, key: str) -> Path:
-        return self._store.folder / f"{key}{STATE}"
+    def __init__(self, store: Store, key: str, say: Say | None) -> None:
+        """Where it lies."""
+        self._store, self._path, self._say = store, store.folder / f"{key}{STATE}", say
 
     def load(self, most: int) -> Checkpoint | None:
-        """The latest state with at most so many iterations; later ones stay untouched."""
-        for key in self._keys:
-            self._key, path = key, self._path(key)
-            try:
-                state = _arrays(path, self._store.cap_bytes)
-                if int(state["history.rows"][-1][0]) <= most:
-                    return state
-            except (FileNotFoundError, NotADirectoryError):
-                return None
-            except OSError as fault:
-                self._store._refuse(path.name, reason_of(fault), self._say, is_damaged=False)
-                return None
-            except Exception as fault:  # array parsers raise many kinds for foreign bytes
-                self.reject(fault)
-                return None
-        return None
+        """The latest state; None where there is none, or one with more iterations than so many."""
+        try:
+            state = read_arrays(self._path.read_bytes(), self._store.cap_bytes)
+            return state if int(state["history.rows"][-1][0]) <= most else None
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except Exception as fault:  # array parsers raise many kinds for foreign bytes
+            self.reject(fault)
+            return None
 
     def save(self, state: Checkpoint) -> None:
         """Keep a state in place of the former one."""
         packed = io.BytesIO()
         np.savez(packed, allow_pickle=False, **state)
-        self._store._write(self._path(self._key), packed.getvalue(), self._say)
+        self._store.write(self._path, packed.getvalue(), self._say)
 
     def reject(self, fault: Exception) -> None:
-        """Set the state aside: no training can go on from it."""
-        self._store._refuse(self._path(self._key).name, str(fault), self._say)
+        """Say that no training can go on from the state."""
+        self._store.refuse(self._path.name, fault, self._say)
 
     def drop(self) -> None:
         """Let the next training begin anew."""
-        for key in self._keys:
-            with suppress(OSError):
-                self._path(key).unlink(missing_ok=True)
-
-
-def _arrays(path: Path, most: int) -> Checkpoint:
-    with zipfile.ZipFile(path) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > most:
-            raise ValueError("it would unpack to more than the whole store may hold")
-    with np.load(path, allow_pickle=False) as file:
-        return {key: file[key] for key in file.files}
+        with suppress(OSError):
+            self._path.unlink(missing_ok=True)

@@ -33,8 +33,6 @@ from accpinn.units import Seconds
 FILE, RESULTS, FAILURES, SCHEMA, LOCK = (
     "study.sqlite", "results.parquet", "failures.csv", "schema.json", ".lock",
 )  # fmt: skip
-EARLIER = "journal.jsonl"
-"""File of a study that was written before there was an SQLite file."""
 FAILURE_COLUMNS = ("file", "start", "vehicle", "reason")
 FORMAT = 2
 """Raised whenever an older program could not read the SQLite file, or the reverse."""
@@ -134,7 +132,6 @@ class Study:
                         f"{folder}: another batch is writing there; wait for its end, or take"
                         " another folder."
                     ) from None
-                _refuse_earlier(folder)
                 if not (folder / FILE).exists():
                     _make(folder / FILE)
                 self._database = opened.enter_context(closing(_connect(folder)))
@@ -323,7 +320,6 @@ def state_of(folder: Path) -> tuple[int, ...]:
 @contextmanager
 def _opened(folder: Path) -> Iterator[sqlite3.Connection]:
     if not (folder / FILE).is_file():
-        _refuse_earlier(folder)
         raise RecordingError(f"{folder}: no batch is there; name the folder that batch wrote to.")
     with _told(folder), closing(_connect(folder)) as database:
         yield database
@@ -335,7 +331,10 @@ def _connect(folder: Path) -> sqlite3.Connection:
     database = sqlite3.connect(uri, uri=True, timeout=PATIENCE)
     try:
         if database.execute("pragma user_version").fetchone() != (FORMAT,):
-            raise _other_program(folder)
+            raise RecordingError(
+                f"{folder}: the study was written by another version of accpinn; take another"
+                " folder."
+            )
     except BaseException:
         database.close()
         raise
@@ -357,17 +356,6 @@ def _failures(database: sqlite3.Connection) -> Iterator[Failure]:
 def _request(database: sqlite3.Connection) -> Request | None:
     row = database.execute("select document from request").fetchone()
     return msgspec.json.decode(row[0], type=Request) if row else None
-
-
-def _refuse_earlier(folder: Path) -> None:
-    if (folder / EARLIER).exists():
-        raise _other_program(folder)
-
-
-def _other_program(folder: Path) -> RecordingError:
-    return RecordingError(
-        f"{folder}: the study was written by another version of accpinn; take another folder."
-    )
 
 
 @contextmanager
@@ -394,12 +382,11 @@ def _write_parquet(path: Path, rows: Iterator[dict[str, Any]]) -> None:
     import pyarrow as pa  # takes a third of a second
     from pyarrow import parquet
 
-    kinds = {"string": pa.string(), "bool": pa.bool_(), "int64": pa.int64(), "double": pa.float64()}
     schema = pa.schema(
         [
             pa.field(
                 column.name,
-                kinds[column.kind],
+                pa.type_for_alias(column.kind),
                 metadata={"unit": column.unit, "meaning": column.meaning},
             )
             for column in COLUMNS

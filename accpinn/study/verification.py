@@ -72,7 +72,7 @@ FEATURED = {
     "closed_loop.gap_mae.0": "gap MAE {} m", "0.errors.gap_mae.0": "gap MAE {} m",
     "samples": "{} samples",
 }  # fmt: skip
-"""Places whose value stands for a part that agrees, and the value in words."""
+"""Values that differ, in words by their places."""
 TITLES = {
     "fit": "Estimate", "curves": "Network's curves", "quality": "Data quality",
     "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
@@ -97,7 +97,7 @@ class Check:
     """Numbers compared."""
     differing: int = 0
     stored: str = ""
-    """A number that stands for the part, or the first that differs, in words."""
+    """The first number or text that differs, in words; empty where all agree."""
     computed: str = ""
     reason: str = ""
     """Why it could not be checked or computed, as a clause."""
@@ -362,14 +362,15 @@ def _compare(
     differing = [
         place for place in places if not _same(old.get(place), new.get(place), relative, absolute)
     ]
-    shown = next(iter([*differing, *(place for place in FEATURED if place in old)]), "")
-    stored_words, computed_words = _shown(shown, old.get(shown), new.get(shown), bool(differing))
+    words = ("", "")
+    if differing:
+        words = _shown(differing[0], old.get(differing[0]), new.get(differing[0]))
     return Check(
         part, state, not differing, name,
         numbers=sum(np.size(leaf) for leaf in old.values()),
         differing=len(differing),
-        stored=stored_words,
-        computed=computed_words,
+        stored=words[0],
+        computed=words[1],
     )  # fmt: skip
 
 
@@ -399,28 +400,20 @@ def _same(stored: Any, anew: Any, relative: float, absolute: float) -> bool:
     return bool((near | (a == b) | (np.isnan(a) & np.isnan(b))).all())
 
 
-def _shown(place: str, stored: Any, anew: Any, differ: bool) -> tuple[str, str]:
+def _shown(place: str, stored: Any, anew: Any) -> tuple[str, str]:
     """A leaf as stored and as found now, with the digits it takes to see a difference."""
-    if not place:
-        return "", ""
-    if isinstance(stored, np.ndarray) and isinstance(anew, np.ndarray):
-        if stored.shape == anew.shape:
-            first = np.unravel_index(np.argmax(np.abs(stored - anew)), stored.shape)
-            stored, anew = float(stored[first]), float(anew[first])
-            place = ".".join([place, *map(str, first)])
-    words = FEATURED.get(place, f"{place}: {{}}" if differ else "{}")
+    if np.ndim(stored) and np.shape(stored) == np.shape(anew):
+        first = np.unravel_index(np.argmax(np.abs(stored - anew)), stored.shape)
+        stored, anew = float(stored[first]), float(anew[first])
+        place = ".".join([place, *map(str, first)])
+    pairs = [tuple(map(_brief, (stored, anew)))]
     if isinstance(stored, float | int) and isinstance(anew, float | int):
         pairs = [(f"{stored:.{digits}g}", f"{anew:.{digits}g}") for digits in range(6, 18)]
-        pair = next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
-    else:
-        pair = (_brief(stored), _brief(anew))
-    return words.format(pair[0]), words.format(pair[1])
+    before, after = next((pair for pair in pairs if pair[0] != pair[1]), pairs[0])
+    words = FEATURED.get(place, f"{place}: {{}}")
+    return words.format(before), words.format(after)
 
 
 def _brief(leaf: Any) -> str:
-    if leaf is None:
-        return "nothing"
-    if isinstance(leaf, np.ndarray):
-        return f"{leaf.shape}"
-    text = str(leaf)
+    text = "nothing" if leaf is None else str(np.shape(leaf) if np.ndim(leaf) else leaf)
     return text if len(text) <= 40 else f"{text[:39]}…"

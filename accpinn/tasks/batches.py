@@ -1,6 +1,5 @@
 """Batches and downloads as tasks: each tells its progress in its own terms."""
 
-import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -9,14 +8,13 @@ from accpinn.errors import RecordingError
 from accpinn.methods.method import TaskContext
 from accpinn.recordings.catalogue import Run
 from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, Transfer, download
-from accpinn.study.batch import batch
-from accpinn.study.progress import BatchProgress, BatchSummary
+from accpinn.study.batch import BatchProgress, run_request
 from accpinn.study.studies import Request
 from accpinn.tasks.task import Task
 from accpinn.units import Seconds
 
 
-class StudyTask(Task[BatchSummary]):
+class StudyTask(Task[BatchProgress]):
     """A batch of estimations; its workers are processes of their own."""
 
     def __init__(self, owner: str, study: Path, request: Request) -> None:
@@ -24,23 +22,12 @@ class StudyTask(Task[BatchSummary]):
         super().__init__(owner, "batch", self._work)
         self._study, self._request = study, request
         self.latest: BatchProgress | None = None
-        self.summary: BatchSummary | None = None
+        self.summary: BatchProgress | None = None
         """Also of a batch that was stopped; None before its end."""
 
-    def _work(self, context: TaskContext) -> Iterator[BatchSummary]:
-        asked = self._request
-        self.summary = batch(
-            asked.sources,
-            self._study,
-            window=asked.window or math.inf,
-            methods=asked.methods,
-            case=asked.case,
-            workers=asked.workers,
-            scheduler=asked.scheduler,
-            mapping=asked.mapping,
-            on_progress=partial(setattr, self, "latest"),
-            should_stop=context.should_stop,
-        )
+    def _work(self, context: TaskContext) -> Iterator[BatchProgress]:
+        latest = partial(setattr, self, "latest")
+        self.summary = run_request(self._study, self._request, latest, context.should_stop)
         if not self.summary.stopped:
             yield self.summary
 

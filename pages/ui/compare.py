@@ -27,9 +27,8 @@ from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.segment.segment import Segment
-from accpinn.study.comparison import Refused, refused_among
+from accpinn.study.comparison import Refused, refused_among, spread_of
 from accpinn.study.result import Result
-from accpinn.study.starts import spread_of
 from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show

@@ -15,8 +15,8 @@ from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Mode, Window
+from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study
-from accpinn.study.progress import BatchProgress, BatchSummary
 from accpinn.study.studies import FILE, Failure, Request, Study
 from accpinn.tasks import batches
 from accpinn.tasks.task import Status
@@ -178,30 +178,31 @@ def until(holds: Callable[[], bool]) -> None:
 def test_a_batch_is_started_stopped_and_continued(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[dict[str, Any]] = []
+    asked: list[tuple[Path, Request]] = []
 
-    def run(sources: tuple[str, ...], folder: Path, **options: Any) -> BatchSummary:
-        note, should_stop = options.pop("on_progress"), options.pop("should_stop")
-        asked.append({"sources": sources, "folder": folder, **options})
-        request = Request(sources, options["methods"], options["window"], options["case"])
+    def run(
+        folder: Path, request: Request, note: Callable[..., Any], should_stop: Callable[[], bool]
+    ) -> BatchProgress:
+        asked.append((folder, request))
         is_first = len(asked) == 1
         with Study(folder, request) as written:
             written.add_rows(analysis(), "x.csv", [made("x.csv")])
-            note(BatchProgress(4, 1.0, 1, 1, 0, 1, 1.0, 30.0, share=0.25))
+            note(BatchProgress(4, 1.0, finished=1, rows=1, seconds_left=30.0, share=0.25))
             if is_first:
                 until(should_stop)
             written.note(replace(request, is_finished=not is_first))
-        return BatchSummary(1, 0, 1, 1, 1, 0, 0, 1.0, stopped=is_first)
+        return BatchProgress(1, recordings=1, windows=1, rows=1, stopped=is_first)
 
-    monkeypatch.setattr(batches, "batch", run)
+    monkeypatch.setattr(batches, "run_request", run)
     page = opened()
     page.choose("database_name", "first")
     page.choose("database_window", 60.0)
     page.press("database_start")
     task = batch_queue().of("first", "batch")
     until(lambda: task.latest is not None)
-    assert (asked[0]["window"], asked[0]["sources"]) == (60.0, (str(recording.parents[1]),))
-    assert asked[0]["folder"] == Path(os.environ["ACCPINN_STUDIES"]) / "first"
+    folder, request = asked[0]
+    assert (request.window, request.sources) == (60.0, (str(recording.parents[1]),))
+    assert folder == Path(os.environ["ACCPINN_STUDIES"]) / "first"
     # Another browser finds it at work, too.
     other = opened(study="first")
     (bar,) = other.get("progress")
@@ -220,7 +221,7 @@ def test_a_batch_is_started_stopped_and_continued(
     again = batch_queue().of("first", "batch")
     assert again.wait(WAIT)
     assert again.status is Status.DONE
-    assert asked[1] == asked[0] | {"workers": None}
+    assert asked[1] == asked[0]
     page.run()
     assert "database_continue" not in [button.key for button in page.button]
 
@@ -228,10 +229,10 @@ def test_a_batch_is_started_stopped_and_continued(
 def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continued(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*_: object, **__: object) -> BatchSummary:
+    def refuse(*_: object, **__: object) -> BatchProgress:
         raise RecordingError("it cannot be written")
 
-    monkeypatch.setattr(batches, "batch", refuse)
+    monkeypatch.setattr(batches, "run_request", refuse)
     page = opened().choose("database_name", "other").press("database_start")
     assert batch_queue().of("other", "batch").wait(WAIT)
     page.run()

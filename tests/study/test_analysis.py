@@ -78,9 +78,9 @@ def test_a_longer_training_goes_on_from_a_shorter_ones_checkpoint() -> None:
         ASKED.with_method("pinn", preset("paper", **changes))
         for changes in ({"iterations": 10}, {"iterations": 20}, {"seed": 1})
     )
-    assert short.checkpoint_keys[0] == long.checkpoint_keys[0] != seeded.checkpoint_keys[0]
-    assert short.checkpoint_keys[1] == short.key != long.key
-    assert ASKED.checkpoint_keys == ASKED.with_method("splines").checkpoint_keys == ()
+    assert short.checkpoint_key == long.checkpoint_key != seeded.checkpoint_key
+    assert short.key != long.key
+    assert ASKED.checkpoint_key == ASKED.with_method("splines").checkpoint_key == ""
 
 
 def test_differences_name_what_was_asked_otherwise() -> None:

@@ -179,7 +179,7 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> Non
     seen: list[int] = []
     stopped = batch(
         folder, study, methods=METHODS_USED, window=60, scheduler=cluster,
-        on_progress=lambda now: seen.append(now.windows), should_stop=lambda: any(seen),
+        on_progress=lambda now: seen.append(now.finished), should_stop=lambda: any(seen),
     )  # fmt: skip
     assert stopped.stopped
     assert 0 < len(table(study)) == stopped.rows < 16

@@ -1,7 +1,8 @@
-"""All methods side by side, alone or with a second process, and the command that compares them."""
+"""Results that differ in method, initial values or instants, and the commands that compare them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
@@ -11,14 +12,36 @@ from accpinn.cli import main
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
-from accpinn.study import comparison
+from accpinn.results.messages import messages
+from accpinn.results.tables.recording import regimes_table, sensitivity_table
+from accpinn.segment.cut import cut
+from accpinn.segment.quality import label_regimes
 from accpinn.study.analysis import Analysis
-from accpinn.study.comparison import compare, parse_methods, refused_among, results_among
+from accpinn.study.comparison import (
+    CHOICES,
+    COMPARED,
+    NOTICED,
+    SensitivityResult,
+    SpreadUndetermined,
+    TrainingSpread,
+    compare,
+    parse_methods,
+    refused_among,
+    results_among,
+    sensitivity,
+    spread_of,
+    starts,
+)
 from accpinn.study.result import Result
-from tests.support.command import THREE, document
+from accpinn.study.run import estimate
+from tests.support.command import STUDY, THREE, Capture, document, refused
+from tests.support.driving import MIXED, driven
+from tests.support.snapshots import asked_of, result_for
 
 QUICK = ("least-squares", "splines", "recursive")
 SHORT = ("compare", str(THREE), "--duration", "60", "--vehicles", "1,2", "--methods")
@@ -80,60 +103,15 @@ def test_a_method_that_refuses_ends_nothing(
     assert isinstance(failure.fault, SegmentError)
 
 
-@pytest.mark.parametrize("before", [3, 4, 5])
+@pytest.mark.parametrize("before", [1, 2, 3])
 def test_a_stop_keeps_the_results_so_far(
     asked: Analysis, recording: Recording, before: int
 ) -> None:
     moments = iter([*[False] * before, *[True] * 9])
     context = TaskContext(threads=1, should_stop=lambda: next(moments))
     found = list(compare(asked, recording, QUICK, context=context))
-    assert [row.fit.method for row in results_among(found)] in ([], list(QUICK[:1]))
     assert len(found) < len(QUICK)
-
-
-class TestSecondProcess:
-    @pytest.fixture(autouse=True)
-    def worthwhile(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(comparison, "WORTH", 0.0)
-        monkeypatch.setattr("os.cpu_count", lambda: 2)
-
-    def test_the_answers_are_the_same(
-        self, asked: Analysis, recording: Recording, rows: tuple[Result, ...]
-    ) -> None:
-        found = results_among(compare(asked, recording, QUICK))
-        for row, alone in zip(found, rows, strict=True):
-            assert row.parameters == alone.parameters
-            ours, theirs = (one.evaluation.holdout.gap_mae for one in (row, alone))
-            np.testing.assert_array_equal(ours, theirs)
-
-    @pytest.mark.parametrize("moment", ["it cannot start", "it dies"])
-    def test_without_it_all_methods_are_run_all_the_same(
-        self, asked: Analysis, recording: Recording, monkeypatch: pytest.MonkeyPatch, moment: str
-    ) -> None:
-        class Dying:
-            """A process that never answers."""
-
-            def submit(self, *_: object) -> "Dying":
-                if moment == "it cannot start":
-                    raise OSError("no processes are left")
-                return self
-
-            def result(self) -> NoReturn:
-                raise RuntimeError("killed")
-
-            def shutdown(self, **_: object) -> None:
-                ended.append(True)
-
-        ended: list[bool] = []
-        monkeypatch.setattr(comparison, "ProcessPoolExecutor", lambda **_: Dying())
-        found = results_among(compare(asked, recording, QUICK))
-        assert [row.analysis.method for row in found] == list(QUICK)
-        assert ended == [True]
-
-    def test_a_stop_does_not_wait_for_it(self, asked: Analysis, recording: Recording) -> None:
-        answers = compare(asked, recording, ("least-squares", "particle"))
-        assert next(answers).analysis.method == "least-squares"
-        answers.close()
+    assert [row.fit.method for row in results_among(found)] == list(QUICK[: len(found)])
 
 
 class TestCommand:
@@ -174,3 +152,121 @@ class TestCommand:
         assert refused["reason"] in capsys.readouterr().out
         assert main([*SHORT, refusing]) == 1
         assert capsys.readouterr().err == f"error: {refused['reason']}\n"
+
+
+# Initial values
+
+
+def test_the_paper_preset_depends_on_its_start() -> None:
+    segment = driven()
+    asked = list(starts(asked_of(segment, "pinn", preset("paper", iterations=30))))
+    assert [analysis.config.initial for analysis in asked] == list(STARTS)
+    context = TaskContext(threads=1)
+    results = [estimate(analysis, (segment,), context=context) for analysis in asked]
+    alphas = np.array([result.parameters.alpha[0] for result in results])
+    spread = spread_of(results)
+    assert spread.percent[0, 0] == pytest.approx(100 * np.ptp(alphas) / alphas.mean())
+    assert spread.percent[0, 0] > 50.0
+    assert spread.findings == (TrainingSpread(5, spread.percent.max(), True, 5),)
+
+
+def test_the_fast_preset_depends_on_its_seed_alone() -> None:
+    segment = driven(noise=0.05)
+    asked = asked_of(segment, "pinn", preset("fast", iterations=40))
+    asked = list(starts(asked, initials=STARTS[1:3], seeds=(0, 1)))
+    assert [analysis.config.seed for analysis in asked] == [0, 0, 1, 1]
+    results = [estimate(analysis, (segment,)) for analysis in asked]
+    tables = [result.parameters.values for result in results]
+    np.testing.assert_allclose(tables[0], tables[1], rtol=1e-3)
+    assert (tables[0] != tables[2]).any()
+    (apart,) = spread_of(results).findings
+    assert apart.largest < NOTICED
+    assert messages([apart], segment)
+
+
+@pytest.mark.parametrize("case", ["I", "II"])
+def test_a_parameter_that_one_training_leaves_undetermined_has_no_spread(case: Case) -> None:
+    result = result_for(driven(MIXED[:2]), case=case)
+    values = result.parameters.values.copy()
+    values[: 2 if case == "I" else 1] = 0.0, values[0, 1], np.nan
+
+    def lost() -> Result:
+        return replace(result, fits=(replace(result.fit, parameters=Parameters.of(values)),))
+
+    assert np.isnan(spread_of([result]).percent).all(), "one training alone"
+    spread = spread_of([result, result, lost()])
+    assert np.isnan(spread.percent[0, 2])
+    assert spread.findings[-1] == SpreadUndetermined(0 if case == "I" else 2, "τ", 1, 3)
+    assert "1 of 3 trainings" in messages(spread.findings, result.info)[-1]
+    assert not spread_of([lost()] * 3).findings[0].every
+
+
+def test_the_command_prints_every_start(capsys: Capture) -> None:
+    limits = ("--duration", 20, "--iterations", 20, "--threads", 1, "--no-cache")
+    words = ("starts", STUDY, *limits)
+    assert main(list(map(str, words))) == 0
+    assert "0.01, 0.5, 2" in capsys.readouterr().out
+    found = document(capsys, *words)
+    assert [Parameters.of(trial["initial"]) for trial in found["trials"]] == list(STARTS)
+    alphas = [trial["parameters"][0]["alpha"] for trial in found["trials"]]
+    by_hand = 100 * np.ptp(alphas) / np.mean(alphas)
+    assert found["spread_percent"][0]["alpha"] == pytest.approx(by_hand)
+
+
+# Instants
+
+
+def of(rows: tuple[SensitivityResult, ...], choice: str, method: str) -> SensitivityResult:
+    return next(row for row in rows if (row.choice, row.method) == (choice, method))
+
+
+def test_where_all_is_car_following_nothing_depends_on_the_choice() -> None:
+    segment = driven()
+    rows = sensitivity(segment)
+    assert [(row.choice, row.method) for row in rows] == [(c, m) for c in CHOICES for m in COMPARED]
+    assert {row.share for row in rows} == {(0.0,)}
+    for method in COMPARED:
+        assert len({row.parameters for row in rows if row.method == method}) == 1
+    masked = replace(segment, mask=segment.time[:, None] <= 30.0)
+    assert sensitivity(masked) == rows, "the segment's own mask has no effect"
+
+
+def test_too_little_left_is_said_in_its_row() -> None:
+    segment = driven()
+    rows = sensitivity(replace(segment, gaps=segment.gaps + 40.0))
+    row = of(rows, "car-following only", "splines")
+    assert row.parameters is None
+    assert "0.0 s" in str(row.fault)
+    assert of(rows, "all instants", "splines").parameters
+    table = sensitivity_table(segment.info, rows, 0)
+    share, *cells = table.rows[-1][1:]
+    assert share == 100.0
+    assert np.isnan(np.array(cells, float)).all()
+
+
+def test_casale_without_catching_up(casale: Recording) -> None:
+    """The method notes say about .028, .093, 1.36; what is seen is .0288, .0890, 1.352."""
+    segment = cut(casale, 0, 300)
+    rows = sensitivity(segment, casale)
+    row = of(rows, "without catching up", "least-squares")
+    assert row.share == pytest.approx((0.21,), abs=0.01)
+    found = row.parameters[0]
+    assert found.alpha == pytest.approx(0.028, rel=0.05)
+    assert found.beta == pytest.approx(0.093, rel=0.06)
+    assert found.tau == pytest.approx(1.36, rel=0.01)
+    assert of(rows, "all instants", "splines").parameters.tau[0] == pytest.approx(1.522, rel=0.01)
+    table = sensitivity_table(segment.info, rows, 0)
+    assert [row[0] for row in table.rows] == [choice.capitalize() for choice in CHOICES]
+    shares = regimes_table(segment.info, label_regimes(segment, casale)).rows[0][1:]
+    assert shares == pytest.approx((78.8, 21.2, 0.0, 0.0), abs=0.1)
+
+
+def test_the_command_excludes_what_is_asked_alone(openacc_dir: Path, capsys: Capture) -> None:
+    words = ("fit", openacc_dir / "Casale" / "part7.csv", "--method", "least-squares")
+    found = document(capsys, *words, "--leave-out", "catching-up,standstill")
+    assert found["segment"]["left_out"]["regimes"] == ["catching up", "standstill"]
+    assert found["segment"]["left_out"]["share"] == pytest.approx([0.212], abs=0.001)
+    assert found["parameters"][0]["alpha"] == pytest.approx(0.0288, abs=0.0002)
+    assert document(capsys, *words)["segment"]["left_out"] == {"regimes": [], "share": []}
+    said = refused(capsys, 2, *words, "--leave-out", "car-following")
+    assert "choose from catching-up, manual, standstill" in said

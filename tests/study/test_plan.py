@@ -1,12 +1,15 @@
 """Which windows a batch takes: complete stretches in car-following under ACC."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Recording
-from accpinn.study.plan import plan
-from tests.support.openacc_files import platoon, recording
+from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, plan
+from tests.support.openacc_files import csv, metadata, platoon, recording
 
 
 def following(samples: int = 4000, vehicles: int = 3) -> pd.DataFrame:
@@ -87,3 +90,20 @@ def test_no_follower_is_in_two_windows_at_once() -> None:
     assert taken.max() == 1
     for number in (2, 3, 4):
         assert not taken[found.mode[:, number - 1] == 0, number].any()
+
+
+def test_files_alike_count_as_those_that_are_read(tmp_path: Path) -> None:
+    (tmp_path / "broken.csv").write_bytes(b"Date,1,1,2020\n\0")
+    raw = csv(platoon(3, 1300), metadata())
+    for k in range(2 * READ):
+        (tmp_path / f"run{k}.csv").write_bytes(raw)
+        if k == 1:
+            few = estimate_batch(tmp_path, 60.0)
+            assert (few.files, few.windows, few.followers, few.exact) == (3, 4, 8, True)
+            assert few.size == pytest.approx(4 * 60 / 300 * 1.35), "a further follower takes less"
+    estimate = estimate_batch(tmp_path, 60.0)
+    assert not estimate.exact
+    assert estimate.windows == pytest.approx(2 * READ * 2, rel=1e-3)
+    a_window = METHODS["splines"].typical_seconds + INTERVALS_SECONDS
+    alone, two = (estimate.seconds(["splines"], workers) - START for workers in (1, 2))
+    assert alone == pytest.approx(2 * two) == pytest.approx(a_window / 3 * estimate.size)

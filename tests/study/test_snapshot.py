@@ -218,14 +218,6 @@ class TestDamage:
         else:
             assert bits(replace(after, digest="")) == bits(small())
 
-    def test_a_part_of_a_file_is_refused(self) -> None:
-        for length in range(0, len(SEALED), len(SEALED) // 10 - 1):
-            refused(SEALED[:length])
-
-    @given(st.binary(max_size=300))
-    def test_anything_else_is_refused(self, data: bytes) -> None:
-        refused(data)
-
 
 def with_arrays(**changes: Any) -> bytes:
     return resealed(lambda _, arrays: arrays.update(changes))

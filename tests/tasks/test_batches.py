@@ -11,8 +11,7 @@ from accpinn.recordings.catalogue import Run
 from accpinn.study.groups import read_study
 from accpinn.study.studies import Request, read_request
 from accpinn.tasks.batches import DownloadTask, StudyTask
-from accpinn.tasks.queue import TaskQueue
-from accpinn.tasks.task import Status
+from accpinn.tasks.task import Status, TaskQueue
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 from accpinn.findings import percent
 from accpinn.results.tables.table import between
+from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import Group
-from accpinn.study.progress import BatchEstimate, BatchProgress, BatchSummary
+from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
 
 DEPENDENT = "Windows of one recording are not independent, so intervals may be too narrow."
@@ -75,11 +76,11 @@ def failures_line(failures: Sequence[Failure]) -> str:
 def progress_line(now: BatchProgress) -> str:
     """The progress of a batch."""
     files = f"{now.done:.0f} of {_counted(now.files, 'file')}"
-    rows = f"{_counted(now.windows, 'window')} and {_counted(now.rows, 'row')} so far"
+    rows = f"{_counted(now.finished, 'window')} and {_counted(now.rows, 'row')} so far"
     return f"{files} · {rows}" + (f" · {now.failed} failed" if now.failed else "")
 
 
-def summary_line(summary: BatchSummary) -> str:
+def summary_line(summary: BatchProgress) -> str:
     """The result of a batch."""
     if summary.stopped:
         return f"Stopped; what is finished is kept: {_counted(summary.rows, 'row')}."

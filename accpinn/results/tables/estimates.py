@@ -33,8 +33,8 @@ from accpinn.results.tables.table import (
 )
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
+from accpinn.study.comparison import Spread
 from accpinn.study.result import Result
-from accpinn.study.starts import Spread
 from accpinn.study.windows import BetweenWindows
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)

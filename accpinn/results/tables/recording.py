@@ -17,7 +17,7 @@ from accpinn.results.tables.estimates import (
 from accpinn.results.tables.table import Cell, Column, Filled, Table, percent_cells
 from accpinn.segment.quality import Quality, Regimes
 from accpinn.segment.segment import SegmentInfo
-from accpinn.study.sensitivity import COMPARED, SensitivityResult
+from accpinn.study.comparison import COMPARED, SensitivityResult
 
 
 def recording_table(recording: Recording) -> Table:

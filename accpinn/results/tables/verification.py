@@ -15,7 +15,7 @@ L2, LINF = "L₂", "L∞"
 
 
 def verification_table(verification: Verification) -> Table:
-    """One row a part: how it was checked, whether it agrees, and a number as stored and found."""
+    """One row a part: how it was checked, whether it agrees, and the first difference."""
     checks = sorted(verification.checks, key=lambda check: check.ok)
     agrees = {True: "yes", False: "NO"}
     return Table.of(
@@ -27,8 +27,6 @@ def verification_table(verification: Verification) -> Table:
                 Column("Agrees"),
                 [agrees[check.ok] if check.state != "not checked" else None for check in checks],
             ),
-            (Column("Stored", prose=True), [check.stored or None for check in checks]),
-            (Column("Found now", prose=True), [check.computed or None for check in checks]),
             (Column("Result", prose=True), [check.sentence for check in checks]),
         ],
     )

@@ -24,7 +24,7 @@ from accpinn.results.tables.recording import (
 from accpinn.segment.cut import DURATION, chains, complete_windows, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
-from accpinn.study.sensitivity import SensitivityResult, sensitivity
+from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select

@@ -12,8 +12,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
-from accpinn.study.plan import files_of
-from accpinn.study.progress import BatchEstimate, estimate_batch
+from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
 from accpinn.study.studies import Request
 from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status

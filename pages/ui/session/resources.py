@@ -17,7 +17,7 @@ from accpinn.storage import folder, variable
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
-from accpinn.tasks.queue import TaskQueue
+from accpinn.tasks.task import TaskQueue
 
 KEPT = 64
 """Entries of each cache of what pages show: one for each of many users at a time. With fewer they

@@ -9,8 +9,8 @@ from accpinn.results.messages.database import (
     progress_line,
     typical_line,
 )
+from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
-from accpinn.study.progress import BatchProgress
 from accpinn.study.studies import Failure, Request
 from tests.support.studies import REQUEST, row, rows
 
@@ -39,6 +39,6 @@ def test_failures_and_settings_are_counted_and_named() -> None:
 
 
 def test_progress_tells_what_is_done() -> None:
-    said = progress_line(BatchProgress(7, 7.0, 20, 1076, 0, 2, 60.0, 9.0))
+    said = progress_line(BatchProgress(files=7, done=7.0, finished=20, rows=1076))
     assert all(part in said for part in ("7 of 7 files", "20 windows", "1,076 rows"))
-    assert "3 failed" in progress_line(BatchProgress(7, 1.0, 1, 1, 3, 2, 6.0, None))
+    assert "3 failed" in progress_line(BatchProgress(files=7, done=1.0, failed=3))
