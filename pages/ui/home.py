@@ -1,6 +1,6 @@
 """The page Home: the session so far, the ways to a recording, and examples at one click."""
 
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 import plotly.graph_objects as go
@@ -16,10 +16,11 @@ from accpinn.results.tables.verification import reproduction_table
 from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
+from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
 from pages.ui.data.sources import ask_for_upload, drop_zone, find_run, open_with
-from pages.ui.platoon.page import open_panels
+from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, sample_title, samples
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import first_estimate, restore_run, title_of
@@ -27,7 +28,6 @@ from pages.ui.snapshots.listing import first_estimate, restore_run, title_of
 LAST_RUNS = 3
 CARDS = 4
 """In a row."""
-_gains = cache(gains_thumbnail)
 _STYLE = """<style>
 .st-key-home_drop [data-testid="stFileUploaderDropzone"] { min-height: 7.5rem;
   align-items: center; justify-content: center; }
@@ -154,7 +154,7 @@ def _show_published(workspace: Workspace) -> None:
         with column.container(border=True, height="stretch"):
             title, _, table = published.title.partition(" (paper, ")
             st.markdown(f"**{table.rstrip(')')}: {title}**")
-            _picture(_gains(published), f"home_{published.title}")
+            _picture(gains_thumbnail(published), f"home_{published.title}")
             st.caption(", ".join(published.names))
             open_published(workspace, published, "home")
     with columns[len(PUBLISHED)].container(border=True, height="stretch"):
@@ -320,8 +320,7 @@ def _published_button(workspace: Workspace, vehicles: ParameterSet, key: str) ->
 def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
     """Let pages Stability and Platoon show a published set."""
     workspace.choose_source("published")
-    workspace.parameter_choice.example = vehicles.title
-    workspace.platoon_choice.reset()
+    workspace.choose_parameters(**{EXAMPLE: vehicles.title})
 
 
 def open_published(workspace: Workspace, vehicles: ParameterSet, key: str) -> None:

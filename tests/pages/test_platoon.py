@@ -11,7 +11,7 @@ from hypothesis import strategies as some
 from accpinn.errors import ParameterError
 from accpinn.model.published import CASALE
 from accpinn.platoon.simulation import AFTER_COLLISION
-from pages.ui.platoon.controls import parse_order
+from pages.ui.platoon import parse_order
 from tests.support.apptest import PLATOON, Page, fitted, numbers, open_page, with_example
 
 

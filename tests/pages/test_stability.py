@@ -20,10 +20,10 @@ from accpinn.stability.report import stability_report
 from accpinn.study.snapshot import named
 from accpinn.study.snapshot_library import Library
 from accpinn.tasks.task import Task
-from pages.ui.components.parameter_picker import parameters_from
+from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
-from pages.ui.stability.page import clicked_point
+from pages.ui.stability import clicked_point
 from tests.support.apptest import (
     PLATOON,
     STABILITY,
@@ -172,9 +172,9 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     page = open_page(STABILITY, with_example()).choose("stability_example", CASALE.title)
     page.choose("stability_source", "hand")
     session = page.workspace()
-    assert session.parameter_choice.rows == (("Hyundai", 0.0104, 0.0718, 1.52),)
+    assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52),)
     assert "Hyundai amplifies disturbances" in page.plain()
-    session.parameter_choice.rows = (CALM, ("", 0.08, 0.12, 1.5))
+    session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page(STABILITY, session)
     assert "One of two vehicles amplifies disturbances: Vehicle 2" in again.plain()
     assert "Vehicle 2" in open_page(PLATOON, session).plain()
@@ -183,8 +183,7 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
 @pytest.mark.parametrize("path", [STABILITY, PLATOON])
 def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -> None:
     session = sessions.workspaces().new()
-    choice = session.parameter_choice
-    choice.source = "hand"
+    session.chosen_source = "hand"
     refused = [
         ((("A", None, 0.1, 1.0),), "Parameter set 1: α is missing"),
         ((("A", 0.1, -0.1, 1.0),), "β = -0.1 is negative"),
@@ -192,10 +191,10 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -
         ((), "0 vehicles; give at least one"),
     ]
     for rows, sentence in refused if path == STABILITY else refused[:1]:
-        choice.rows = rows
+        session.choices[ROWS] = rows
         (error,) = open_page(path, session).boxes("error")
         assert sentence in error
-    choice.rows = (("<script>*x*</script>", 0.08, 0.12, 1.5), ("$a_b$", 0.08, 0.12, 1.5))
+    session.choices[ROWS] = (("<script>*x*</script>", 0.08, 0.12, 1.5), ("$a_b$", 0.08, 0.12, 1.5))
     page = open_page(path, session)
     assert "<script>" not in page.texts().replace("\\<script", "")
     assert "$a_b$" not in "\n".join(m.value for m in page.markdown)
@@ -209,12 +208,12 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = sessions.workspaces().new()
-    session.parameter_choice.source = "snapshot"
+    session.chosen_source = "snapshot"
     known = whole().parameters
     changed = Parameters(0.05 + 0 * known.alpha, known.beta, known.tau)
     other = replace(whole(), name="other", fits=(replace(whole().fit, parameters=changed),))
     name, newer = library().add(other), library().add(whole())
-    session.parameter_choice.snapshot = name
+    session.choices[SNAPSHOT] = name
     page = open_page(path, session)
     assert not page.error
     held = parameters_from(session, "snapshot", library().entries())
@@ -243,12 +242,13 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
     page = open_page(STABILITY, with_example()).choose("stability_simulate", which)
     session = page.press("stability_open_platoon").workspace()
-    drive = session.platoon_choice
-    assert (drive.order, drive.vehicle, drive.kind) == (*chosen[:2], "sinusoid")
-    assert drive.omega == pytest.approx(chosen[2], abs=1e-4)
+    drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
+    assert drive == [*chosen[:2], "sinusoid"]
+    omega = session.choices["platoon_frequency"]
+    assert omega == pytest.approx(chosen[2], abs=1e-4)
     if which == 1:
         other = open_page(PLATOON, session)
-        assert other.widget("platoon_frequency").value == drive.omega
+        assert other.widget("platoon_frequency").value == omega
         assert "Follower 8: BMW X5" in other.plain()
 
 

@@ -23,8 +23,6 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ASK, pending_of, show_pending
 from pages.ui.session.resources import (
     download_queue,
-    forget,
-    from_file,
     listed,
     recordings_folder,
     sample,
@@ -59,7 +57,7 @@ def find_run(workspace: Workspace, campaign: str, file: str) -> Load | None:
     others = {run.campaign for run in catalogue() if run.file == file} - {campaign}
     paths = [path for path in listed() if path.name == file and others.isdisjoint(path.parts)]
     path = min(paths, key=lambda path: campaign not in path.parts, default=None)
-    return (lambda: (from_file(path), None)) if path else None
+    return (lambda: (files.read(path), None)) if path else None
 
 
 def open_with(
@@ -92,7 +90,7 @@ def ask_for_upload() -> None:
 def choose_source(workspace: Workspace) -> None:
     """A field for a file; beside each other the samples, and the runs and files on the server."""
     if workspace.pending:
-        show_pending(workspace, _close)
+        show_pending(workspace, lambda: st.session_state.update({OPENING: False}))
         return
     drop_zone(workspace)
     st.checkbox(
@@ -106,11 +104,6 @@ def choose_source(workspace: Workspace) -> None:
         root = recordings_folder()
         _choose_published(workspace, root)
         _choose_file(workspace, root)
-
-
-def _close() -> None:
-    forget()  # what is remembered of columns may have changed
-    st.session_state[OPENING] = False
 
 
 def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
@@ -167,7 +160,7 @@ def _open_button(label: str, workspace: Workspace, load: Load, *source: Path | s
 
 
 def _open_file(workspace: Workspace, path: Path, label: str) -> None:
-    _open_button(label, workspace, lambda: (from_file(path), None), path, path.name)
+    _open_button(label, workspace, lambda: (files.read(path), None), path, path.name)
 
 
 def _choose_file(workspace: Workspace, root: Path) -> None:

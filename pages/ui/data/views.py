@@ -183,17 +183,13 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     )
     known = {recording.sha256: recording} | {key: one for key, (one, _) in workspace.opened.items()}
     columns = st.columns((2, 1.6, 1, 1, 1.4), gap="small", vertical_alignment="bottom")
-    choice = workspace.data_choice
-    if choice.validation not in known:
-        choice.validation = recording.sha256
     names = {key: one.source for key, one in known.items()}
     names[recording.sha256] = "This recording"
-    select(
-        "Validation recording", names, choice.validation, "data_validation_recording",
-        lambda key: choice.set(validation=key), place=columns[0],
-        help="This one, or another that was opened in this session.",
+    sha256 = select(
+        "Validation recording", names, recording.sha256, "data_validation_recording", workspace,
+        place=columns[0], help="This one, or another that was opened in this session.",
     )  # fmt: skip
-    chosen = known[choice.validation]
+    chosen = known[sha256]
     followers = len(workspace.vehicles) - 1
     platoons = {
         chain[k]: chain[k : k + followers + 1]
@@ -201,7 +197,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         for k in range(len(chain) - followers)
     }
     if not platoons:
-        st.caption(f"{names[choice.validation]} has no platoon with {followers} followers.")
+        st.caption(f"{names[sha256]} has no platoon with {followers} followers.")
         return
     same = workspace.vehicles[0]
     leader = columns[1].selectbox(
@@ -258,7 +254,7 @@ def _upload(workspace: Workspace) -> None:
                 one = read(upload.getvalue(), upload.name)
                 if one.sha256 not in workspace.opened:
                     workspace.remember(one)
-                workspace.data_choice.validation = one.sha256
+                workspace.choices["data_validation_recording"] = one.sha256
 
     st.file_uploader(
         "Or drop a second recording here; the first one stays open.", key="data_validation_upload",

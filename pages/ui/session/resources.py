@@ -1,7 +1,6 @@
 """What all browsers share: results, snapshots, queues of tasks, recordings and samples."""
 
 from collections.abc import Callable
-from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ from accpinn.errors import RecordingError
 from accpinn.recordings import files
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from accpinn.stability.report import stability_report
 from accpinn.storage import folder, variable
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
@@ -20,14 +18,10 @@ from accpinn.study.store import Store
 from accpinn.tasks.queue import TaskQueue
 
 KEPT = 64
-"""Entries of each cache of what pages show: one for each of many users at a time. With fewer they
-would take turns to drive out each other's, and every view would be computed anew."""
+"""Snapshots that are kept in memory: one for each of many users at a time."""
 BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recording: recording.digest}
 """How a cache knows a recording: not by its file, which another mapping reads otherwise."""
 
-
-report_of = lru_cache(maxsize=KEPT)(stability_report)
-"""The stability report on (M,) parameters."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
@@ -83,20 +77,6 @@ def download_queue() -> TaskQueue:
 # The server's own recordings, samples and files of its folder
 
 
-@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
-def _parse_file(path: str, size: int, changed: int, trajectory: str | None) -> Recording:
-    return files.read(path, trajectory=trajectory)
-
-
-def from_file(path: Path, trajectory: str | None = None) -> Recording:
-    """A file's recording; read again once the file has changed."""
-    try:
-        status = path.stat()
-    except OSError:
-        return files.read(path)  # which says what is wrong
-    return _parse_file(str(path), status.st_size, status.st_mtime_ns, trajectory)
-
-
 def find_recording(
     file: str, sha256: str, trajectory: str | None, campaign: str | None
 ) -> Recording:
@@ -115,7 +95,7 @@ def find_recording(
         if not inside:
             continue
         try:
-            recording = from_file(path, trajectory)
+            recording = files.read(path, trajectory=trajectory)
         except RecordingError:  # another file of that name
             continue
         if recording.sha256 == sha256:
@@ -128,7 +108,7 @@ def find_recording(
 
 def sample(path: Path) -> tuple[Recording, Truth]:
     """A sample and its true parameters."""
-    return from_file(path), load_truth(truth_path(path))
+    return files.read(path), load_truth(truth_path(path))
 
 
 def samples() -> list[Path]:
@@ -147,11 +127,6 @@ def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
     path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
     known = sample(path) if path else None
     return known if known and known[0].sha256 == sha256 else None
-
-
-def forget() -> None:
-    """Read all files anew."""
-    _parse_file.clear()
 
 
 def recordings_folder() -> Path:
