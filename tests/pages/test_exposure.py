@@ -9,7 +9,7 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.recordings.openacc import read
-from pages.ui.session import identity, sessions
+from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, library, sample, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
@@ -59,7 +59,7 @@ class TestSignIn:
     def test_who_is_named_is_admitted(
         self, monkeypatch: pytest.MonkeyPatch, named: str, user: dict[str, Any], admitted: bool
     ) -> None:
-        monkeypatch.setenv(identity.USERS_VARIABLE, named)
+        monkeypatch.setenv(sessions.USERS_VARIABLE, named)
         page = open_page(HOME, user=user)
         assert (len(buttons(page)) > 1) is admitted
         assert "sign_out" in buttons(page)
@@ -80,7 +80,7 @@ class TestSignIn:
     def test_where_users_are_named_nobody_is_admitted_without_sign_in(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        for variable in (identity.USERS_VARIABLE, identity.ADMINS_VARIABLE):
+        for variable in (sessions.USERS_VARIABLE, sessions.ADMINS_VARIABLE):
             with monkeypatch.context() as named:
                 named.setenv(variable, "ann@lab.org")
                 assert buttons(open_page(HOME)) == {"sign_in"}
@@ -97,7 +97,7 @@ class TestDeletion:
     def test_on_a_shared_server_only_the_session_that_saved_may(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(identity, "is_shared", lambda: True)
+        monkeypatch.setattr(sessions, "is_shared", lambda: True)
         own = fitted()
         open_page(SNAPSHOTS, own).press("Save")
         own.viewed = ""
@@ -117,7 +117,7 @@ class TestDeletion:
         page.run().press("Save")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=ANN)), "in another session"
         assert self.delete_key() not in buttons(open_page(SNAPSHOTS, user=BOB))
-        monkeypatch.setenv(identity.ADMINS_VARIABLE, "bob@school.edu")
+        monkeypatch.setenv(sessions.ADMINS_VARIABLE, "bob@school.edu")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=BOB))
 
     def test_a_server_is_shared_unless_it_listens_to_this_computer_alone(self) -> None:
@@ -125,7 +125,7 @@ class TestDeletion:
         try:
             for address, shared in (("localhost", False), ("0.0.0.0", True), ("", True)):
                 config.set_option("server.address", address)
-                assert identity.is_shared() is shared
+                assert sessions.is_shared() is shared
         finally:
             config.set_option("server.address", before)
 

@@ -13,8 +13,7 @@ from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, toggle
-from pages.ui.session.identity import may_use, recognise, user
-from pages.ui.session.sessions import SESSION, current
+from pages.ui.session.sessions import SESSION, current, may_use, recognise, user
 from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent

@@ -1,7 +1,7 @@
 """What all browsers share: results, snapshots, queues of tasks, recordings and samples."""
 
 from collections.abc import Callable
-from itertools import islice
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +30,6 @@ TITLES = {
     "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
     "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
 }
-LISTED = 1000
-"""Files of a folder that are offered at most."""
 
 
 @st.cache_resource(show_spinner=False)
@@ -87,19 +85,12 @@ def find_recording(
     Raises:
         RecordingError: where none is there.
     """
-    root = recordings_folder()
-    paths = [path for path in (*root.rglob("*"), *SAMPLES.glob("*.csv")) if path.name == file]
+    paths = [path for path in (*listed(), *samples()) if path.name == file]
     for path in sorted(paths, key=lambda path: campaign not in path.parts):
-        inside = path.is_file() and any(path.resolve().is_relative_to(p.resolve())
-                                        for p in (root, SAMPLES))  # fmt: skip
-        if not inside:
-            continue
-        try:
+        with suppress(RecordingError):  # another file of that name
             recording = files.read(path, trajectory=trajectory)
-        except RecordingError:  # another file of that name
-            continue
-        if recording.sha256 == sha256:
-            return recording
+            if recording.sha256 == sha256:
+                return recording
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
@@ -124,9 +115,8 @@ def sample_title(path: Path) -> str:
 
 def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
     """The sample of that file name and content, with its true parameters; None for none."""
-    path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
-    known = sample(path) if path else None
-    return known if known and known[0].sha256 == sha256 else None
+    known = (sample(path) for path in samples() if path.name == name)
+    return next((pair for pair in known if pair[0].sha256 == sha256), None)
 
 
 def recordings_folder() -> Path:
@@ -147,4 +137,4 @@ def listed() -> list[Path]:
     paths = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
     # A link that leads out of the folder is left out.
     inside = (path for path in paths if path.resolve().is_relative_to(root))
-    return list(islice(inside, LISTED))
+    return list(inside)

@@ -20,9 +20,8 @@ from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.identity import may_delete, owner_mark
 from pages.ui.session.resources import BY_CONTENT, library, opened
-from pages.ui.session.sessions import SNAPSHOT
+from pages.ui.session.sessions import SNAPSHOT, may_delete, owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
