@@ -250,7 +250,7 @@ def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:
     if item.starts:
         _button(
             workspace, "Five starts on the sample", frame.COMPARE, f"{key}starts", icon="casino",
-            act=lambda: _open(workspace, path) or workspace.train_starts(FAST),
+            act=lambda: _train_starts(workspace, path),
             help="Opens the synthetic study, trains it from five initial values with the fast"
             " preset, and shows page Compare.",
         )  # fmt: skip
@@ -281,6 +281,12 @@ def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:
             workspace, "Four panels", frame.PLATOON, f"{key}panels",
             act=lambda: open_panels(workspace), help="Page Platoon, with the four panels.",
         )  # fmt: skip
+
+
+def _train_starts(workspace: Workspace, path: Path) -> str:
+    if not _open(workspace, path):
+        workspace.train_starts(FAST)
+    return workspace.refusal
 
 
 def _open_run(workspace: Workspace, run: PrintedRun, load: Load | None) -> str:

@@ -64,11 +64,6 @@ class Chosen:
         kind = SOURCES[self.source]
         return kind if self.source == "hand" else f"{kind}: {self.vehicles.title}"
 
-    @property
-    def missing(self) -> str:
-        """What is missing for a verdict, as a sentence; empty where nothing is."""
-        return unfinished(self.result.fit) if self.result else ""
-
 
 def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
     """The picker below what it is about, and the parameters chosen; None without a verdict.
@@ -121,8 +116,13 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     if chosen and chosen.result:
         about.caption(frame.segment_line(chosen.result.info, chosen.result.fit.case))
         show.not_acc(chosen.result.info)
-    if chosen and chosen.missing:
-        _show_missing(workspace, chosen)
+    missing = unfinished(chosen.result.fit) if chosen and chosen.result else ""
+    if chosen and missing:
+        with st.container(border=True):
+            st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
+            show.messages(missing, "warning", "pause_circle")
+            if chosen.source == "fit":
+                frame.link(frame.TRAIN, "Continue the training", workspace)
         return None
     return chosen
 
@@ -178,15 +178,6 @@ def _of_result(result: Result, source: Source) -> Chosen:
             drivers=tuple(filter(None, vehicles.drivers))[:1],
         )  # fmt: skip
     return Chosen(vehicles, source, result, known)
-
-
-def _show_missing(workspace: Workspace, chosen: Chosen) -> None:
-    """In place of a verdict: what is missing for one, and the way there."""
-    with st.container(border=True):
-        st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
-        show.messages(chosen.missing, "warning", "pause_circle")
-        if chosen.source == "fit":
-            frame.link(frame.TRAIN, "Continue the training", workspace)
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:

@@ -204,10 +204,10 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
         "Runs told apart by", (NONE, *names), begin.trajectory or NONE, columns[3],
         "data_map_runs", "Of a table with several runs: the column that names them.",
     )  # fmt: skip
-    speeds, gaps = [], []
+    chosen_speeds, chosen_gaps = list[SpeedColumn](), list[GapColumn]()
     for k, speed in enumerate(begin.speeds[: int(count)]):
         cells = st.columns((1.3, 0.7, 1, 1.3, 0.7, 0.8), vertical_alignment="bottom")
-        speeds.append(SpeedColumn(
+        chosen_speeds.append(SpeedColumn(
             column=_pick("Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}", names,
                          speed.column, cells[0], f"data_map_speed_{k}",
                          "The column of the vehicle's own speed."),
@@ -221,7 +221,7 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
         if k == 0:
             continue
         gap = begin.gaps[k - 1]
-        gaps.append(GapColumn(
+        chosen_gaps.append(GapColumn(
             column=_pick("Space-gap ahead", names, gap.column, cells[3], f"data_map_gap_{k}",
                          "From bumper to bumper, to the vehicle ahead."),
             unit=_pick("Unit", [*GAP_UNITS], gap.unit, cells[4], f"data_map_gap_unit_{k}",
@@ -232,8 +232,8 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
             ),
         ))  # fmt: skip
     return CsvMapping(
-        speeds=tuple(speeds),
-        gaps=tuple(gaps),
+        speeds=tuple(chosen_speeds),
+        gaps=tuple(chosen_gaps),
         time=time,
         sample_time=sample_time,
         modes=_modes(names, seen, int(count)),

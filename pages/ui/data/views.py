@@ -21,7 +21,7 @@ from accpinn.results.tables.recording import (
     regimes_table,
     sensitivity_table,
 )
-from accpinn.segment.cut import DURATION, chains, complete_windows, cut
+from accpinn.segment.cut import chains, complete_windows, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.sensitivity import SensitivityResult, sensitivity
@@ -29,7 +29,7 @@ from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
 from pages.ui.session.resources import BY_CONTENT
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import Workspace, first_window
 
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""
@@ -206,7 +206,16 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         help="As many followers behind it are simulated as parameters are learned.",
     )  # fmt: skip
     vehicles = platoons[leader]
-    first = _first_window(workspace, chosen, vehicles)
+    learned, stretches = workspace.window, complete_windows(chosen, vehicles)
+    if chosen is recording:  # beside the window learned from
+        parts = [
+            part
+            for stretch in stretches
+            for part in (Window(stretch.start, min(stretch.end, learned.start)),
+                         Window(max(stretch.start, learned.end), stretch.end))
+        ]  # fmt: skip
+        stretches = tuple(part for part in parts if part.duration >= SHORTEST)
+    first = first_window(chosen, stretches, learned.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
@@ -227,23 +236,6 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
             show.messages(str(fault), "error")
     _upload(workspace)
     show_validation(workspace)
-
-
-def _first_window(workspace: Workspace, recording: Recording, vehicles: tuple[int, ...]) -> Window:
-    """The first stretch beside the window learned from that is as long, else the longest one."""
-    learned, length = workspace.window, min(workspace.window.duration, recording.duration)
-    stretches = complete_windows(recording, vehicles)
-    if recording is workspace.recording:
-        stretches = tuple(
-            part
-            for stretch in stretches
-            for part in (Window(stretch.start, min(stretch.end, learned.start)),
-                         Window(max(stretch.start, learned.end), stretch.end))
-        )  # fmt: skip
-    best = max(stretches, key=lambda window: min(window.duration, length), default=None)
-    if best is None or best.duration < SHORTEST:
-        return Window(0.0, min(DURATION, length))
-    return Window(best.start, min(best.end, best.start + length))
 
 
 def _upload(workspace: Workspace) -> None:

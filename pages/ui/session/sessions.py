@@ -188,22 +188,18 @@ class Workspaces:
         Of too many, those go first in which nothing was opened: thousands of empty sessions, which
         cost a stranger nothing, thus end no one's work. The one used last always stays.
         """
-        oldest = self._clock() - KEPT_FOR
-        for name in [name for name, (used, _) in self._kept.items() if used < oldest]:
-            self._drop(name)
-        while len(self._kept) > KEPT_WORKSPACES:
-            *others, _ = self._kept
-            self._drop(next((n for n in others if self._kept[n][1].is_empty), others[0]))
-        while len(self._kept) > 1 and (
-            sum(workspace.nbytes for _, workspace in self._kept.values()) > KEPT_BYTES
-        ):
-            *others, _ = self._kept
-            self._drop(next((n for n in others if self._kept[n][1].nbytes), others[0]))
-
-    def _drop(self, name: str) -> None:
-        _, workspace = self._kept.pop(name)
-        for task in workspace.tasks:
-            task.stop()
+        kept, oldest = self._kept, self._clock() - KEPT_FOR
+        while kept:
+            *others, last = kept
+            name = next(iter(kept))
+            if kept[name][0] >= oldest:  # none is that old
+                if len(kept) > KEPT_WORKSPACES:
+                    name = next((other for other in others if kept[other][1].is_empty), name)
+                elif name == last or sum(w.nbytes for _, w in kept.values()) <= KEPT_BYTES:
+                    return
+            _, workspace = kept.pop(name)
+            for task in workspace.tasks:
+                task.stop()
 
 
 @st.cache_resource(show_spinner=False)

@@ -236,7 +236,8 @@ class Workspace:
         if awaited and awaited.source.sha256 == recording.sha256:
             self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
         else:
-            self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
+            stretches = complete_windows(recording, vehicles)
+            self.choose(vehicles, first_window(recording, stretches), DEFAULT_CASE, ())
 
     def remember(self, recording: Recording, truth: Truth | None = None) -> None:
         """Put a recording among those opened last."""
@@ -382,10 +383,11 @@ def recording_duration(result: Result) -> Seconds | None:
     return result.recording.duration if result.recording else result.facts.get("duration")
 
 
-def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
+def first_window(
+    recording: Recording, stretches: Sequence[Window], length: Seconds = DURATION
+) -> Window:
     """The first complete stretch that is long enough, else the longest one."""
-    complete = complete_windows(recording, vehicles)
-    if not complete:
-        return Window(0.0, min(DURATION, recording.duration))
-    best = max(complete, key=lambda window: (min(window.duration, DURATION), -window.start))
-    return Window(best.start, min(best.end, best.start + DURATION))
+    length = min(length, recording.duration)
+    usual = Window(0.0, min(length, DURATION))
+    best = max(stretches, key=lambda window: min(window.duration, length), default=usual)
+    return Window(best.start, min(best.end, best.start + length))
