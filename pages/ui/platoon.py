@@ -35,7 +35,7 @@ from accpinn.stability.report import stability_report
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import Chosen, choose_parameters
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, segments, select, tabs, toggle
+from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
@@ -140,8 +140,8 @@ def _show_charts(
     measured, is_whole = recorded, False
     with st.container(horizontal=True, vertical_alignment="center"):
         if recorded:
-            if not toggle(
-                "Recorded followers", True, "platoon_measured", workspace,
+            if not st.toggle(
+                "Recorded followers", **kept(workspace, "platoon_measured", True),
                 help="The speeds and space-gaps of the followers in the recording, dotted.",
             ):  # fmt: skip
                 measured = None
@@ -188,13 +188,12 @@ def _choose_order(workspace: Workspace, chosen: ParameterSet) -> list[int] | Non
         is_recorded = choices.get("platoon_kind") == "recorded"
         recorded = recorded_leader(workspace) if is_recorded else None
         usual = recorded.followers if recorded else FOLLOWERS
-        followers: int = choices.get("platoon_followers", usual)
-        st.number_input(
+        followers = st.number_input(
             "Followers", min_value=1, max_value=MOST_FOLLOWERS, width=120,
-            **bound("platoon_followers", followers, workspace.keep("platoon_followers")),
+            **kept(workspace, "platoon_followers", usual),
             help="How many of it drive behind the leader.",
         )  # fmt: skip
-        return [vehicle] * followers
+        return [vehicle] * int(followers)
     if order == "learned":
         return list(range(len(chosen)))
     text = choices.get("platoon_own") or f"1-{len(chosen)}, 1-{len(chosen)}"
@@ -275,10 +274,8 @@ def _planned(workspace: Workspace, kind: Disturbance, platoon: Parameters) -> Le
 
 def _setting(workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator) -> float:
     key, (label, step, meaning) = f"platoon_{kind}_{setting}", LABELS[setting]
-    value = float(workspace.choices.get(key, getattr(PLANNED[kind], setting)))
-    shown = bound(key, value, workspace.keep(key))
-    place.number_input(label, **shown, step=step, format="%.4g", help=meaning)
-    return value
+    shown = kept(workspace, key, float(getattr(PLANNED[kind], setting)))
+    return place.number_input(label, **shown, step=step, format="%.4g", help=meaning)
 
 
 def _frequency(workspace: Workspace, platoon: Parameters) -> float:
@@ -308,9 +305,8 @@ def _show_amplitudes(workspace: Workspace, run: PlatoonRun, cast: figures.Cast) 
     wave = run.amplitudes
     with left:
         with st.container(horizontal=True, vertical_alignment="center"):
-            in_db = toggle(
-                "in dB", False, "platoon_db", workspace, help="Relative to the leader's."
-            )
+            in_db = st.toggle("in dB", **kept(workspace, "platoon_db", False),
+                              help="Relative to the leader's.")  # fmt: skip
             if wave and wave.periods:
                 periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
                 when = "after" if wave.free else "within"

@@ -34,7 +34,7 @@ from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import Chosen, choose_parameters
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import segments, select, tabs, toggle
+from pages.ui.components.widgets import kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
@@ -110,8 +110,8 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
     key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
     with st.container(horizontal=True):
         show.key(key)
-        if uncertainty and not toggle(
-            "Uncertainty", True, "stability_uncertainty", workspace,
+        if uncertainty and not st.toggle(
+            "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the Bode magnitude and of the model beside the measured gain, and"
             " posterior samples on the map.",
         ):  # fmt: skip

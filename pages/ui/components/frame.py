@@ -12,7 +12,7 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import segments, toggle
+from pages.ui.components.widgets import kept, segments
 from pages.ui.session.sessions import SESSION, current, may_use, recognise, user
 from pages.ui.session.workspace import Workspace
 
@@ -174,8 +174,8 @@ def _sidebar(workspace: Workspace) -> None:
             "frame_pictures", workspace, labelled=True,
             help="Point at a chart: the camera in its corner saves it as such a picture.",
         )  # fmt: skip
-        has_legend = toggle(
-            "Legend in every chart", False, "frame_legend", workspace,
+        has_legend = st.toggle(
+            "Legend in every chart", **kept(workspace, "frame_legend", False),
             help="A saved picture then shows which colour is which vehicle.",
         )  # fmt: skip
         st.session_state[show.PICTURES] = (picture, has_legend)

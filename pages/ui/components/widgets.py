@@ -48,14 +48,19 @@ def bound(
     return {"key": name, "on_change": changed} | ({default: value} if default else {})
 
 
+def kept(workspace: Workspace, key: str, usual: object, default: str = "value") -> dict[str, Any]:
+    """Arguments with which a widget shows what the workspace keeps under its key."""
+    return bound(key, workspace.choices.get(key, usual), workspace.keep(key), default=default)
+
+
 def _chosen(
     options: Mapping[T, str], value: T, key: str, change: Change | Workspace
 ) -> tuple[T, Change]:
     """What is chosen, and what keeps a change; a workspace keeps it among its choices."""
     if not isinstance(change, Workspace):
         return value, change
-    kept = change.choices.get(key, value)
-    return kept if kept in options else value, change.keep(key)
+    chosen = change.choices.get(key, value)
+    return chosen if chosen in options else value, change.keep(key)
 
 
 def select(
@@ -109,13 +114,6 @@ def segments(
         **look,
     )
     return value
-
-
-def toggle(label: str, default: bool, key: str, workspace: Workspace, help: str) -> bool:
-    """A switch whose state the workspace keeps; returns whether it is on."""
-    is_on = bool(workspace.choices.get(key, default))
-    st.toggle(label, **bound(key, is_on, workspace.keep(key)), help=help)
-    return is_on
 
 
 def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]) -> None:

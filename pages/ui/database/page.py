@@ -31,7 +31,7 @@ from accpinn.study.groups import Group, Groups, group, read_study
 from accpinn.study.studies import Failure, read_failures, read_request, state_of
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, select, tabs, toggle
+from pages.ui.components.widgets import bound, kept, select, tabs
 from pages.ui.database import running
 from pages.ui.session.resources import batch_queue, find_recording
 from pages.ui.session.workspace import Workspace
@@ -204,17 +204,17 @@ def _show_filters(
     )
     for column, (name, label) in zip(columns, FILTERS.items(), strict=False):
         there, key = sorted(rows[name].unique()), f"database_{name}"
-        kept = [value for value in choices.get(key, ()) if value in there]
+        values = [value for value in choices.get(key, ()) if value in there]
 
         def chosen(values: list[str], name: str = name) -> None:
             choose(workspace, **{name: tuple(values)})
 
         column.multiselect(
-            label, there, placeholder="All", **bound(key, kept, chosen, default=""),
+            label, there, placeholder="All", **bound(key, values, chosen, default=""),
             help=f"Only rows with one of these; all where none is chosen. {len(there)} are there.",
         )  # fmt: skip
-        choices[key] = tuple(kept)
-        if kept:
+        choices[key] = tuple(values)
+        if values:
             filters[name] = choices[key]
     titles = {method: TITLES.get(method, method) for method in dict.fromkeys(rows["method"])}
     method = str(choices.get("database_method"))
@@ -342,8 +342,8 @@ def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -
             [("L₂ unstable (ring)", figures.UNSTABLE), ("L₂ stable (diamond)", figures.STABLE),
              ("L₂ boundary", L2), ("L∞ boundary, exact (dashed)", EXACT)]
         )  # fmt: skip
-        in_units_of_tau = toggle(
-            "In units of τ", False, "database_units", workspace,
+        in_units_of_tau = st.toggle(
+            "In units of τ", **kept(workspace, "database_units", False),
             help="Draws ατ² and βτ: the boundaries are then the same for every vehicle.",
         )  # fmt: skip
     figure = figures.plane(selected.rows, in_units_of_tau)

@@ -4,7 +4,6 @@ import math
 import os
 import time
 from pathlib import Path
-from typing import Any
 
 import streamlit as st
 
@@ -22,7 +21,7 @@ from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown, format_duration
-from pages.ui.components.widgets import bound, select
+from pages.ui.components.widgets import kept, select
 from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
 
@@ -169,12 +168,12 @@ def show_form(workspace: Workspace) -> None:
         help="A folder on the server; all CSV files in it and below.",
     )  # fmt: skip
     name = name_column.text_input(
-        "Name of the study", max_chars=60, **_kept(workspace, "database_name", _free_name()),
+        "Name of the study", max_chars=60, **kept(workspace, "database_name", _free_name()),
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
     methods = st.multiselect(
         "Methods", list(METHODS), format_func=lambda key: METHODS[key].title,
-        **_kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
+        **kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
     )  # fmt: skip
     columns = st.columns((1.2, 1, 1), vertical_alignment="bottom")
     window = select(
@@ -188,7 +187,7 @@ def show_form(workspace: Workspace) -> None:
     )  # fmt: skip
     workers = columns[2].number_input(
         "Workers", min_value=1, max_value=most, step=1,
-        **_kept(workspace, "database_workers", most),
+        **kept(workspace, "database_workers", most),
         help=f"Processes at a time; this server has {most} processors.",
     )  # fmt: skip
     path = root / source
@@ -209,11 +208,6 @@ def show_form(workspace: Workspace) -> None:
         disabled=not (estimate and methods and is_allowed),
         on_click=_start_from, args=(workspace, name, request),
     )  # fmt: skip
-
-
-def _kept(workspace: Workspace, key: str, usual: Any, default: str = "value") -> dict[str, Any]:
-    value = workspace.choices.get(key, usual)
-    return bound(key, value, workspace.keep(key), default=default)
 
 
 def _free_name() -> str:
