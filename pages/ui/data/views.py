@@ -28,7 +28,6 @@ from accpinn.study.sensitivity import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
-from pages.ui.session.resources import BY_CONTENT
 from pages.ui.session.workspace import Workspace, first_window
 
 SHORTEST: Seconds = 10.0
@@ -150,7 +149,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    results = _sensitivity(segment.info.digest, segment, recording, workspace.case)
+    digests = (segment.info.digest, recording.digest)
+    results = _sensitivity(digests, workspace.case, segment, recording)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -162,14 +162,12 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
-@st.cache_data(
-    max_entries=32, show_spinner="Estimating with and without them …", hash_funcs=BY_CONTENT
-)
+@st.cache_resource(max_entries=32, show_spinner="Estimating with and without them …")
 def _sensitivity(
-    digest: str, _segment: Segment, recording: Recording, case: Case
+    digests: tuple[str, str], case: Case, _segment: Segment, _recording: Recording
 ) -> tuple[SensitivityResult, ...]:
-    """``digest`` is that of the segment."""
-    return sensitivity(_segment, recording, case)
+    """``digests`` are those of the segment and the recording."""
+    return sensitivity(_segment, _recording, case)
 
 
 # A window that nothing is learned from

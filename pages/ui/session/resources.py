@@ -1,9 +1,7 @@
 """What all browsers share: results, snapshots, queues of tasks, recordings and samples."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import streamlit as st
 
@@ -19,9 +17,6 @@ from accpinn.tasks.queue import TaskQueue
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recording: recording.digest}
-"""How a cache knows a recording: not by its file, which another mapping reads otherwise."""
-
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {

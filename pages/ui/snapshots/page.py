@@ -20,7 +20,7 @@ from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.resources import BY_CONTENT, library, opened
+from pages.ui.session.resources import library, opened
 from pages.ui.session.sessions import SNAPSHOT, may_delete, owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
@@ -253,15 +253,17 @@ def _again(snapshot: Result) -> str:
 def _verified(snapshot: Result, recording: Recording | None) -> Verification:
     """All of it computed anew, and the methods run again where the user asked for that."""
     again = bool(st.session_state.get(_again(snapshot)))
-    return _verification(snapshot.digest, snapshot, recording, again)
+    return _verification(
+        snapshot.digest, recording and recording.digest, again, snapshot, recording
+    )
 
 
-@st.cache_resource(max_entries=16, show_spinner=False, hash_funcs=BY_CONTENT)
+@st.cache_resource(max_entries=16, show_spinner=False)
 def _verification(
-    digest: str, _snapshot: Result, recording: Recording | None, again: bool
+    file: str, data: str | None, again: bool, _snapshot: Result, _recording: Recording | None
 ) -> Verification:
     """What was found before for the same file and recording is not computed again."""
-    return verify(_snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
+    return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
 
 
 def _show_standing(snapshot: Result, recording: Recording | None) -> None:
