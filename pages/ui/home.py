@@ -21,7 +21,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
-from pages.ui.data.sources import Load, ask_for_upload, drop_zone, find_run, open_with
+from pages.ui.data.sources import ask_for_upload, drop_zone, find_run, open_sample
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, sample_title, samples
 from pages.ui.session.workspace import Workspace
@@ -130,7 +130,7 @@ def _ways_in(workspace: Workspace) -> None:
 
 def _open(workspace: Workspace, path: Path) -> str:
     """Open a sample; why it is refused, or nothing."""
-    open_with(workspace, lambda: sample(path))
+    open_sample(workspace, path)
     return workspace.refusal
 
 
@@ -262,11 +262,11 @@ def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:
             " it.",
         )  # fmt: skip
     if run:
-        load = find_run(workspace, run.campaign, run.file)
+        opening = find_run(workspace, run.campaign, run.file)
         _button(
-            workspace, "Open the recording", frame.DATA, f"{key}run", disabled=load is None,
-            act=lambda: _open_run(workspace, run, load),
-            help=f"With {run.window} and these vehicles." if load else f"{run.file} is not at"
+            workspace, "Open the recording", frame.DATA, f"{key}run", disabled=opening is None,
+            act=lambda: _open_run(workspace, run, opening),
+            help=f"With {run.window} and these vehicles." if opening else f"{run.file} is not at"
             " hand: drop it above, or start the app with a folder that has it.",
         )  # fmt: skip
     for vehicles in item.shown:
@@ -289,10 +289,10 @@ def _train_starts(workspace: Workspace, path: Path) -> str:
     return workspace.refusal
 
 
-def _open_run(workspace: Workspace, run: PrintedRun, load: Load | None) -> str:
+def _open_run(workspace: Workspace, run: PrintedRun, opening: Callable[[], None] | None) -> str:
     """Open the paper's recording with its window."""
-    if load:
-        open_with(workspace, load)
+    if opening:
+        opening()
         if not workspace.refusal:
             workspace.choose(run.vehicles, run.window, run.case)
     return workspace.refusal

@@ -275,7 +275,7 @@ def _planned(workspace: Workspace, kind: Disturbance, platoon: Parameters) -> Le
 def _setting(workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator) -> float:
     key, (label, step, meaning) = f"platoon_{kind}_{setting}", LABELS[setting]
     shown = kept(workspace, key, float(getattr(PLANNED[kind], setting)))
-    return place.number_input(label, **shown, step=step, format="%.4g", help=meaning)
+    return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
 
 
 def _frequency(workspace: Workspace, platoon: Parameters) -> float:

@@ -20,7 +20,7 @@ from accpinn.study.progress import BatchProgress, BatchSummary
 from accpinn.study.studies import FILE, Failure, Request, Study
 from accpinn.tasks import batches
 from accpinn.tasks.task import Status
-from pages.ui.data.mapping import ASK
+from pages.ui.data.sources import ASK
 from pages.ui.database import page as database_page
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import DATA, HOME, WAIT, Page, numbers, open_page

@@ -1,16 +1,13 @@
-"""Files that have to ask before they can be read: for their columns, or for a trajectory."""
+"""What the columns of a table of one's own hold: a form that begins with likely answers."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import streamlit as st
 from msgspec.structs import replace
 
-from accpinn.errors import AccpinnError, RecordingError
-from accpinn.recordings import files
 from accpinn.recordings.mapping import (
     GAP_UNITS,
     SPEED_UNITS,
@@ -22,16 +19,12 @@ from accpinn.recordings.mapping import (
     SpeedColumn,
     TimeColumn,
     parse_mapping,
-    preview,
-    write_mapping,
 )
 from accpinn.results.tables.table import Column, Table
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.workspace import PendingFile, Workspace
+from pages.ui.session.workspace import PendingFile
 
-ASK = "data_ask_columns"
-"""The entry in Streamlit's session state: ask for columns that are remembered, too."""
 NONE = "(none)"
 EVEN = "(even steps)"
 MOST_VEHICLES = 11
@@ -47,119 +40,14 @@ LIKELY = {
 """Words that the names of columns hold."""
 
 
-def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
-    """What has to be asked of a file that could not be read; None where no answer would help.
-
-    ``known`` asks for columns that are remembered, too.
-    """
-    with suppress(AccpinnError):
-        if known and preview(source, name).mapping:
-            return PendingFile(name, source)
-        if runs := files.trajectories(source, name):
-            return PendingFile(name, source, runs)
-        if files.is_unknown(source, name):
-            return PendingFile(name, source)
-    return None
-
-
-def show_pending(workspace: Workspace, opened: Callable[[], None]) -> None:
-    """What is asked of the pending file, and the button that opens it and then calls ``opened``."""
-    file = workspace.pending
-    assert file
-    if file.trajectories:
-        _ask_for_trajectory(workspace, file, opened)
-    else:
-        _ask_for_mapping(workspace, file, opened)
-
-
-def _open(
-    workspace: Workspace, file: PendingFile, opened: Callable[[], None], mapping: CsvMapping | None,
-    trajectory: str | None = None,
-) -> None:  # fmt: skip
-    """Open it; where the table holds several runs, ask for one first."""
-    try:
-        runs = () if trajectory else files.trajectories(file.source, file.name, mapping=mapping)
-        if runs:
-            workspace.pending = PendingFile(file.name, file.source, runs, mapping)
-            return
-        recording = files.read(file.source, file.name, trajectory=trajectory, mapping=mapping)
-        workspace.open(recording)
-    except AccpinnError as fault:
-        workspace.refusal = str(fault)
-    else:
-        workspace.pending, workspace.refusal = None, ""
-        opened()
-
-
-def _cancel_button(workspace: Workspace) -> None:
-    def cancel() -> None:
-        workspace.pending, workspace.refusal = None, ""
-
-    st.button("Cancel", on_click=cancel, key="data_cancel")
-
-
-def _ask_for_trajectory(
-    workspace: Workspace, file: PendingFile, opened: Callable[[], None]
-) -> None:
-    st.markdown(
-        f"**{escape_markdown(file.name)}** holds {len(file.trajectories)} runs. Choose one of them."
-    )
-    vehicles = dict(file.trajectories)
-    chosen = st.selectbox(
-        "Trajectory", list(vehicles), key="data_trajectory",
-        format_func=lambda name: f"{name} · {vehicles[name]} vehicles",
-        help="Pairs whose leader is another pair's follower at the same time are one run.",
-    )  # fmt: skip
-    with st.container(horizontal=True):
-        st.button(
-            "Open this trajectory", type="primary", on_click=_open, key="data_open_trajectory",
-            args=(workspace, file, opened, file.mapping, chosen),
-        )  # fmt: skip
-        _cancel_button(workspace)
-    show.messages(workspace.refusal, "error")
-
-
-def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[], None]) -> None:
-    seen = show.attempt(lambda: preview(file.source, file.name))
-    if seen is None:
-        _cancel_button(workspace)
-        return
+def ask_for_columns(file: PendingFile, seen: Preview) -> CsvMapping:
+    """The table's beginning, and what its columns hold: by a form, or by a file in its place."""
     st.markdown(
         f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
         " files with the same columns."
     )
-    names = tuple(name for name in seen.layout.names if name)
     _show_preview(seen)
-    given = _uploaded()
-    mapping = given or _form(names, seen)
-    fault = ""
-    try:
-        runs = files.trajectories(file.source, file.name, mapping=mapping)
-        first = runs[0][0] if runs else None
-        recording = files.read(
-            file.source, file.name, trajectory=first, mapping=mapping, is_kept=False
-        )
-        several = f"; {len(runs)} runs" if runs else ""
-        step = 1 / recording.sample_time
-        st.caption(
-            f":material/check_circle: {len(recording.present)} vehicles,"
-            f" {recording.duration:,.0f} s at {step:.3g} Hz{several}."
-        )
-    except RecordingError as error:
-        fault = str(error)
-    show.messages(fault, "error")
-    with st.container(horizontal=True):
-        st.button(
-            "Open with these columns", type="primary", disabled=bool(fault), on_click=_open,
-            key="data_open_mapped", args=(workspace, file, opened, mapping),
-        )  # fmt: skip
-        st.download_button(
-            "Mapping as JSON", write_mapping(mapping), "mapping.json", "application/json",
-            on_click="ignore", icon=":material/download:", key="data_mapping_json",
-            help="For the command line's option --mapping, or for another server.",
-        )  # fmt: skip
-        _cancel_button(workspace)
-    show.messages(workspace.refusal, "error")
+    return _uploaded() or _form(tuple(name for name in seen.layout.names if name), seen)
 
 
 def _show_preview(seen: Preview) -> None:

@@ -254,13 +254,13 @@ def _verified(snapshot: Result, recording: Recording | None) -> Verification:
     """All of it computed anew, and the methods run again where the user asked for that."""
     again = bool(st.session_state.get(_again(snapshot)))
     return _verification(
-        snapshot.digest, recording and recording.digest, again, snapshot, recording
+        snapshot.digest, recording.digest if recording else "", again, snapshot, recording
     )
 
 
 @st.cache_resource(max_entries=16, show_spinner=False)
 def _verification(
-    file: str, data: str | None, again: bool, _snapshot: Result, _recording: Recording | None
+    file: str, data: str, again: bool, _snapshot: Result, _recording: Recording | None
 ) -> Verification:
     """What was found before for the same file and recording is not computed again."""
     return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
