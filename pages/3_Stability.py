@@ -1,5 +1,5 @@
 """Stability: which vehicles amplify the disturbances of the car ahead, how much, and why."""
 
-from pages.ui.stability.page import show_page
+from pages.ui.stability import show_page
 
 show_page()

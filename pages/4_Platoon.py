@@ -1,5 +1,5 @@
 """Platoon: a row of the vehicles behind a leader, and what becomes of its disturbance."""
 
-from pages.ui.platoon.page import show_page
+from pages.ui.platoon import show_page
 
 show_page()

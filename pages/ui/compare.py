@@ -17,7 +17,6 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
@@ -45,7 +44,7 @@ MOST = 8
 """Earlier fits over the chart at once."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Shown:
     """What the parts of the page are about."""
 
@@ -56,31 +55,18 @@ class _Shown:
     follower: int
     """0 for the first."""
 
+    def __post_init__(self) -> None:
+        """What follows for the follower: number, colour and truth; file names begin with `stem`."""
+        truth, vehicles = self.workspace.true_parameters, self.segment.vehicles
+        self.stem = Path(self.segment.source).stem
+        self.truth = truth[self.follower] if truth else None
+        self.vehicle = vehicles[self.follower + 1]
+        self.colour = vehicle_colours(vehicles)[self.follower + 1]
+
     @property
     def uncertainty(self) -> Uncertainty:
         """The same from every row."""
         return self.rows[0].uncertainty
-
-    @property
-    def stem(self) -> str:
-        """Begins the names of files."""
-        return Path(self.segment.source).stem
-
-    @property
-    def truth(self) -> Parameters | None:
-        """The follower's true parameters, where they are known."""
-        truth = self.workspace.true_parameters
-        return truth[self.follower] if truth else None
-
-    @property
-    def vehicle(self) -> int:
-        """The follower's number in the file."""
-        return self.segment.vehicles[self.follower + 1]
-
-    @property
-    def colour(self) -> str:
-        """The follower's."""
-        return vehicle_colours(self.segment.vehicles)[self.follower + 1]
 
 
 def show_page() -> None:

@@ -1,13 +1,15 @@
 """The page Home: the session so far, the ways to a recording, and examples at one click."""
 
-from functools import cache, partial
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import plotly.graph_objects as go
 import streamlit as st
 
-from accpinn.methods.pinn.config import CALIBRATED, FAST
-from accpinn.model.cthp import Parameters
+from accpinn.methods.pinn.config import CALIBRATED, FAST, PinnConfig
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.figures.recording import speeds_thumbnail
 from accpinn.results.figures.stability import gains_thumbnail
@@ -16,10 +18,11 @@ from accpinn.results.tables.verification import reproduction_table
 from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
+from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
-from pages.ui.data.sources import ask_for_upload, drop_zone, find_run, open_with
-from pages.ui.platoon.page import open_panels
+from pages.ui.data.sources import ask_for_upload, drop_zone, find_run, open_sample
+from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, sample_title, samples
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import first_estimate, restore_run, title_of
@@ -27,7 +30,6 @@ from pages.ui.snapshots.listing import first_estimate, restore_run, title_of
 LAST_RUNS = 3
 CARDS = 4
 """In a row."""
-_gains = cache(gains_thumbnail)
 _STYLE = """<style>
 .st-key-home_drop [data-testid="stFileUploaderDropzone"] { min-height: 7.5rem;
   align-items: center; justify-content: center; }
@@ -88,40 +90,58 @@ def _show_run(workspace: Workspace, entry: Entry) -> None:
         frame.go(frame.TRAIN, workspace)
 
 
+def _button(
+    workspace: Workspace, label: str, page: str, key: str, help: str, icon: str = "",
+    act: Callable[[], object] = lambda: None, **look: Any,
+) -> None:  # fmt: skip
+    """A button that does something and turns to a page; a refusal, which ``act`` returns, stays."""
+    picture = f":material/{icon}:" if icon else None
+    if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
+        if refusal := act():
+            show.messages(str(refusal), "error")
+        else:
+            frame.go(page, workspace)
+
+
 def _ways_in(workspace: Workspace) -> None:
     left, right = st.columns((2, 1), gap="large")
     with left.container(key="home_drop"):
         if drop_zone(workspace, announce=True):
             frame.go(frame.DATA, workspace)
     with right:
-        if st.button(
-            "Train a sample now", type="primary", icon=":material/play_arrow:", width="stretch",
+        _button(
+            workspace, "Train a sample now", frame.TRAIN, "train", width="stretch", type="primary",
+            icon="play_arrow", act=lambda: _train_sample(workspace, FIRST_SAMPLE, CALIBRATED),
             help="Opens the first sample below and trains on its first 300 s by the calibrated"
             " preset, which disturbances do not bias.",
-        ):  # fmt: skip
-            _train_sample(workspace)
+        )  # fmt: skip
         st.caption("A synthetic platoon of four followers; the result comes within seconds.")
-        if st.button(
-            "Load your own OpenACC recording", icon=":material/upload_file:", width="stretch",
+        _button(
+            workspace, "Load your own OpenACC recording", frame.DATA, "own", width="stretch",
+            icon="upload_file", act=ask_for_upload,
             help="Page Data, with the field for a file and the server's folder.",
-        ):  # fmt: skip
-            ask_for_upload()
-            frame.go(frame.DATA, workspace)
-        if st.button(
-            "Compare makes and models", icon=":material/database:",
-            width="stretch", key="home_database",
+        )  # fmt: skip
+        _button(
+            workspace, "Compare makes and models", frame.DATABASE, "database", width="stretch",
+            icon="database",
             help="Page Database: every window of a folder of recordings, by make and model.",
-        ):  # fmt: skip
-            frame.go(frame.DATABASE, workspace)
+        )  # fmt: skip
 
 
-def _train_sample(workspace: Workspace) -> None:
-    open_with(workspace, lambda: sample(FIRST_SAMPLE))
-    if not workspace.refusal:
-        workspace.preset = CALIBRATED.preset
-        workspace.train(CALIBRATED)
-        frame.go(frame.TRAIN, workspace)
-    show.messages(workspace.refusal, "error")
+def _open(workspace: Workspace, path: Path) -> str:
+    """Open a sample; why it is refused, or nothing."""
+    open_sample(workspace, path)
+    return workspace.refusal
+
+
+def _train_sample(
+    workspace: Workspace, path: Path, config: PinnConfig, case: Case | None = None
+) -> str:
+    if not _open(workspace, path):
+        workspace.preset = config.preset
+        workspace.choose(case=case)
+        workspace.train(config)
+    return workspace.refusal
 
 
 # What can be opened at one click
@@ -135,12 +155,10 @@ def _show_samples(workspace: Workspace) -> None:
             st.markdown(f"**{name}**")
             _picture(_speeds(path), f"home_{path.stem}")
             st.caption(about.capitalize())
-            if st.button(
-                "Open", key=f"home_open_{path.stem}", width="stretch",
-                help="Page Data, with this sample.",
-            ):  # fmt: skip
-                open_with(workspace, partial(sample, path))
-                frame.go(frame.DATA, workspace)
+            _button(
+                workspace, "Open", frame.DATA, f"open_{path.stem}", width="stretch",
+                help="Page Data, with this sample.", act=partial(_open, workspace, path),
+            )  # fmt: skip
 
 
 def _show_published(workspace: Workspace) -> None:
@@ -154,18 +172,25 @@ def _show_published(workspace: Workspace) -> None:
         with column.container(border=True, height="stretch"):
             title, _, table = published.title.partition(" (paper, ")
             st.markdown(f"**{table.rstrip(')')}: {title}**")
-            _picture(_gains(published), f"home_{published.title}")
+            _picture(gains_thumbnail(published), f"home_{published.title}")
             st.caption(", ".join(published.names))
-            open_published(workspace, published, "home")
+            with st.container(horizontal=True):
+                for name, page in (("Stability", frame.STABILITY), ("Platoon", frame.PLATOON)):
+                    _button(
+                        workspace, name, page, f"{published.title}_{name}",
+                        help=f"Page {name}, with these printed parameters.",
+                        act=partial(_take_published, workspace, published),
+                    )  # fmt: skip
     with columns[len(PUBLISHED)].container(border=True, height="stretch"):
         st.markdown("**Figure 8: four panels**")
         st.caption(
             "Eight followers behind a leader whose speed oscillates at 0.25 and 0.3 rad/s, with the"
             " parameters of the Mercedes and the Tesla."
         )
-        if st.button("Platoon", key="home_panels", help="Page Platoon, with the four panels."):
-            open_panels(workspace)
-            frame.go(frame.PLATOON, workspace)
+        _button(
+            workspace, "Platoon", frame.PLATOON, "panels", act=lambda: open_panels(workspace),
+            help="Page Platoon, with the four panels.",
+        )  # fmt: skip
 
 
 def _picture(figure: go.Figure, key: str) -> None:
@@ -216,19 +241,67 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
         said += [f"Takes {item.run}."] if item.run else []
         words.caption(escape_markdown(" ".join(filter(None, said))))
         with buttons.container(horizontal=True, horizontal_alignment="right"):
-            if item.starts:
-                _starts_button(workspace, item, key)
-            elif item.sample:
-                _sample_button(workspace, item, key)
-            if item.run:
-                _run_button(workspace, item.run, key)
-            for vehicles in item.shown:
-                _published_button(workspace, vehicles, key)
-            if not (item.run or item.sample or item.shown) and st.button(
-                "Four panels", key=f"home_{key}_panels", help="Page Platoon, with the four panels."
-            ):
-                open_panels(workspace)
-                frame.go(frame.PLATOON, workspace)
+            _show_buttons(workspace, item, f"{key}_")
+
+
+def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:
+    """What leads to an item: a sample's training, its recording, its parameters, or the panels."""
+    path, run = SAMPLES / f"{item.sample}.csv", item.run
+    if item.starts:
+        _button(
+            workspace, "Five starts on the sample", frame.COMPARE, f"{key}starts", icon="casino",
+            act=lambda: _train_starts(workspace, path),
+            help="Opens the synthetic study, trains it from five initial values with the fast"
+            " preset, and shows page Compare.",
+        )  # fmt: skip
+    elif item.sample:
+        _button(
+            workspace, "Train the sample", frame.TRAIN, f"{key}sample", icon="play_arrow",
+            act=lambda: _train_sample(workspace, path, FAST, run.case if run else None),
+            help="Opens the synthetic recording made from the printed parameters, and trains on"
+            " it.",
+        )  # fmt: skip
+    if run:
+        opening = find_run(workspace, run.campaign, run.file)
+        _button(
+            workspace, "Open the recording", frame.DATA, f"{key}run", disabled=opening is None,
+            act=lambda: _open_run(workspace, run, opening),
+            help=f"With {run.window} and these vehicles." if opening else f"{run.file} is not at"
+            " hand: drop it above, or start the app with a folder that has it.",
+        )  # fmt: skip
+    for vehicles in item.shown:
+        name = vehicles.title.partition(" (")[0].partition(",")[0]
+        _button(
+            workspace, name.removeprefix("Ispra-"), frame.STABILITY, f"{key}{name}",
+            icon="vital_signs", act=partial(_take_published, workspace, vehicles),
+            help="Page Stability, with these printed parameters.",
+        )  # fmt: skip
+    if not (run or item.sample or item.shown):
+        _button(
+            workspace, "Four panels", frame.PLATOON, f"{key}panels",
+            act=lambda: open_panels(workspace), help="Page Platoon, with the four panels.",
+        )  # fmt: skip
+
+
+def _train_starts(workspace: Workspace, path: Path) -> str:
+    if not _open(workspace, path):
+        workspace.train_starts(FAST)
+    return workspace.refusal
+
+
+def _open_run(workspace: Workspace, run: PrintedRun, opening: Callable[[], None] | None) -> str:
+    """Open the paper's recording with its window."""
+    if opening:
+        opening()
+        if not workspace.refusal:
+            workspace.choose(run.vehicles, run.window, run.case)
+    return workspace.refusal
+
+
+def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
+    """Let pages Stability and Platoon show a published set."""
+    workspace.choose_source("published")
+    workspace.choose_parameters(**{EXAMPLE: vehicles.title})
 
 
 def _learned(
@@ -262,75 +335,3 @@ def runs_of(workspace: Workspace, run: PrintedRun) -> list[Entry]:
         and entry.campaign in ("", run.campaign)
         and (entry.case == run.case or len(run.vehicles) == 2)
     ]
-
-
-def _open_sample(workspace: Workspace, item: PrintedItem) -> None:
-    open_with(workspace, lambda: sample(SAMPLES / f"{item.sample}.csv"))
-
-
-def _starts_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
-    if st.button(
-        "Five starts on the sample", key=f"home_{key}_starts", icon=":material/casino:",
-        help="Opens the synthetic study, trains it from five initial values with the fast preset,"
-        " and shows page Compare.",
-    ):  # fmt: skip
-        _open_sample(workspace, item)
-        workspace.train_starts(FAST)
-        frame.go(frame.COMPARE, workspace)
-
-
-def _sample_button(workspace: Workspace, item: PrintedItem, key: str) -> None:
-    case = item.run.case if item.run else workspace.case
-    if st.button(
-        "Train the sample", key=f"home_{key}_sample", icon=":material/play_arrow:",
-        help="Opens the synthetic recording made from the printed parameters, and trains on it.",
-    ):  # fmt: skip
-        _open_sample(workspace, item)
-        workspace.choose(case=case)
-        workspace.train(FAST)
-        frame.go(frame.TRAIN, workspace)
-
-
-def _run_button(workspace: Workspace, run: PrintedRun, key: str) -> None:
-    """Open the recording with the paper's window, where it is at hand."""
-    load = find_run(workspace, run.campaign, run.file)
-    if st.button(
-        "Open the recording", key=f"home_{key}_run", disabled=load is None,
-        help=f"With {run.window} and these vehicles."
-        if load
-        else f"{run.file} is not at hand: drop it above, or start the app with a folder that has"
-        " it.",
-    ) and load:  # fmt: skip
-        open_with(workspace, load)
-        if not workspace.refusal:
-            workspace.choose(run.vehicles, run.window, run.case)
-            frame.go(frame.DATA, workspace)
-
-
-def _published_button(workspace: Workspace, vehicles: ParameterSet, key: str) -> None:
-    name = vehicles.title.partition(" (")[0].partition(",")[0]
-    if st.button(
-        name.removeprefix("Ispra-"), key=f"home_{key}_{name}", icon=":material/vital_signs:",
-        help="Page Stability, with these printed parameters.",
-    ):  # fmt: skip
-        take_published(workspace, vehicles)
-        frame.go(frame.STABILITY, workspace)
-
-
-def take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
-    """Let pages Stability and Platoon show a published set."""
-    workspace.choose_source("published")
-    workspace.parameter_choice.example = vehicles.title
-    workspace.platoon_choice.reset()
-
-
-def open_published(workspace: Workspace, vehicles: ParameterSet, key: str) -> None:
-    """Buttons to the pages that show a published set."""
-    with st.container(horizontal=True):
-        for name, page in (("Stability", frame.STABILITY), ("Platoon", frame.PLATOON)):
-            if st.button(
-                name, key=f"{key}_{vehicles.title}_{name}",
-                help=f"Page {name}, with these printed parameters.",
-            ):  # fmt: skip
-                take_published(workspace, vehicles)
-                frame.go(page, workspace)

@@ -1,7 +1,6 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
@@ -54,6 +53,46 @@ START_HELP = (
     "Where the search begins. From other starts the same minimum should be found: page Compare"
     " trains from five."
 )
+
+
+WEIGHT_PHYSICS = (
+    "Of the squared residual of the model's equation. A larger weight binds the curves to the"
+    " model, a smaller one to the data."
+)
+WEIGHT_DATA = "Of the squared distance of the network's curves from the data."
+OPTIONS: dict[str, tuple[str, float, str]] = {
+    "iterations": ("Iterations, at most", 100, "Of the optimiser Adam. The fast and calibrated"
+                   " presets end earlier once α, β and τ stand still."),
+    "seed": ("Seed", 1, "Of the network's random initial weights and of the instants drawn at"
+             " random. The same seed gives the same result."),
+    "learning_rate": ("Learning rate", 0.001, "Adam's step. Larger is faster, until the loss no"
+                      " longer falls; the paper's is 0.001."),
+    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, "Of the squared error at the"
+                       " first instant; 0 leaves the term out, the authors' notebooks use 1."),
+    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, START_HELP)
+       for k, parameter in enumerate(PARAMETERS)},
+    "weight_physics-0": ("Q, weight of dp/dt in Ψ_F", 0.1, WEIGHT_PHYSICS),
+    "weight_physics-1": ("Q, weight of dv/dt in Ψ_F", 0.1, WEIGHT_PHYSICS),
+    "weight_data-0": ("S, weight of gaps in Ψ_D", 0.1, WEIGHT_DATA),
+    "weight_data-1": ("S, weight of speeds in Ψ_D", 0.1, WEIGHT_DATA),
+    "layers": ("Hidden layers", 1, "Of the network; the paper's has three. A smaller network is"
+               " quicker, and the curves follow the data less closely."),
+    "width": ("Neurons per layer", 10, "The paper's have sixty."),
+}  # fmt: skip
+"""Label, step and meaning of the fields in their order, by setting, and by place in the setting
+where it has several numbers; what differs between presets comes last."""
+OF_PAPER: dict[str, tuple[str, float, str]] = {
+    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "The paper suggests them for the last"
+                         " digits, but reports none."),
+    "test_share": ("Share kept for testing", 0.05, "Instants drawn at random that the loss does"
+                   " not see; their loss is reported."),
+}  # fmt: skip
+OF_OTHERS: dict[str, tuple[str, float, str]] = {
+    "highest_frequency": ("Highest frequency [Hz]", 0.05, "The network's curves cannot move faster"
+                          " than this. Platoons move below 0.1 Hz; the calibrated preset resolves"
+                          " 0.5 Hz to tell noise from motion."),
+    "batch": ("Instants per iteration", 100, "Drawn at random for each step of Adam."),
+}  # fmt: skip
 
 
 def show_page() -> None:
@@ -170,7 +209,7 @@ def _controls(workspace: Workspace) -> None:
         st.caption(PRESET_LINES[preset] + changed, width="stretch")
     if st.session_state.get("train_options"):
         with st.container(border=True):
-            show_options(workspace)
+            _show_options(workspace)
     config = show.attempt(lambda: workspace.config)
     with place:
         _buttons(workspace, config)
@@ -213,118 +252,45 @@ def _start(workspace: Workspace, anew: bool = False) -> None:
 # The preset's settings, and the user's changes to them
 
 
-def show_options(workspace: Workspace) -> None:
-    fields = _Fields(workspace)
+def _show_options(workspace: Workspace) -> None:
+    """A field for each setting; only what differs from the preset is kept."""
+    preset = workspace.preset
+    changes = workspace.settings.setdefault(preset, {})
+    settings = PRESETS[preset].to_json() | changes
     rows = [st.columns(4) for _ in range(5)]
-    fields.number(
-        "iterations", "Iterations, at most", rows[0][0], step=100,
-        help="Of the optimiser Adam. The fast and calibrated presets end earlier once α, β and τ"
-        " stand still.",
-    )  # fmt: skip
-    fields.number(
-        "seed", "Seed", rows[0][1], step=1,
-        help="Of the network's random initial weights and of the instants drawn at random. The same"
-        " seed gives the same result.",
-    )  # fmt: skip
-    fields.number(
-        "learning_rate", "Learning rate", rows[0][2], step=0.001, format="%g",
-        help="Adam's step. Larger is faster, until the loss no longer falls; the paper's is 0.001.",
-    )  # fmt: skip
-    fields.number(
-        "weight_initial", "R, weight of the first instant (Ψ_R)", rows[0][3], step=0.1, format="%g",
-        help="Of the squared error at the first instant; 0 leaves the term out, the authors'"
-        " notebooks use 1.",
-    )  # fmt: skip
-    fields.start(rows[1])
-    fields.several(
-        "weight_physics", ("Q, weight of dp/dt in Ψ_F", "Q, weight of dv/dt in Ψ_F"), rows[2][:2],
-        "Of the squared residual of the model's equation. A larger weight binds the curves to the"
-        " model, a smaller one to the data.",
-    )  # fmt: skip
-    fields.several(
-        "weight_data", ("S, weight of gaps in Ψ_D", "S, weight of speeds in Ψ_D"), rows[2][2:],
-        "Of the squared distance of the network's curves from the data.",
-    )  # fmt: skip
-    fields.number(
-        "layers", "Hidden layers", rows[3][0], step=1,
-        help="Of the network; the paper's has three. A smaller network is quicker, and the curves"
-        " follow the data less closely.",
-    )  # fmt: skip
-    fields.number("width", "Neurons per layer", rows[3][1], step=10, help="The paper's have sixty.")
-    _special(workspace, fields, rows[3][2:])
-    with rows[4][3]:
-        st.space("stretch")
-        st.button(
-            "Back to the preset", on_click=fields.changes.clear, icon=":material/undo:",
-            help="Forgets all changes made here.",
-        )  # fmt: skip
+    places = [column for row in rows for column in row]
 
-
-def _special(workspace: Workspace, fields: "_Fields", columns: Sequence[Any]) -> None:
-    left, right = columns
-    if workspace.preset == "paper":
-        fields.number(
-            "lbfgs_iterations", "L-BFGS iterations after Adam", left, step=100,
-            help="The paper suggests them for the last digits, but reports none.",
-        )  # fmt: skip
-        fields.number(
-            "test_share", "Share kept for testing", right, step=0.05, format="%g",
-            help="Instants drawn at random that the loss does not see; their loss is reported.",
-        )  # fmt: skip
-        return
-    fields.number(
-        "highest_frequency", "Highest frequency [Hz]", left, step=0.05, format="%g",
-        help="The network's curves cannot move faster than this. Platoons move below 0.1 Hz; the"
-        " calibrated preset resolves 0.5 Hz to tell noise from motion.",
-    )  # fmt: skip
-    fields.number(
-        "batch", "Instants per iteration", right, step=100,
-        help="Drawn at random for each step of Adam.",
-    )  # fmt: skip
-
-
-class _Fields:
-    """Number inputs for the settings of one preset; only what differs from it is kept."""
-
-    def __init__(self, workspace: Workspace) -> None:
-        self.changes = workspace.settings.setdefault(workspace.preset, {})
-        self._preset = workspace.preset
-        self._default = PRESETS[workspace.preset].to_json()
-
-    def _value(self, name: str) -> Any:
-        return self.changes.get(name, self._default[name])
-
-    def number(self, name: str, label: str, column: Any, **look: Any) -> None:
-        """One number, whole or not as the preset has it."""
+    def number(column: Any, name: str, label: str, step: float, help: str) -> None:
+        """A field; a name ends with a place where the setting has several numbers."""
+        setting, _, place = name.partition("-")
+        values = settings[setting]
 
         def changed(value: float) -> None:
-            self.changes[name] = value
+            numbers = {int(place): float(value)} if place else {}
+            changes[setting] = (
+                tuple(numbers.get(k, number) for k, number in enumerate(values)) if place else value
+            )
 
-        shown = bound(f"train_{self._preset}_{name}", self._value(name), changed)
-        column.number_input(label, **shown, **look)
+        value = float(values[int(place)]) if place else values
+        shown = bound(f"train_{preset}_{name.replace('-', '_')}", value, changed)
+        look = {} if isinstance(step, int) else {"format": "%g"}
+        column.number_input(label, **shown, step=step, help=help, **look)
 
-    def several(
-        self, name: str, labels: Sequence[str], columns: Sequence[Any], explained: str
-    ) -> None:
-        """A setting of several numbers."""
-        values = [float(value) for value in self._value(name)]
-        for at, (label, column) in enumerate(zip(labels, columns, strict=True)):
-
-            def changed(value: float, at: int = at) -> None:
-                values[at] = float(value)
-                self.changes[name] = tuple(values)
-
-            shown = bound(f"train_{self._preset}_{name}_{at}", values[at], changed)
-            column.number_input(label, **shown, step=0.1, format="%g", help=explained)
-
-    def start(self, columns: Sequence[Any]) -> None:
-        """Initial values, each by itself or one of five sets."""
-        now = tuple(float(value) for value in self._value("initial"))
-        starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
-        select(
-            "Start from", {start: "α {:g}, β {:g}, τ {:g}".format(*start) for start in starts},
-            now, f"train_{self._preset}_start",
-            lambda initial: self.changes.update(initial=initial), place=columns[0], help=START_HELP,
+    fields = OPTIONS | (OF_PAPER if preset == "paper" else OF_OTHERS)
+    for column, (name, (label, step, explained)) in zip(
+        [*places[:4], *places[5:]], fields.items(), strict=False
+    ):
+        number(column, name, label, step, explained)
+    now = tuple(float(value) for value in settings["initial"])
+    starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
+    select(
+        "Start from", {start: "α {:g}, β {:g}, τ {:g}".format(*start) for start in starts},
+        now, f"train_{preset}_start", lambda initial: changes.update(initial=initial),
+        place=places[4], help=START_HELP,
+    )  # fmt: skip
+    with places[-1]:
+        st.space("stretch")
+        st.button(
+            "Back to the preset", on_click=changes.clear, icon=":material/undo:",
+            help="Forgets all changes made here.",
         )  # fmt: skip
-        labels = tuple(f"Initial {parameter.heading}" for parameter in PARAMETERS)
-        self.several("initial", labels, columns[1:], START_HELP)

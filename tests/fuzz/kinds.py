@@ -356,7 +356,7 @@ def draw_link(draw: Random) -> bytes:
 
 def use_link(data: bytes, folder: Path) -> bool:
     """Follow it as a browser does, twice."""
-    from pages.ui.session import identity, sessions
+    from pages.ui.session import sessions
 
     kept = Library(folder / "library")
     sound = kept.add(small_bytes())
@@ -367,7 +367,6 @@ def use_link(data: bytes, folder: Path) -> bool:
     store = SimpleNamespace(session=lambda name: None)
     with (
         patch.object(sessions, "st", browser),
-        patch.object(identity, "st", browser),
         patch.object(sessions, "task_queue", lambda: None),
         patch.object(sessions, "library", lambda: kept),
         patch.object(sessions, "store", lambda: store),

@@ -20,8 +20,8 @@ from accpinn.study.groups import group, read_study
 from accpinn.study.studies import FILE, Failure, Request, Study
 from accpinn.tasks import batches
 from accpinn.tasks.task import Status
-from pages.ui.data.mapping import ASK
-from pages.ui.database import views
+from pages.ui.data.sources import ASK
+from pages.ui.database import page as database_page
 from pages.ui.session.resources import batch_queue, download_queue
 from tests.support.apptest import DATA, HOME, WAIT, Page, numbers, open_page
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
@@ -139,12 +139,12 @@ def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) ->
     page = opened().open_tab("database_tabs", "All rows")
     assert len(page.dataframe[0].value) == 3
     session = page.workspace()
-    session.database_choice.row = 0
+    session.choices["database_row"] = 0
     page.run()
     page.press("database_open")
     assert "gone.csv: this recording is not in the server's folder" in page.boxes("error")[0]
     page.choose("database_make", ["Tesla"])
-    session.database_choice.row = 1
+    session.choices["database_row"] = 1
     page.run()
     page.press("database_open")
     assert "Preview of the window" in page.texts(), "this is page Data"
@@ -154,9 +154,9 @@ def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) ->
     # One that the browser still reports is not chosen among others.
     page = opened().open_tab("database_tabs", "All rows")
     reported = {"selection": {"rows": [0]}}
-    monkeypatch.setattr(views.st, "dataframe", lambda *_, **__: reported)
+    monkeypatch.setattr(database_page.st, "dataframe", lambda *_, **__: reported)
     page.choose("database_make", ["Kia"])
-    assert page.workspace().database_choice.row is None
+    assert page.workspace().choices["database_row"] is None
 
 
 def test_a_study_that_is_damaged_says_so(study: Path) -> None:

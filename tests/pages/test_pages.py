@@ -16,11 +16,12 @@ from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.segment.cut import cut
 from accpinn.tasks.task import Status
+from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
-from pages.ui.platoon.page import PANELS, TABS
+from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, sample, store
 from pages.ui.session.workspace import Workspace
@@ -113,7 +114,7 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     page = open_page(HOME).open_tab("home_tabs", "Published parameters")
     session = page.workspace()
     page.press(f"home_{ASTAZERO_ALIKE.title}_Stability")
-    assert session.parameter_choice.example == ASTAZERO_ALIKE.title
+    assert session.choices[EXAMPLE] == ASTAZERO_ALIKE.title
     page = open_page(HOME, session).open_tab("home_tabs", "Reproduce the paper")
     assert "14 of 14 printed verdicts agree" in page.texts()
     assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
@@ -122,7 +123,7 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert session.starts is not None
     page = open_page(HOME, session).open_tab("home_tabs", "Reproduce the paper")
     page.press("home_Figure8_panels")
-    assert session.tabs[TABS] == PANELS
+    assert session.choices[TABS] == PANELS
 
 
 def test_a_run_of_the_paper_is_opened_with_its_window(
@@ -517,13 +518,13 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
 def test_another_window_ends_a_training_and_forgets_choices_among_the_former_vehicles() -> None:
     session = with_sample()
     session.train(preset("paper", iterations=20_000))
-    job, drive = session.training, session.platoon_choice
-    drive.own, drive.omega, session.map_choice.held = "1-4", 0.3, 3
+    job, chosen = session.training, session.choices
+    chosen |= {"platoon_own": "1-4", "platoon_frequency": 0.3, "stability_held": 3}
     session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
-    assert (drive.own, drive.omega, session.map_choice.held) == ("", None, -1)
+    assert chosen == {}
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
     session.choose_source("published")
-    drive.own = "1-4"
+    chosen["platoon_own"] = "1-4"
     session.choose(vehicles=(1, 2, 3))
-    assert drive.own == "1-4", "the published parameters stay the same"
+    assert chosen["platoon_own"] == "1-4", "the published parameters stay the same"

@@ -10,7 +10,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
 from accpinn.tasks.task import Status
-from pages.ui.session import identity, sessions
+from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, library, sample
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import other_vehicles, parameter_differences, what_differs
@@ -130,7 +130,7 @@ class TestList:
         assert shown == ["bravo"]
 
     def test_one_deleted_elsewhere_can_be_kept_again(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(identity, "is_shared", lambda: True)
+        monkeypatch.setattr(sessions, "is_shared", lambda: True)
         name = library().add(whole())
         page = open_page(TRAIN, snapshot=name)
         assert "deleted from the server" not in page.plain()
@@ -139,7 +139,7 @@ class TestList:
         assert "deleted from the server" in page.plain()
         assert "deleted from the server" not in page.press("snapshots_keep").plain()
         assert library().has(name)
-        assert identity.may_delete(page.workspace().id, name), "whoever keeps it"
+        assert sessions.may_delete(page.workspace().id, name), "whoever keeps it"
 
     def test_a_damaged_one_is_named_and_can_be_deleted_and_imported_anew(self) -> None:
         name = library().add(whole())

@@ -115,7 +115,7 @@ def test_no_control_of_any_page_ends_in_an_exception(monkeypatch: pytest.MonkeyP
             session.preset, session.settings["fast"] = "fast", {"iterations": 20}
             if page.tabs and dice.random() < 0.2:
                 title = dice.choice([tab.label for tab in page.tabs])
-                session.tabs[TABS[path]] = title
+                session.choices[TABS[path]] = title
                 trail.append(f"tab {title}")
                 page.run()
             elif known := [*controls(page)]:

@@ -54,7 +54,7 @@ class Page(AppTest):
 
     def open_tab(self, key: str, title: str) -> "Page":
         """Open a tab of the row with that key, and run."""
-        self.workspace().tabs[key] = title
+        self.workspace().choices[key] = title
         return self.sound()
 
     def upload(self, name: str, content: bytes) -> "Page":

@@ -12,9 +12,8 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, segments
-from pages.ui.session.identity import may_use, recognise, user
-from pages.ui.session.sessions import SESSION, current
+from pages.ui.components.widgets import kept, segments
+from pages.ui.session.sessions import SESSION, current, may_use, recognise, user
 from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent
@@ -170,19 +169,16 @@ def _sidebar(workspace: Workspace) -> None:
             link(page, name, workspace, icon)
         st.divider()
         st.caption("  \n".join(session_state(workspace)))
-        st.session_state[show.PICTURES] = (workspace.pictures, workspace.legends)
-        segments(
-            "Charts are saved as", {name: name for name in show.FORMATS}, workspace.pictures,
-            "frame_pictures", lambda name: setattr(workspace, "pictures", name), labelled=True,
+        picture = segments(
+            "Charts are saved as", {name: name for name in show.FORMATS}, show.FORMATS[0],
+            "frame_pictures", workspace, labelled=True,
             help="Point at a chart: the camera in its corner saves it as such a picture.",
         )  # fmt: skip
-        st.toggle(
-            "Legend in every chart",
-            **bound(
-                "frame_legend", workspace.legends, lambda on: setattr(workspace, "legends", on)
-            ),
+        has_legend = st.toggle(
+            "Legend in every chart", **kept(workspace, "frame_legend", False),
             help="A saved picture then shows which colour is which vehicle.",
-        )
+        )  # fmt: skip
+        st.session_state[show.PICTURES] = (picture, has_legend)
         if st.button(
             "Glossary", icon=":material/menu_book:", key="frame_glossary", type="tertiary",
             help="What the symbols and terms mean.",

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 
 import pandas as pd
 import streamlit as st
@@ -14,15 +14,17 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
+from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
-from pages.ui.session.choices import Source, TypedRow
-from pages.ui.session.resources import KEPT, library, opened
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.resources import library, opened
+from pages.ui.session.workspace import Source, Workspace
 
+TypedRow = tuple[str, float | None, float | None, float | None]
+"""Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 SOURCES: dict[Source, str] = {
     "fit": "Current fit",
     "published": "Published",
@@ -31,12 +33,16 @@ SOURCES: dict[Source, str] = {
 }
 COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
 BY_HAND = "parameters by hand"
+EXAMPLE, SNAPSHOT, ROWS, BASE = (
+    f"parameters_{name}" for name in ("example", "snapshot", "rows", "base")
+)
+"""Names of choices: title of a published set, short name of a snapshot, and the rows by hand, now
+and when the table came to the page."""
 MOST = 20
 """Vehicles typed in at most."""
-_of_first = lru_cache(maxsize=KEPT)(of_first)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Chosen:
     """The parameters that a page shows, and what is known of them."""
 
@@ -47,16 +53,16 @@ class Chosen:
     uncertainty: Uncertainty | None = None
     """That of the vehicles; None for a training that was stopped, too."""
 
+    @cached_property
+    def report(self) -> StabilityReport:
+        """The stability report on the parameters."""
+        return stability_report(self.vehicles.parameters)
+
     @property
     def origin(self) -> str:
         """Source and title, for the headline."""
         kind = SOURCES[self.source]
         return kind if self.source == "hand" else f"{kind}: {self.vehicles.title}"
-
-    @property
-    def missing(self) -> str:
-        """What is missing for a verdict, as a sentence; empty where nothing is."""
-        return unfinished(self.result.fit) if self.result else ""
 
 
 def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
@@ -71,22 +77,18 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     source = workspace.parameter_source
     if source == "snapshot" and not entries:
         source = "fit"
-    choice = workspace.parameter_choice
+    choices = workspace.choices
 
     def turn_to(new: Source) -> None:
         """The first rows by hand are a copy of what was shown."""
-        if new == "hand" and not choice.rows:
+        if new == "hand" and not choices.get(ROWS):
             shown = parameters_from(workspace, source, entries)
             vehicles = shown.vehicles if shown else ASTAZERO
-            choice.rows = tuple(
+            choices[ROWS] = tuple(
                 (label, vehicle.alpha, vehicle.beta, vehicle.tau)
                 for label, vehicle in zip(vehicles.labels, vehicles.parameters, strict=True)
             )
         workspace.choose_source(new)
-
-    def choose(**choices: str) -> None:
-        choice.set(**choices)
-        workspace.platoon_choice.reset()
 
     with st.container(horizontal=True, vertical_alignment="center"):
         offered = {key: name for key, name in SOURCES.items() if key != "snapshot" or entries}
@@ -94,14 +96,16 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
         if source == "published":
             select(
                 "Published set", {published.title: published.title for published in PUBLISHED},
-                choice.example, f"{page}_example", lambda title: choose(example=title),
+                choices.get(EXAMPLE, ASTAZERO.title), f"{page}_example",
+                lambda title: workspace.choose_parameters(**{EXAMPLE: title}),
                 labelled=False, width=320,
             )  # fmt: skip
         elif source == "snapshot":
             select(
                 "Snapshot", {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries},
                 _chosen_snapshot(workspace, entries), f"{page}_snapshot",
-                lambda name: choose(snapshot=name), labelled=False, width=420,
+                lambda name: workspace.choose_parameters(**{SNAPSHOT: name}),
+                labelled=False, width=420,
             )  # fmt: skip
     if source == "fit" and workspace.result is None:
         _empty_state(workspace, page)
@@ -112,8 +116,13 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
     if chosen and chosen.result:
         about.caption(frame.segment_line(chosen.result.info, chosen.result.fit.case))
         show.not_acc(chosen.result.info)
-    if chosen and chosen.missing:
-        _show_missing(workspace, chosen)
+    missing = unfinished(chosen.result.fit) if chosen and chosen.result else ""
+    if chosen and missing:
+        with st.container(border=True):
+            st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
+            show.messages(missing, "warning", "pause_circle")
+            if chosen.source == "fit":
+                frame.link(frame.TRAIN, "Continue the training", workspace)
         return None
     return chosen
 
@@ -145,12 +154,12 @@ def parameters_from(
     Raises:
         ParameterError: rows by hand that are too few or too many.
     """
-    choice = workspace.parameter_choice
+    choices = workspace.choices
     if source == "published":
-        example = next(one for one in PUBLISHED if one.title == choice.example)
-        return Chosen(example, source)
+        title = choices.get(EXAMPLE, ASTAZERO.title)
+        return Chosen(next(vehicles for vehicles in PUBLISHED if vehicles.title == title), source)
     if source == "hand":
-        return Chosen(_typed(choice.rows), source)
+        return Chosen(_typed(choices.get(ROWS, ())), source)
     result = workspace.result
     if source == "snapshot":
         result = opened(_chosen_snapshot(workspace, entries))
@@ -163,7 +172,7 @@ def _of_result(result: Result, source: Source) -> Chosen:
     vehicles = learned_parameters(info, fit)
     known = None if unfinished(fit) else result.uncertainty
     if info.shares(fit.case):
-        known = _of_first(known) if known else None
+        known = of_first(known) if known else None
         vehicles = ParameterSet(
             vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
             drivers=tuple(filter(None, vehicles.drivers))[:1],
@@ -171,30 +180,22 @@ def _of_result(result: Result, source: Source) -> Chosen:
     return Chosen(vehicles, source, result, known)
 
 
-def _show_missing(workspace: Workspace, chosen: Chosen) -> None:
-    """In place of a verdict: what is missing for one, and the way there."""
-    with st.container(border=True):
-        st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
-        show.messages(chosen.missing, "warning", "pause_circle")
-        if chosen.source == "fit":
-            frame.link(frame.TRAIN, "Continue the training", workspace)
-
-
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
     """The one chosen, or the newest where that was deleted meanwhile."""
     names = [entry.id for entry in entries]
-    chosen = workspace.parameter_choice.snapshot
+    chosen = workspace.choices.get(SNAPSHOT)
     return chosen if chosen in names else names[0]
 
 
 def _edit_rows(workspace: Workspace, key: str) -> None:
     """A table of vehicles to type into; it keeps its own changes while it is on the page."""
-    choice = workspace.parameter_choice
+    choices = workspace.choices
+    before = choices.get(ROWS, ())
     if key not in st.session_state:
-        choice.base = choice.rows
+        choices[BASE] = before
     number = st.column_config.NumberColumn
     edited = st.data_editor(
-        pd.DataFrame(list(choice.base), columns=list(COLUMNS)),
+        pd.DataFrame(list(choices[BASE]), columns=list(COLUMNS)),
         key=key,
         num_rows="dynamic",
         hide_index=True,
@@ -207,9 +208,9 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
         },
     )
     rows = tuple(_row(*row) for row in edited.itertuples(index=False, name=None))
-    if len(rows) != len(choice.rows):
-        workspace.platoon_choice.reset()
-    choice.rows = rows
+    if len(rows) != len(before):
+        workspace.forget_vehicles()
+    choices[ROWS] = rows
 
 
 def _row(name: object, *values: float | None) -> TypedRow:

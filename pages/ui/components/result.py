@@ -30,8 +30,8 @@ from accpinn.study.result import Result
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
-from pages.ui.session.identity import owner_mark
 from pages.ui.session.resources import library
+from pages.ui.session.sessions import owner_mark
 from pages.ui.session.workspace import Workspace, recording_duration
 from pages.ui.snapshots.listing import title_of
 

@@ -48,20 +48,38 @@ def bound(
     return {"key": name, "on_change": changed} | ({default: value} if default else {})
 
 
+def kept(workspace: Workspace, key: str, usual: object, default: str = "value") -> dict[str, Any]:
+    """Arguments with which a widget shows what the workspace keeps under its key."""
+    return bound(key, workspace.choices.get(key, usual), workspace.keep(key), default=default)
+
+
+def _chosen(
+    options: Mapping[T, str], value: T, key: str, change: Change | Workspace
+) -> tuple[T, Change]:
+    """What is chosen, and what keeps a change; a workspace keeps it among its choices."""
+    if not isinstance(change, Workspace):
+        return value, change
+    chosen = change.choices.get(key, value)
+    return chosen if chosen in options else value, change.keep(key)
+
+
 def select(
     label: str,
     options: Mapping[T, str],
     value: T,
     key: str,
-    change: Change,
+    change: Change | Workspace,
     labelled: bool = True,
     place: Any = st,
     **look: Any,
-) -> None:
+) -> T:
     """A select box, with what each option is called, in a column or container ``place``.
 
-    The label is read aloud also where it is not shown; ``look`` are Streamlit's further options.
+    Of a workspace in place of ``change``, ``value`` is the default, and the choice is kept there
+    under ``key``. The label is read aloud also where it is not shown; ``look`` are Streamlit's
+    further options. Returns what is chosen.
     """
+    value, change = _chosen(options, value, key, change)
     place.selectbox(
         label,
         list(options),
@@ -72,6 +90,7 @@ def select(
         **bound(key, value, change, default=""),
         **look,
     )
+    return value
 
 
 def segments(
@@ -79,11 +98,12 @@ def segments(
     options: Mapping[T, str],
     value: T,
     key: str,
-    change: Change,
+    change: Change | Workspace,
     labelled: bool = False,
     **look: Any,
-) -> None:
+) -> T:
     """A segmented control; the arguments are those of `select`."""
+    value, change = _chosen(options, value, key, change)
     st.segmented_control(
         label,
         list(options),
@@ -93,6 +113,7 @@ def segments(
         **bound(key, value, change, default="default"),
         **look,
     )
+    return value
 
 
 def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]) -> None:
@@ -101,14 +122,10 @@ def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]
     On a narrow screen they come after what is chosen on the page, and that after the answer: what
     has a key that begins with "later_1" and so on stands below the rest there.
     """
-    titles, kept = list(views), workspace.tabs
-    value = kept.get(key, "")
-    arguments = bound(
-        key, value if value in views else titles[0],
-        lambda title: kept.update({key: title}), default="default",
-    )  # fmt: skip
+    titles = {title: title for title in views}
+    value, change = _chosen(titles, next(iter(titles)), key, workspace)
     with st.container(key=f"later_2_{key}"):
-        drawn = st.tabs(titles, **arguments)
+        drawn = st.tabs([*titles], **bound(key, value, change, default="default"))
     for tab, draw in zip(drawn, views.values(), strict=True):
         if tab.open:
             with tab:

@@ -1,15 +1,13 @@
-"""Files that have to ask before they can be read: for their columns, or for a trajectory."""
+"""What the columns of a table of one's own hold: a form that begins with likely answers."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import streamlit as st
+from msgspec.structs import replace
 
-from accpinn.errors import AccpinnError, RecordingError
-from accpinn.recordings import files
 from accpinn.recordings.mapping import (
     GAP_UNITS,
     SPEED_UNITS,
@@ -21,16 +19,12 @@ from accpinn.recordings.mapping import (
     SpeedColumn,
     TimeColumn,
     parse_mapping,
-    preview,
-    write_mapping,
 )
 from accpinn.results.tables.table import Column, Table
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.workspace import PendingFile, Workspace
+from pages.ui.session.workspace import PendingFile
 
-ASK = "data_ask_columns"
-"""The entry in Streamlit's session state: ask for columns that are remembered, too."""
 NONE = "(none)"
 EVEN = "(even steps)"
 MOST_VEHICLES = 11
@@ -46,119 +40,14 @@ LIKELY = {
 """Words that the names of columns hold."""
 
 
-def pending_of(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
-    """What has to be asked of a file that could not be read; None where no answer would help.
-
-    ``known`` asks for columns that are remembered, too.
-    """
-    with suppress(AccpinnError):
-        if known and preview(source, name).mapping:
-            return PendingFile(name, source)
-        if runs := files.trajectories(source, name):
-            return PendingFile(name, source, runs)
-        if files.is_unknown(source, name):
-            return PendingFile(name, source)
-    return None
-
-
-def show_pending(workspace: Workspace, opened: Callable[[], None]) -> None:
-    """What is asked of the pending file, and the button that opens it and then calls ``opened``."""
-    file = workspace.pending
-    assert file
-    if file.trajectories:
-        _ask_for_trajectory(workspace, file, opened)
-    else:
-        _ask_for_mapping(workspace, file, opened)
-
-
-def _open(
-    workspace: Workspace, file: PendingFile, opened: Callable[[], None], mapping: CsvMapping | None,
-    trajectory: str | None = None,
-) -> None:  # fmt: skip
-    """Open it; where the table holds several runs, ask for one first."""
-    try:
-        runs = () if trajectory else files.trajectories(file.source, file.name, mapping=mapping)
-        if runs:
-            workspace.pending = PendingFile(file.name, file.source, runs, mapping)
-            return
-        recording = files.read(file.source, file.name, trajectory=trajectory, mapping=mapping)
-        workspace.open(recording)
-    except AccpinnError as fault:
-        workspace.refusal = str(fault)
-    else:
-        workspace.pending, workspace.refusal = None, ""
-        opened()
-
-
-def _cancel_button(workspace: Workspace) -> None:
-    def cancel() -> None:
-        workspace.pending, workspace.refusal = None, ""
-
-    st.button("Cancel", on_click=cancel, key="data_cancel")
-
-
-def _ask_for_trajectory(
-    workspace: Workspace, file: PendingFile, opened: Callable[[], None]
-) -> None:
-    st.markdown(
-        f"**{escape_markdown(file.name)}** holds {len(file.trajectories)} runs. Choose one of them."
-    )
-    vehicles = dict(file.trajectories)
-    chosen = st.selectbox(
-        "Trajectory", list(vehicles), key="data_trajectory",
-        format_func=lambda name: f"{name} · {vehicles[name]} vehicles",
-        help="Pairs whose leader is another pair's follower at the same time are one run.",
-    )  # fmt: skip
-    with st.container(horizontal=True):
-        st.button(
-            "Open this trajectory", type="primary", on_click=_open, key="data_open_trajectory",
-            args=(workspace, file, opened, file.mapping, chosen),
-        )  # fmt: skip
-        _cancel_button(workspace)
-    show.messages(workspace.refusal, "error")
-
-
-def _ask_for_mapping(workspace: Workspace, file: PendingFile, opened: Callable[[], None]) -> None:
-    seen = show.attempt(lambda: preview(file.source, file.name))
-    if seen is None:
-        _cancel_button(workspace)
-        return
+def ask_for_columns(file: PendingFile, seen: Preview) -> CsvMapping:
+    """The table's beginning, and what its columns hold: by a form, or by a file in its place."""
     st.markdown(
         f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
         " files with the same columns."
     )
-    names = tuple(name for name in seen.layout.names if name)
     _show_preview(seen)
-    given = _uploaded()
-    mapping = given or _form(names, seen)
-    fault = ""
-    try:
-        runs = files.trajectories(file.source, file.name, mapping=mapping)
-        first = runs[0][0] if runs else None
-        recording = files.read(
-            file.source, file.name, trajectory=first, mapping=mapping, is_kept=False
-        )
-        several = f"; {len(runs)} runs" if runs else ""
-        step = 1 / recording.sample_time
-        st.caption(
-            f":material/check_circle: {len(recording.present)} vehicles,"
-            f" {recording.duration:,.0f} s at {step:.3g} Hz{several}."
-        )
-    except RecordingError as error:
-        fault = str(error)
-    show.messages(fault, "error")
-    with st.container(horizontal=True):
-        st.button(
-            "Open with these columns", type="primary", disabled=bool(fault), on_click=_open,
-            key="data_open_mapped", args=(workspace, file, opened, mapping),
-        )  # fmt: skip
-        st.download_button(
-            "Mapping as JSON", write_mapping(mapping), "mapping.json", "application/json",
-            on_click="ignore", icon=":material/download:", key="data_mapping_json",
-            help="For the command line's option --mapping, or for another server.",
-        )  # fmt: skip
-        _cancel_button(workspace)
-    show.messages(workspace.refusal, "error")
+    return _uploaded() or _form(tuple(name for name in seen.layout.names if name), seen)
 
 
 def _show_preview(seen: Preview) -> None:
@@ -185,67 +74,70 @@ def _uploaded() -> CsvMapping | None:
 
 
 def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
-    known = seen.mapping
-    speeds, gaps = _guess(names, "speed"), _guess(names, "gap")
-    count = len(known.speeds) if known else min(max(2, len(speeds)), MOST_VEHICLES)
+    """A row of fields for each vehicle; they begin with what is remembered, else with guesses."""
+    begin = _guessed(names, seen)
+    if known := seen.mapping:
+        speeds = (*known.speeds, *begin.speeds[len(known.speeds) :])
+        gaps = (*known.gaps, *begin.gaps[len(known.gaps) :])
+        begin = replace(known, speeds=speeds, gaps=gaps)
+    guesses = len(_guess(names, "speed"))
+    usual = len(known.speeds) if known else min(max(2, guesses), MOST_VEHICLES)
     columns = st.columns((1, 1.2, 0.8, 1.2), vertical_alignment="bottom")
-    vehicles = columns[0].number_input(
-        "Vehicles", 2, MOST_VEHICLES, count, key="data_map_vehicles",
+    count = columns[0].number_input(
+        "Vehicles", 2, MOST_VEHICLES, usual, key="data_map_vehicles",
         help="Leader and followers, in their order on the road.",
     )  # fmt: skip
-    time, sample_time = _time(names, seen, columns[1:3])
+    time, sample_time = _time(names, seen, begin, columns[1:3])
     trajectory = _pick(
-        "Runs told apart by", (NONE, *names), (known and known.trajectory) or NONE, columns[3],
+        "Runs told apart by", (NONE, *names), begin.trajectory or NONE, columns[3],
         "data_map_runs", "Of a table with several runs: the column that names them.",
     )  # fmt: skip
-    found_speeds: list[SpeedColumn] = []
-    found_gaps: list[GapColumn] = []
-    for k in range(int(vehicles)):
+    chosen_speeds, chosen_gaps = list[SpeedColumn](), list[GapColumn]()
+    for k, speed in enumerate(begin.speeds[: int(count)]):
         cells = st.columns((1.3, 0.7, 1, 1.3, 0.7, 0.8), vertical_alignment="bottom")
-        title = "Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}"
-        old = known.speeds[k] if known and k < len(known.speeds) else None
-        default = old.column if old else speeds[k] if k < len(speeds) else names[0]
-        column = _pick(
-            title, names, default, cells[0], f"data_map_speed_{k}",
-            "The column of the vehicle's own speed.",
-        )  # fmt: skip
-        unit = old.unit if old else _speed_unit(seen, column)
-        found_speeds.append(
-            SpeedColumn(
-                column=column,
-                unit=_pick("Unit", [*SPEED_UNITS], unit, cells[1], f"data_map_speed_unit_{k}",
-                           "Of that column."),
-                name=cells[2].text_input(
-                    "Make and model", old.name if old else "", max_chars=60,
-                    key=f"data_map_name_{k}", help="As tables and charts are to show it.",
-                ),
-            )
-        )  # fmt: skip
+        chosen_speeds.append(SpeedColumn(
+            column=_pick("Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}", names,
+                         speed.column, cells[0], f"data_map_speed_{k}",
+                         "The column of the vehicle's own speed."),
+            unit=_pick("Unit", [*SPEED_UNITS], speed.unit, cells[1],
+                       f"data_map_speed_unit_{k}", "Of that column."),
+            name=cells[2].text_input(
+                "Make and model", speed.name, max_chars=60, key=f"data_map_name_{k}",
+                help="As tables and charts are to show it.",
+            ),
+        ))  # fmt: skip
         if k == 0:
             continue
-        before = known.gaps[k - 1] if known and k - 1 < len(known.gaps) else None
-        default = before.column if before else gaps[k - 1] if k - 1 < len(gaps) else names[-1]
-        found_gaps.append(
-            GapColumn(
-                column=_pick("Space-gap ahead", names, default, cells[3], f"data_map_gap_{k}",
-                             "From bumper to bumper, to the vehicle ahead."),
-                unit=_pick("Unit", [*GAP_UNITS], before.unit if before else "m", cells[4],
-                           f"data_map_gap_unit_{k}", "Of that column."),
-                subtract=cells[5].number_input(
-                    "Less [m]", value=before.subtract if before else 0.0, step=0.5,
-                    key=f"data_map_subtract_{k}",
-                    help="Length of the vehicle ahead, where the column is a distance of"
-                    " positions.",
-                ),
-            )
-        )  # fmt: skip
+        gap = begin.gaps[k - 1]
+        chosen_gaps.append(GapColumn(
+            column=_pick("Space-gap ahead", names, gap.column, cells[3], f"data_map_gap_{k}",
+                         "From bumper to bumper, to the vehicle ahead."),
+            unit=_pick("Unit", [*GAP_UNITS], gap.unit, cells[4], f"data_map_gap_unit_{k}",
+                       "Of that column."),
+            subtract=cells[5].number_input(
+                "Less [m]", value=gap.subtract, step=0.5, key=f"data_map_subtract_{k}",
+                help="Length of the vehicle ahead, where the column is a distance of positions.",
+            ),
+        ))  # fmt: skip
     return CsvMapping(
-        speeds=tuple(found_speeds),
-        gaps=tuple(found_gaps),
+        speeds=tuple(chosen_speeds),
+        gaps=tuple(chosen_gaps),
         time=time,
         sample_time=sample_time,
-        modes=_modes(names, seen, int(vehicles)),
+        modes=_modes(names, seen, int(count)),
         trajectory=None if trajectory == NONE else trajectory,
+    )
+
+
+def _guessed(names: Sequence[str], seen: Preview) -> CsvMapping:
+    """What the names of columns and the first numbers suggest, for the most vehicles."""
+    speeds, gaps, times = (_guess(names, what) for what in ("speed", "gap", "time"))
+    speeds += [names[0]] * (MOST_VEHICLES - len(speeds))
+    gaps += [names[-1]] * (MOST_VEHICLES - 1 - len(gaps))
+    return CsvMapping(
+        speeds=tuple(SpeedColumn(name, _speed_unit(seen, name)) for name in speeds),
+        gaps=tuple(GapColumn(name) for name in gaps),
+        time=TimeColumn(times[0], _time_unit(seen, times[0])) if times else None,
     )
 
 
@@ -284,24 +176,20 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def _time(
-    names: Sequence[str], seen: Preview, columns: Sequence[Any]
+    names: Sequence[str], seen: Preview, begin: CsvMapping, columns: Sequence[Any]
 ) -> tuple[TimeColumn | None, float | None]:
-    known = seen.mapping
-    guessed = _guess(names, "time")
-    default = guessed[0] if guessed else EVEN
-    if known:
-        default = known.time.column if known.time else EVEN
+    known = begin.time
     column = _pick(
-        "Time", (*names, EVEN), default, columns[0], "data_map_time",
+        "Time", (*names, EVEN), known.column if known else EVEN, columns[0], "data_map_time",
         "The column of time, or even steps between rows.",
     )  # fmt: skip
     if column == EVEN:
         step = columns[1].number_input(
-            "Step [s]", 0.001, 5.0, (known and known.sample_time) or 0.1, format="%.3f",
+            "Step [s]", 0.001, 5.0, begin.sample_time or 0.1, format="%.3f",
             key="data_map_step", help="Between two rows.",
         )  # fmt: skip
         return None, float(step)
-    unit = known.time.unit if known and known.time else _time_unit(seen, column)
+    unit = known.unit if known else _time_unit(seen, column)
     return TimeColumn(
         column,
         _pick("Unit", [*TIME_UNITS], unit, columns[1], "data_map_time_unit", "Of that column."),

@@ -5,12 +5,10 @@ The parts below the timeline are in `pages.ui.data.views`.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import takewhile
 from math import ceil
 from typing import Any
 
-import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import ConfigError
@@ -27,8 +25,9 @@ from accpinn.results.messages.recording import (
     suggestion_reasons,
 )
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
-from accpinn.segment.quality import Grade, assess_quality, label_regimes, rate
-from accpinn.segment.suggestion import Information, Suggestion, suggest_window
+from accpinn.segment.quality import Grade, Regimes, assess_quality, label_regimes, rate
+from accpinn.segment.segment import Segment
+from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import escape_markdown
@@ -36,7 +35,6 @@ from pages.ui.components.widgets import bound, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.resources import BY_CONTENT, KEPT
 from pages.ui.session.workspace import Workspace
 
 CASES: Mapping[Case, str] = {
@@ -65,17 +63,6 @@ _STYLE = f"""<style>
 </style>"""
 
 
-@dataclass(frozen=True, eq=False)
-class _Whole:
-    """What is known of a whole recording and the vehicles chosen; kept while it is open."""
-
-    drivers: list[go.Scatter]
-    regimes: list[go.Scatter]
-    regime_key: list[tuple[str, str]]
-    information: Information
-    suggestion: Suggestion | None
-
-
 def show_page() -> None:
     workspace = frame.begin("Data")
     st.html(_STYLE)
@@ -94,10 +81,11 @@ def show_page() -> None:
     with other:
         _choose_another(workspace)
     banner(workspace)
-    whole = _whole(recording, workspace.vehicles)
+    whole = cut(recording, 0.0, recording.duration, workspace.vehicles, allow_missing=True)
+    regimes = label_regimes(whole, recording)
     with st.container(key="later_1_data"):
-        _controls(workspace, recording, whole)
-    _show_overview(workspace, recording, whole)
+        _controls(workspace, recording, Information.of(whole, regimes))
+    _show_overview(workspace, recording, whole, regimes)
     _answer(workspace, recording)
     drawn = {
         "Window": lambda: views.show_window(workspace, workspace.segment),
@@ -119,20 +107,6 @@ def _choose_another(workspace: Workspace) -> None:
             choose_source(workspace)
 
 
-@st.cache_resource(max_entries=KEPT, show_spinner=False, hash_funcs=BY_CONTENT)
-def _whole(recording: Recording, vehicles: tuple[int, ...]) -> _Whole:
-    segment = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
-    regimes = label_regimes(segment, recording)
-    known = Information.of(segment, regimes)
-    return _Whole(
-        figures.driver_ribbons(recording, vehicles),
-        figures.regime_ribbons(segment, regimes),
-        figures.regime_key(regimes),
-        known,
-        suggest_window(recording, vehicles, known=known),
-    )
-
-
 def _describe(recording: Recording) -> str:
     rate, setting = 1 / recording.sample_time, recording.distance_setting
     remembered = any(isinstance(one, MappingRemembered) for one in recording.findings)
@@ -152,7 +126,7 @@ def _describe(recording: Recording) -> str:
 # What is chosen
 
 
-def _controls(workspace: Workspace, recording: Recording, whole: _Whole) -> None:
+def _controls(workspace: Workspace, recording: Recording, information: Information) -> None:
     has_cases = len(workspace.vehicles) > 2
     widths = (1.3, 1.3, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.4)
     columns = st.columns(widths, gap="small", vertical_alignment="bottom")
@@ -166,7 +140,7 @@ def _controls(workspace: Workspace, recording: Recording, whole: _Whole) -> None
             )  # fmt: skip
     _choose_window(workspace, recording, columns[-3:-1])
     with columns[-1]:
-        _suggest(workspace, whole)
+        _suggest(workspace, recording, information)
 
 
 def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[Any]) -> None:
@@ -181,7 +155,7 @@ def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[A
     leader_key, last_key = (f"data_{place}_{recording.sha256[:12]}" for place in ("leader", "last"))
 
     def choose(leader: int, last: int) -> None:
-        workspace.data_choice.highlight = 0
+        workspace.choices["data_highlight"] = 0
         workspace.choose(tuple(takewhile(lambda vehicle: vehicle <= last, possible[leader])))
 
     leaders = {number: recording.label(number) for number in possible}
@@ -220,9 +194,9 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
         )  # fmt: skip
 
 
-def _suggest(workspace: Workspace, whole: _Whole) -> None:
+def _suggest(workspace: Workspace, recording: Recording, information: Information) -> None:
     """The window that tells most, why, and the button that takes it."""
-    suggestion = whole.suggestion
+    suggestion = suggest_window(recording, workspace.vehicles, known=information)
     if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
@@ -236,7 +210,7 @@ def _suggest(workspace: Workspace, whole: _Whole) -> None:
         help="The window that tells most about α, β and τ, and why.",
     ):  # fmt: skip
         usable = workspace.segment.window if workspace.segment else None
-        efficiency = whole.information.efficiency(usable, suggestion.window) if usable else 0.0
+        efficiency = information.efficiency(usable, suggestion.window) if usable else 0.0
         st.markdown(show.bullets(suggestion_reasons(suggestion, usable, efficiency)))
         st.button(
             "This window is chosen" if taken else f"Take {suggestion.window}", type="primary",
@@ -248,23 +222,21 @@ def _suggest(workspace: Workspace, whole: _Whole) -> None:
 # The timeline
 
 
-def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) -> None:
+def _show_overview(
+    workspace: Workspace, recording: Recording, whole: Segment, regimes: Regimes
+) -> None:
     """The whole recording over time; dragging over it, or the handles below, set the window."""
-    choice, leader = workspace.data_choice, workspace.vehicles[0]
-    followers = workspace.vehicles[1:]
-    if choice.highlight not in followers:
-        choice.highlight = 0
+    (leader, *followers), highlight = workspace.vehicles, 0
     with st.container(horizontal=True, vertical_alignment="center"):
-        segments(
-            "Drawn", VIEWS, choice.view, "data_view", lambda view: choice.set(view=view),
+        view = segments(
+            "Drawn", VIEWS, "motion", "data_view", workspace,
             help="Δv: speed of the vehicle ahead minus the follower's. Time gap: space-gap over"
             " speed; dotted: 2 s, above which a vehicle catches up or drives freely.",
         )  # fmt: skip
         if len(followers) > CROWD:
             options = {0: "All chosen vehicles"} | {n: recording.label(n) for n in followers}
-            select(
-                "Highlight", options, choice.highlight, "data_highlight",
-                lambda number: choice.set(highlight=number), labelled=False, width=240,
+            highlight = select(
+                "Highlight", options, 0, "data_highlight", workspace, labelled=False, width=240,
                 help="One follower and the vehicle ahead of it; the others are faint.",
             )  # fmt: skip
         _vehicle_key(recording, workspace, leader)
@@ -273,29 +245,18 @@ def _show_overview(workspace: Workspace, recording: Recording, whole: _Whole) ->
         if window := window_of(st.session_state[CHART], recording):
             workspace.choose(window=window)
 
-    figure = _overview(
-        recording, workspace.vehicles, workspace.window, choice.view, choice.highlight, whole
+    drivers = figures.driver_ribbons(recording, workspace.vehicles)
+    ribbons = drivers, figures.regime_ribbons(whole, regimes)
+    figure = figures.overview(
+        recording, workspace.vehicles, workspace.window, ribbons, view, highlight
     )
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
     _handles(workspace, recording)
     with st.container(horizontal=True, gap="large"):
-        if whole.drivers:
+        if drivers:
             show.key(figures.driver_key(), title="Upper bars, driver:")
-        show.key(whole.regime_key, title=f"{'Lower bars' if whole.drivers else 'Bars'}, regime:")
-
-
-@st.cache_resource(max_entries=KEPT, show_spinner=False, hash_funcs=BY_CONTENT)
-def _overview(
-    recording: Recording,
-    vehicles: tuple[int, ...],
-    window: Window,
-    view: figures.View,
-    highlight: int,
-    _whole: _Whole,
-) -> go.Figure:
-    """``_whole`` follows from the recording and the vehicles."""
-    ribbons = (_whole.drivers, _whole.regimes)
-    return figures.overview(recording, vehicles, window, ribbons, view, highlight)
+        bars = "Lower bars" if drivers else "Bars"
+        show.key(figures.regime_key(regimes), title=f"{bars}, regime:")
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:

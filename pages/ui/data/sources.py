@@ -2,86 +2,104 @@
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
 import streamlit as st
 from streamlit import config
 
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
 from accpinn.recordings.catalogue import Run, catalogue
 from accpinn.recordings.download import PUBLISHED_AT
-from accpinn.recordings.recording import Recording
-from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.recordings.mapping import CsvMapping, preview, write_mapping
+from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
 from accpinn.tasks.batches import DownloadTask
 from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown
-from pages.ui.data.mapping import ASK, pending_of, show_pending
+from pages.ui.data.mapping import ask_for_columns
 from pages.ui.session.resources import (
     download_queue,
-    forget,
-    from_file,
     listed,
     recordings_folder,
     sample,
     sample_title,
     samples,
 )
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import PendingFile, Workspace
 
 OPENING, ARRIVED = "data_opening", "data_arrived"
 """Entries in Streamlit's session state: whether the ways to open another recording are shown, and
 whether an upload has just been opened."""
-
+ASK = "data_ask_columns"
+"""The entry that asks for columns that are remembered, too."""
 MIRROR_VARIABLE = "ACCPINN_MIRROR"
 """Environment variable with the address of a mirror of the publisher's files."""
 
-Load = Callable[[], tuple[Recording, Truth | None]]
 
-
-def about(path: Path) -> str:
-    """A sample's description, or why there is none."""
-    try:
-        return load_truth(truth_path(path)).description
-    except AccpinnError as fault:
-        return str(fault)
-
-
-def find_run(workspace: Workspace, campaign: str, file: str) -> Load | None:
+def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], None] | None:
     """What opens a campaign's recording: opened before, or in the server's folder."""
     for known in workspace.opened.values():
         if known[0].source == file and known[0].campaign in (None, campaign):
-            return lambda: known
+            return lambda: workspace.open(*known)
     others = {run.campaign for run in catalogue() if run.file == file} - {campaign}
     paths = [path for path in listed() if path.name == file and others.isdisjoint(path.parts)]
     path = min(paths, key=lambda path: campaign not in path.parts, default=None)
-    return (lambda: (from_file(path), None)) if path else None
+    return (lambda: open_file(workspace, path, path.name)) if path else None
 
 
-def open_with(
-    workspace: Workspace, load: Load, source: bytes | Path | None = None, name: str = ""
-) -> None:
-    """Open what ``load`` gives; if that fails, keep what was open and say why.
-
-    ``source`` is the file itself, of which columns or a trajectory may be asked.
-    """
+def open_sample(workspace: Workspace, path: Path) -> None:
+    """Open a sample; if that fails, keep what was open and say why."""
     workspace.pending = None
     try:
-        if source is not None and st.session_state.get(ASK):
-            workspace.pending = pending_of(source, name, known=True)
-            if workspace.pending:
-                return
-        workspace.open(*load())
+        workspace.open(*sample(path))
     except AccpinnError as fault:
-        if source is not None:
-            workspace.pending = pending_of(source, name)
-        workspace.refusal = "" if workspace.pending else str(fault)
+        workspace.refusal = str(fault)
     else:
         st.session_state[OPENING] = False
+
+
+def open_file(
+    workspace: Workspace, source: bytes | Path, name: str, mapping: CsvMapping | None = None,
+    trajectory: str | None = None,
+) -> None:  # fmt: skip
+    """Open a file, or keep it pending with what it asks for; if that fails, say why.
+
+    With a ``mapping`` or ``trajectory``, which answers that, it stays pending until it is opened.
+    """
+    asking = workspace.pending if mapping or trajectory else None
+    workspace.pending = None
+    try:
+        if st.session_state.get(ASK) and not asking:
+            workspace.pending = _pending(source, name, known=True)
+        elif asking and not trajectory:  # the table may hold several runs
+            if runs := files.trajectories(source, name, mapping=mapping):
+                workspace.pending = PendingFile(name, source, runs, mapping)
+        if not workspace.pending:
+            workspace.open(files.read(source, name, trajectory=trajectory, mapping=mapping))
+            st.session_state[OPENING] = False
+    except AccpinnError as fault:
+        workspace.pending = asking or _pending(source, name)
+        workspace.refusal = str(fault) if asking or not workspace.pending else ""
+
+
+def _pending(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
+    """What has to be asked of a file that could not be read; None where no answer would help.
+
+    ``known`` asks for columns that are remembered, too.
+    """
+    with suppress(AccpinnError):
+        if known and preview(source, name).mapping:
+            return PendingFile(name, source)
+        if runs := files.trajectories(source, name):
+            return PendingFile(name, source, runs)
+        if files.is_unknown(source, name):
+            return PendingFile(name, source)
+    return None
 
 
 def ask_for_upload() -> None:
@@ -92,7 +110,7 @@ def ask_for_upload() -> None:
 def choose_source(workspace: Workspace) -> None:
     """A field for a file; beside each other the samples, and the runs and files on the server."""
     if workspace.pending:
-        show_pending(workspace, _close)
+        _ask(workspace, workspace.pending)
         return
     drop_zone(workspace)
     st.checkbox(
@@ -108,9 +126,52 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace, root)
 
 
-def _close() -> None:
-    forget()  # what is remembered of columns may have changed
-    st.session_state[OPENING] = False
+def _ask(workspace: Workspace, file: PendingFile) -> None:
+    """What the pending file asks, its trajectory or its columns, and the button that opens it."""
+    mapping, chosen, fault = file.mapping, None, ""
+    if file.trajectories:
+        count, vehicles = len(file.trajectories), dict(file.trajectories)
+        st.markdown(f"**{escape_markdown(file.name)}** holds {count} runs. Choose one of them.")
+        chosen = st.selectbox(
+            "Trajectory", list(vehicles), key="data_trajectory",
+            format_func=lambda name: f"{name} · {vehicles[name]} vehicles",
+            help="Pairs whose leader is another pair's follower at the same time are one run.",
+        )  # fmt: skip
+    elif seen := show.attempt(lambda: preview(file.source, file.name)):
+        mapping = ask_for_columns(file, seen)
+        try:
+            runs = files.trajectories(file.source, file.name, mapping=mapping)
+            recording = files.read(
+                file.source, file.name, trajectory=runs[0][0] if runs else None, mapping=mapping,
+                is_kept=False,
+            )  # fmt: skip
+            several = f"; {len(runs)} runs" if runs else ""
+            st.caption(
+                f":material/check_circle: {len(recording.present)} vehicles,"
+                f" {recording.duration:,.0f} s at {1 / recording.sample_time:.3g} Hz{several}."
+            )
+        except RecordingError as error:
+            fault = str(error)
+        show.messages(fault, "error")
+
+    def cancel() -> None:
+        workspace.pending, workspace.refusal = None, ""
+
+    with st.container(horizontal=True):
+        if chosen or mapping:
+            st.button(
+                "Open this trajectory" if chosen else "Open with these columns", type="primary",
+                key="data_open_trajectory" if chosen else "data_open_mapped", disabled=bool(fault),
+                on_click=open_file, args=(workspace, file.source, file.name, mapping, chosen),
+            )  # fmt: skip
+        if mapping and not chosen:
+            st.download_button(
+                "Mapping as JSON", write_mapping(mapping), "mapping.json", "application/json",
+                on_click="ignore", icon=":material/download:", key="data_mapping_json",
+                help="For the command line's option --mapping, or for another server.",
+            )  # fmt: skip
+        st.button("Cancel", on_click=cancel, key="data_cancel")
+    show.messages(workspace.refusal, "error")
 
 
 def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
@@ -125,7 +186,7 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
         upload = st.session_state["data_upload"]
         if upload is not None:
             raw, name = upload.getvalue(), upload.name
-            open_with(workspace, lambda: (files.read(raw, name), None), raw, name)
+            open_file(workspace, raw, name)
             st.session_state[ARRIVED] = announce and not workspace.refusal
             st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
 
@@ -156,18 +217,17 @@ def _choose_sample(workspace: Workspace) -> None:
         key="data_sample",
         help="Made from the parameters that the paper reports, with noise as receivers have it.",
     )
-    st.caption(escape_markdown(about(path)))
-    _open_button("Open this sample", workspace, lambda: sample(path))
+    about = show.attempt(lambda: load_truth(truth_path(path)).description)
+    st.caption(escape_markdown(about or ""))
+    _open_button("Open this sample", workspace, open_sample, path)
 
 
-def _open_button(label: str, workspace: Workspace, load: Load, *source: Path | str) -> None:
-    """The primary button as long as nothing is open; ``source`` as in `open_with`."""
+def _open_button(
+    label: str, workspace: Workspace, act: Callable[..., None], *file: Path | str
+) -> None:
+    """The primary button as long as nothing is open."""
     kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
-    st.button(label, type=kind, on_click=open_with, args=(workspace, load, *source))
-
-
-def _open_file(workspace: Workspace, path: Path, label: str) -> None:
-    _open_button(label, workspace, lambda: (from_file(path), None), path, path.name)
+    st.button(label, type=kind, on_click=act, args=(workspace, *file))
 
 
 def _choose_file(workspace: Workspace, root: Path) -> None:
@@ -187,7 +247,7 @@ def _choose_file(workspace: Workspace, root: Path) -> None:
         key="data_file",
         help=f"The folder that `{variable('recordings')}` names, with its subfolders.",
     )
-    _open_file(workspace, path, "Open this recording")
+    _open_button("Open this recording", workspace, open_file, path, path.name)
 
 
 def _choose_published(workspace: Workspace, root: Path) -> None:
@@ -208,7 +268,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
         watch(task, lambda: _line_of(task))
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
-        _open_file(workspace, run.path(root), "Open this run")
+        _open_button("Open this run", workspace, open_file, run.path(root), run.file)
     elif run is not None:
         latest = task.status if task and task.run == run else None
         if task and latest is Status.FAILED:

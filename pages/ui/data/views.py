@@ -21,15 +21,14 @@ from accpinn.results.tables.recording import (
     regimes_table,
     sensitivity_table,
 )
-from accpinn.segment.cut import DURATION, chains, complete_windows, cut
+from accpinn.segment.cut import chains, complete_windows, cut
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
-from pages.ui.session.resources import BY_CONTENT
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import Workspace, first_window
 
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""
@@ -150,7 +149,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    results = _sensitivity(segment.info.digest, segment, recording, workspace.case)
+    digests = (segment.info.digest, recording.digest)
+    results = _sensitivity(digests, workspace.case, segment, recording)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -162,14 +162,12 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
-@st.cache_data(
-    max_entries=32, show_spinner="Estimating with and without them …", hash_funcs=BY_CONTENT
-)
+@st.cache_resource(max_entries=32, show_spinner="Estimating with and without them …")
 def _sensitivity(
-    digest: str, _segment: Segment, recording: Recording, case: Case
+    digests: tuple[str, str], case: Case, _segment: Segment, _recording: Recording
 ) -> tuple[SensitivityResult, ...]:
-    """``digest`` is that of the segment."""
-    return sensitivity(_segment, recording, case)
+    """``digests`` are those of the segment and the recording."""
+    return sensitivity(_segment, _recording, case)
 
 
 # A window that nothing is learned from
@@ -183,17 +181,13 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     )
     known = {recording.sha256: recording} | {key: one for key, (one, _) in workspace.opened.items()}
     columns = st.columns((2, 1.6, 1, 1, 1.4), gap="small", vertical_alignment="bottom")
-    choice = workspace.data_choice
-    if choice.validation not in known:
-        choice.validation = recording.sha256
     names = {key: one.source for key, one in known.items()}
     names[recording.sha256] = "This recording"
-    select(
-        "Validation recording", names, choice.validation, "data_validation_recording",
-        lambda key: choice.set(validation=key), place=columns[0],
-        help="This one, or another that was opened in this session.",
+    sha256 = select(
+        "Validation recording", names, recording.sha256, "data_validation_recording", workspace,
+        place=columns[0], help="This one, or another that was opened in this session.",
     )  # fmt: skip
-    chosen = known[choice.validation]
+    chosen = known[sha256]
     followers = len(workspace.vehicles) - 1
     platoons = {
         chain[k]: chain[k : k + followers + 1]
@@ -201,7 +195,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         for k in range(len(chain) - followers)
     }
     if not platoons:
-        st.caption(f"{names[choice.validation]} has no platoon with {followers} followers.")
+        st.caption(f"{names[sha256]} has no platoon with {followers} followers.")
         return
     same = workspace.vehicles[0]
     leader = columns[1].selectbox(
@@ -210,7 +204,16 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         help="As many followers behind it are simulated as parameters are learned.",
     )  # fmt: skip
     vehicles = platoons[leader]
-    first = _first_window(workspace, chosen, vehicles)
+    learned, stretches = workspace.window, complete_windows(chosen, vehicles)
+    if chosen is recording:  # beside the window learned from
+        parts = [
+            part
+            for stretch in stretches
+            for part in (Window(stretch.start, min(stretch.end, learned.start)),
+                         Window(max(stretch.start, learned.end), stretch.end))
+        ]  # fmt: skip
+        stretches = tuple(part for part in parts if part.duration >= SHORTEST)
+    first = first_window(chosen, stretches, learned.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
@@ -233,23 +236,6 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     show_validation(workspace)
 
 
-def _first_window(workspace: Workspace, recording: Recording, vehicles: tuple[int, ...]) -> Window:
-    """The first stretch beside the window learned from that is as long, else the longest one."""
-    learned, length = workspace.window, min(workspace.window.duration, recording.duration)
-    stretches = complete_windows(recording, vehicles)
-    if recording is workspace.recording:
-        stretches = tuple(
-            part
-            for stretch in stretches
-            for part in (Window(stretch.start, min(stretch.end, learned.start)),
-                         Window(max(stretch.start, learned.end), stretch.end))
-        )  # fmt: skip
-    best = max(stretches, key=lambda window: min(window.duration, length), default=None)
-    if best is None or best.duration < SHORTEST:
-        return Window(0.0, min(DURATION, length))
-    return Window(best.start, min(best.end, best.start + length))
-
-
 def _upload(workspace: Workspace) -> None:
     def uploaded() -> None:
         upload = st.session_state["data_validation_upload"]
@@ -258,7 +244,7 @@ def _upload(workspace: Workspace) -> None:
                 one = read(upload.getvalue(), upload.name)
                 if one.sha256 not in workspace.opened:
                     workspace.remember(one)
-                workspace.data_choice.validation = one.sha256
+                workspace.choices["data_validation_recording"] = one.sha256
 
     st.file_uploader(
         "Or drop a second recording here; the first one stays open.", key="data_validation_upload",

@@ -1,14 +1,22 @@
 """The page Database: parameters of many vehicles by make, model and setting, and how sure they are.
 
-A study is the folder of one batch of estimations on the server. Its tabs are in
-`pages.ui.database.views`, the batch that fills it in `pages.ui.database.running`.
+A study is the folder of one batch of estimations on the server. The batch that fills it is in
+`pages.ui.database.running`. What is read and grouped is kept as long as the study does not change.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlencode
+
 import pandas as pd
+import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.results.figures.database import MOST_GROUPS
+from accpinn.recordings.recording import Window
+from accpinn.results.figures import database as figures
+from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.messages.database import (
     DEPENDENT,
     batch_line,
@@ -18,83 +26,129 @@ from accpinn.results.messages.database import (
     typical_line,
 )
 from accpinn.results.tables.estimates import TITLES
+from accpinn.results.tables.groups import HEADINGS, failure_table, group_table, spread_table
+from accpinn.study.groups import Group, Groups, group, read_study
+from accpinn.study.studies import Failure, read_failures, read_request, state_of
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, select, tabs
-from pages.ui.database import running, views
-from pages.ui.database.selection import (
-    FILTERS,
-    GROUPINGS,
-    ShownRows,
-    Stamp,
-    failures_of,
-    folder_of,
-    follow_link,
-    known_studies,
-    query,
-    request_of,
-    shown,
-    study_rows,
-    write_link,
-)
-from pages.ui.session.choices import DatabaseChoice
-from pages.ui.session.resources import batch_queue
+from pages.ui.components.widgets import bound, kept, select, tabs
+from pages.ui.database import running
+from pages.ui.session.resources import batch_queue, find_recording
 from pages.ui.session.workspace import Workspace
 
 LEAD = (
     "Which headway and gains each make, model and distance setting has, how sure that is, and how"
     " many are string stable."
 )
+LISTED = 100
+"""Failures that are shown; the file has all of them."""
+TOOLS = ("zoom2d", "pan2d", "resetScale2d")
+_number = st.column_config.NumberColumn
+COLUMNS: dict[str, Any] = {
+    "make": "Make",
+    "model": "Model",
+    "distance_setting": "Setting",
+    "campaign": "Campaign",
+    "file": "File",
+    "start": _number("From [s]", format="%.0f"),
+    "tau": _number("τ [s]", format="%.2f"),
+    "tau_low": _number("τ from", format="%.2f"),
+    "tau_high": _number("τ to", format="%.2f"),
+    "alpha": _number("α [1/s²]", format="%.3f"),
+    "beta": _number("β [1/s]", format="%.3f"),
+    "mean_time_gap": _number("Time gap [s]", format="%.2f"),
+    "mean_speed": _number("Speed [m/s]", format="%.1f"),
+    "p_l2_stable": _number("P(L₂)", format="%.2f"),
+}
+"""The columns of the list of rows, with headings and formats, by their names in the results."""
+FILTERS: Mapping[str, str] = {
+    name: HEADINGS[name] for name in ("make", "model", "distance_setting", "campaign", "mode")
+}
+"""Columns by which rows are chosen, with their labels."""
+GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "make": ("Make", ("make",)),
+    "model": ("Make and model", ("make", "model")),
+    "setting": ("Model and setting", ("make", "model", "distance_setting")),
+    "campaign": ("Campaign", ("campaign",)),
+    "mode": ("Mode", ("mode",)),
+}
+"""What groups have in common: title and columns, by a short name."""
+ADDRESSED = ("study", "method", "by", *FILTERS)
+"""Query parameters. What is chosen has the same names, which begin with "database_" there."""
+NOT_TOLD = "not stated"
+"""Stands for an empty cell."""
+WRITTEN = "database_link"
+"""The entry in Streamlit's session state with the parameters that this browser was last given."""
+State = tuple[int, ...]
+"""Of a study, as `state_of` gives it; empty where the batch has not begun to write."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownRows:
+    """The rows that are chosen, and what they say."""
+
+    rows: pd.DataFrame
+    """Rows of one method; the index is the place among all rows of the study."""
+    groups: Groups
+    whole: Group | None
+    """All rows as one group; None where there is no row."""
+    makes: int
+    recordings: int
+    forest: go.Figure
 
 
 def show_page() -> None:
     workspace = frame.begin("Database")
-    choice = workspace.database_choice
-    follow_link(choice)
+    _follow_link(workspace)
     # Of a batch that waits nothing may be written yet.
-    names = tuple(dict.fromkeys((*batch_queue().active_owners("batch"), *known_studies())))
-    refused = choice.study not in names and running.show_refusal(choice.study)
+    active = batch_queue().active_owners("batch")
+    names = tuple(dict.fromkeys((*active, *running.known_studies())))
+    asked = workspace.choices.get("database_study", "")
+    refused = asked not in names and running.show_refusal(asked)
     if not names:
-        _show_empty(workspace, choice)
+        st.caption(LEAD)
+        show.messages(
+            "There is no study on this server yet. A study holds the estimates from every window in"
+            " car-following under ACC of a folder of recordings: choose the folder, then start."
+        )
+        with st.container(border=True):
+            running.show_form(workspace)
         return
-    if choice.study not in names:
-        if choice.study and not refused:
-            show.messages(f"There is no study {choice.study[:60]} on this server.", "warning")
-        choice.set(study=names[0], row=None)
-    folder = folder_of(choice.study)
-    stamp = Stamp.of(folder)
-    _show_head(workspace, choice, names)
-    show.attempt(lambda: _show_body(workspace, choice, stamp))
-    write_link(choice)
+    if asked not in names:
+        if asked and not refused:
+            show.messages(f"There is no study {asked[:60]} on this server.", "warning")
+        choose(workspace, study=names[0])
+    _show_head(workspace, names)
+    show.attempt(lambda: _show_body(workspace, workspace.choices["database_study"]))
+    _write_link(workspace)
 
 
-def _show_body(workspace: Workspace, choice: DatabaseChoice, stamp: Stamp) -> None:
-    running.show_batch(choice.study, request_of(stamp))
-    rows = study_rows(stamp) if stamp.state else pd.DataFrame()
+def choose(workspace: Workspace, **chosen: Any) -> None:
+    """Choose other rows; the one row that was chosen is none of them."""
+    changes = {f"database_{name}": value for name, value in chosen.items()}
+    workspace.choices.update(changes, database_row=None)
+
+
+def _show_body(workspace: Workspace, study: str) -> None:
+    folder = running.folder_of(study)
+    state = state_of(folder)
+    running.show_batch(study, read_request(folder) if state else None)
+    rows = study_rows(str(folder), state) if state else pd.DataFrame()
     if len(rows):
-        _show_study(workspace, choice, stamp, rows)
+        _show_study(workspace, study, state, rows)
         return
     show.messages("The study has no rows yet.")
-    if stamp.state:
-        views.show_failures(failures_of(stamp), choice.study)
+    if state:
+        _show_failures(read_failures(folder), study)
 
 
-def _show_empty(workspace: Workspace, choice: DatabaseChoice) -> None:
-    st.caption(LEAD)
-    show.messages(
-        "There is no study on this server yet. A study holds the estimates from every window in"
-        " car-following under ACC of a folder of recordings: choose the folder, then start."
-    )
-    with st.container(border=True):
-        running.show_form(workspace, choice)
-
-
-def _show_head(workspace: Workspace, choice: DatabaseChoice, names: tuple[str, ...]) -> None:
+def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
     named, new, link = st.columns((3.2, 1, 1), gap="small", vertical_alignment="bottom")
     with named:
         select(
-            "Study", {name: name for name in names}, choice.study, "database_study",
-            lambda name: choice.set(study=name, filters={}, method="", row=None),
+            "Study", {name: name for name in names}, workspace.choices["database_study"],
+            "database_study",
+            lambda name: choose(workspace, study=name, method="", **dict.fromkeys(FILTERS, ())),
             help="The estimates from one folder of recordings; the one written to last is first.",
         )  # fmt: skip
     popover = new.popover(
@@ -104,23 +158,18 @@ def _show_head(workspace: Workspace, choice: DatabaseChoice, names: tuple[str, .
     )  # fmt: skip
     if popover.open:
         with popover:
-            running.show_form(workspace, choice)
+            running.show_form(workspace)
     with link.popover("Link to this view", icon=":material/share:", width="stretch"):
         st.caption("It opens this study with these filters, without your session.")
-        show.address(f"Database?{query(choice)}")
+        show.address(f"Database?{urlencode(_parameters(workspace), doseq=True)}")
 
 
-def _show_study(
-    workspace: Workspace, choice: DatabaseChoice, stamp: Stamp, rows: pd.DataFrame
-) -> None:
-    methods = list(dict.fromkeys(rows["method"]))
-    if choice.method not in methods:
-        choice.method = KEY if KEY in methods else methods[0]
+def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFrame) -> None:
+    folder = running.folder_of(study)
     with st.container(key="later_1_database_filters"):
-        _show_filters(choice, rows, methods)
-    filters = tuple(sorted((name, values) for name, values in choice.filters.items() if values))
-    selected = shown(stamp, filters, choice.method, choice.by)
-    failures = failures_of(stamp)
+        filters, method, by = _show_filters(workspace, rows)
+    selected = shown(str(folder), state, tuple(filters.items()), method, by)
+    failures = read_failures(folder)
     if selected.whole is None:
         show.messages("No row has these properties; take a filter back.")
         return
@@ -134,53 +183,281 @@ def _show_study(
         if line := failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
-        _show_forest(selected, batch_line(request_of(stamp)))
-    drawn = {
-        "Groups": lambda: views.show_groups(selected, choice),
-        "Spread": lambda: views.show_spread(selected, choice),
-        "α–β plane": lambda: views.show_plane(workspace, choice, selected),
-        "Time gap": lambda: views.show_gaps(workspace, choice, selected),
-        "All rows": lambda: views.show_rows(workspace, choice, selected),
-        "Failures": lambda: views.show_failures(failures, choice.study),
-    }
-    tabs(workspace, "database_tabs", drawn)
+        _show_forest(selected, batch_line(read_request(folder)))
+    tabs(workspace, "database_tabs", {
+        "Groups": lambda: _show_groups(selected, f"{study}_by_{by}"),
+        "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
+        "α–β plane": lambda: _show_plane(workspace, rows, selected),
+        "Time gap": lambda: _show_gaps(workspace, rows, selected),
+        "All rows": lambda: _show_rows(workspace, rows, selected, study),
+        "Failures": lambda: _show_failures(failures, study),
+    })  # fmt: skip
 
 
-def _show_filters(choice: DatabaseChoice, rows: pd.DataFrame, methods: list[str]) -> None:
+def _show_filters(
+    workspace: Workspace, rows: pd.DataFrame
+) -> tuple[dict[str, tuple[str, ...]], str, str]:
+    """The controls; by column the values that are shown where not all are, method and grouping."""
+    choices, filters = workspace.choices, dict[str, tuple[str, ...]]()
     columns = st.columns(
         (0.95, 0.95, 0.95, 0.95, 0.8, 1.35, 1.15), gap="small", vertical_alignment="bottom"
     )
     for column, (name, label) in zip(columns, FILTERS.items(), strict=False):
-        there = sorted(rows[name].unique())
-        kept = [value for value in choice.filters.get(name, ()) if value in there]
+        there, key = sorted(rows[name].unique()), f"database_{name}"
+        values = [value for value in choices.get(key, ()) if value in there]
 
-        def choose(values: list[str], name: str = name) -> None:
-            choice.set(filters={**choice.filters, name: tuple(values)}, row=None)
+        def chosen(values: list[str], name: str = name) -> None:
+            choose(workspace, **{name: tuple(values)})
 
         column.multiselect(
-            label, there, placeholder="All",
-            **bound(f"database_{name}", kept, choose, default=""),
+            label, there, placeholder="All", **bound(key, values, chosen, default=""),
             help=f"Only rows with one of these; all where none is chosen. {len(there)} are there.",
         )  # fmt: skip
-        choice.filters[name] = tuple(kept)
-    titles = {key: TITLES.get(key, key) for key in methods}
+        choices[key] = tuple(values)
+        if values:
+            filters[name] = choices[key]
+    titles = {method: TITLES.get(method, method) for method in dict.fromkeys(rows["method"])}
+    method = str(choices.get("database_method"))
+    if method not in titles:
+        method = KEY if KEY in titles else next(iter(titles))
+    choices["database_method"] = method
     select(
-        "Method", titles, choice.method, "database_method",
-        lambda key: choice.set(method=key, row=None), place=columns[5],
+        "Method", titles, method, "database_method",
+        lambda method: choose(workspace, method=method), place=columns[5],
         help="Whose estimates; the intervals are those of the exact likelihood for all methods.",
     )  # fmt: skip
-    select(
-        "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, choice.by,
-        "database_by", lambda by: choice.set(by=by), place=columns[6],
+    by = choices["database_by"] = select(
+        "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "make",
+        "database_by", workspace, place=columns[6],
         help="What the rows of a group have in common.",
     )  # fmt: skip
+    return filters, method, by
 
 
 def _show_forest(selected: ShownRows, about: str) -> None:
     show.chart(selected.forest, "database_forest")
-    hidden, level = len(selected.groups.groups) - MOST_GROUPS, 100 * selected.groups.level
+    hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
         f"Median over the windows of each group with its {level:.0f} % interval; a larger dot"
         f" stands for more windows.{more} {about}"
     )
+
+
+# What is read of a study
+
+
+@st.cache_resource(max_entries=4, show_spinner="Reading the study …")
+def study_rows(folder: str, state: State) -> pd.DataFrame:
+    """All rows of a study in one state; empty cells of texts say so.
+
+    Raises:
+        RecordingError: where there is no study.
+    """
+    frame = read_study(folder)
+    for column in (*FILTERS, "method"):
+        frame[column] = frame[column].replace("", None).fillna(NOT_TOLD).astype(str)
+    return frame
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def shown(
+    folder: str, state: State, filters: tuple[tuple[str, tuple[str, ...]], ...], method: str,
+    by: str,
+) -> ShownRows:  # fmt: skip
+    """The rows of a study that are chosen, and what they say."""
+    rows = study_rows(folder, state)
+    rows = rows[rows["method"] == method]
+    for column, values in filters:
+        rows = rows[rows[column].isin(values)]
+    groups = group(rows, GROUPINGS[by][1], method)
+    whole = next(iter(group(rows, (), method).groups), None)
+    makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
+    return ShownRows(rows, groups, whole, makes, recordings, figures.forest(groups))
+
+
+# The address
+
+
+def _follow_link(workspace: Workspace) -> None:
+    """Take over what the address asks for, unless this browser was given that address here."""
+    asked = _asked()
+    if asked and asked != st.session_state.get(WRITTEN):
+        single = {name: (asked.get(name) or ("",))[0] for name in ("study", "method", "by")}
+        choose(workspace, **{name: asked.get(name, ()) for name in FILTERS}, **single)
+        st.session_state[WRITTEN] = asked
+
+
+def _write_link(workspace: Workspace) -> None:
+    """Let the address say what is shown, so that a reload and a bookmark find it again."""
+    wanted, address = _parameters(workspace), st.query_params
+    if wanted != _asked():
+        others = {name: tuple(address.get_all(name)) for name in address}
+        address.from_dict({n: v for n, v in others.items() if n not in ADDRESSED} | wanted)
+    st.session_state[WRITTEN] = wanted
+
+
+def _parameters(workspace: Workspace) -> dict[str, tuple[str, ...]]:
+    """The query parameters of what is shown, with all values of each."""
+    chosen = {name: workspace.choices.get(f"database_{name}") for name in ADDRESSED}
+    return {
+        name: (value,) if isinstance(value, str) else value
+        for name, value in chosen.items()
+        if value
+    }
+
+
+def _asked() -> dict[str, tuple[str, ...]]:
+    address = st.query_params
+    return {name: tuple(address.get_all(name)) for name in ADDRESSED if name in address}
+
+
+# Tabs
+
+
+def _show_groups(selected: ShownRows, name: str) -> None:
+    show.table(group_table(selected.groups, with_spread=False))
+    st.caption(
+        "In brackets: intervals, of the shares that are string stable, too. The files have the"
+        " spread between windows as well."
+    )
+    show.downloads(group_table(selected.groups), name, "database_groups")
+
+
+def _show_spread(selected: ShownRows, name: str) -> None:
+    """How far the windows of each group differ."""
+    table = spread_table(selected.groups)
+    show.table(table)
+    st.caption(
+        "Spread: how far windows differ beyond their own standard errors, as a share of the"
+        " parameter. I²: the share of the variance between estimates that is no sampling error."
+    )
+    show.downloads(table, name, "database_spread")
+
+
+def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
+    """α and β of each row, and where string stability begins."""
+    with st.container(horizontal=True, vertical_alignment="center"):
+        show.key(
+            [("L₂ unstable (ring)", figures.UNSTABLE), ("L₂ stable (diamond)", figures.STABLE),
+             ("L₂ boundary", L2), ("L∞ boundary, exact (dashed)", EXACT)]
+        )  # fmt: skip
+        in_units_of_tau = st.toggle(
+            "In units of τ", **kept(workspace, "database_units", False),
+            help="Draws ατ² and βτ: the boundaries are then the same for every vehicle.",
+        )  # fmt: skip
+    figure = figures.plane(selected.rows, in_units_of_tau)
+    _chart(figure, "database_plane", workspace)
+    tau = selected.rows["tau"].median()
+    where = "" if in_units_of_tau else (
+        f" The boundaries are those of the median τ, {tau:.2f} s; a vehicle with another τ has"
+        " others."
+    )  # fmt: skip
+    away = figures.beyond(figure)
+    out = f" {away:,} of {len(selected.rows):,} rows lie beyond the axes." if away else ""
+    st.caption(f"String stable above the lines.{where}{out} Click on a point to open its window.")
+    _show_chosen(workspace, rows, selected)
+
+
+def _show_gaps(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
+    parts = selected.rows[list(selected.groups.by)].itertuples(index=False, name=None)
+    labels = tuple(map(figures.label_of, parts))
+    show.key([(name, colour) for name, (colour, _) in figures.colours(labels).items()])
+    _chart(figures.gap_against_speed(selected.rows, labels), "database_gaps", workspace)
+    st.caption(
+        "Each point is a follower of one window. A constant time headway is a horizontal row of"
+        " points. Click on a point to open its window."
+    )
+    _show_chosen(workspace, rows, selected)
+
+
+def _chart(figure: go.Figure, key: str, workspace: Workspace) -> None:
+    def clicked() -> None:
+        place = show.clicked_data(st.session_state[key]["selection"]["points"])
+        if place is not None:
+            workspace.choices["database_row"] = int(place)
+
+    show.chart(figure, key, TOOLS, on_select=clicked, selection_mode="points")
+
+
+def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, study: str) -> None:
+    """All rows that the filters leave; one of them can be chosen."""
+
+    def picked() -> None:
+        if chosen := st.session_state["database_rows"]["selection"]["rows"]:
+            workspace.choices["database_row"] = int(chosen[0])
+
+    # By a callback, as the browser goes on to report the row when other rows have taken its place.
+    st.dataframe(
+        selected.rows[list(COLUMNS)], hide_index=True, height=420, on_select=picked,
+        selection_mode="single-row", key="database_rows", column_config=COLUMNS,
+    )  # fmt: skip
+    st.caption(
+        f"{len(selected.rows):,} rows; P(L₂): probability of L₂ string stability. Click on a"
+        " heading to sort, on the magnifier to search, on the left edge of a row to choose it."
+    )
+    _show_chosen(workspace, rows, selected)
+    st.download_button(
+        "CSV, all columns", lambda: selected.rows.to_csv(index=False), f"{study}_rows.csv",
+        "text/csv", on_click="ignore", icon=":material/download:", key="database_rows_csv",
+        help="The rows shown, with intervals, stability and errors; results.parquet in the study's"
+        " folder has all of them.",
+    )  # fmt: skip
+
+
+# One row
+
+
+def _show_chosen(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
+    """The row that is chosen, and the way to its window."""
+    place = workspace.choices.get("database_row")
+    if place is None or place >= len(selected.rows):
+        return
+    row = selected.rows.iloc[place]
+    with st.container(border=True, horizontal=True, vertical_alignment="center"):
+        end = row["start"] + row["duration"]
+        who = " ".join(part for part in (row["make"], row["model"]) if part != NOT_TOLD)
+        said = (
+            f"{row['campaign']}, {row['file']}, {row['start']:.0f}–{end:.0f} s, vehicle"
+            f" {row['vehicle']}: α {row['alpha']:.3f} 1/s², β {row['beta']:.3f} 1/s, τ"
+            f" {row['tau']:.2f} s"
+        )
+        st.markdown(f"**{escape_markdown(who)}**  \n{escape_markdown(said)}", width="stretch")
+        if st.button(
+            "Open this window", icon=":material/timeline:", type="primary", key="database_open",
+            help="Page Data, with this recording, window and vehicles, ready to train.",
+        ):  # fmt: skip
+            _open(workspace, rows, row)
+
+
+def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
+    """Turn to page Data with a row's window, or say why not."""
+    names = ("file", "sha256", "trajectory", "campaign")
+    recording = show.attempt(lambda: find_recording(*(row[name] for name in names)))
+    if recording is None:
+        return
+    # All that the study has of the window, whatever the filters leave of it.
+    window = rows[["sha256", "start", "duration", "leader"]].eq(
+        row[["sha256", "start", "duration", "leader"]]
+    )
+    last = int(rows[window.all(axis=1)]["vehicle"].max())
+    workspace.open(recording)
+    workspace.choose(
+        vehicles=tuple(range(int(row["leader"]), last + 1)),
+        window=Window(float(row["start"]), float(row["start"] + row["duration"])),
+        case=row["case"],
+    )
+    frame.go(frame.DATA, workspace)
+
+
+# Failures
+
+
+def _show_failures(failures: Sequence[Failure], study: str) -> None:
+    if not failures:
+        st.caption("Every file has a window, and every method a result on it.")
+        return
+    show.table(failure_table(failures[:LISTED]))
+    if len(failures) > LISTED:
+        st.caption(f"{len(failures) - LISTED} more are in the file.")
+    show.downloads(failure_table(failures), f"{study}_failures", "database_failures")

@@ -4,24 +4,23 @@ import math
 import os
 import time
 from pathlib import Path
-from typing import Any
 
 import streamlit as st
 
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Case
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
+from accpinn.storage import folder
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
-from accpinn.study.studies import Request
+from accpinn.study.studies import Request, studies, study_path
 from accpinn.tasks.batches import StudyTask
 from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown, format_duration
-from pages.ui.components.widgets import bound, select
-from pages.ui.database.selection import folder_of, known_studies
-from pages.ui.session.choices import DatabaseChoice
+from pages.ui.components.widgets import kept, select
 from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
 
@@ -31,7 +30,26 @@ WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "60
            math.inf: "whole stretches"}  # fmt: skip
 DEFAULT_METHODS = (KEY, "least-squares")
 ALL = "all recordings"
+OF_STUDY = {f"database_{name}" for name in (
+    "make", "model", "distance_setting", "campaign", "mode", "method", "row",
+    "source", "name", "methods", "window", "case", "workers",
+)}  # fmt: skip
+"""Choices that a new batch begins without: among the rows of another study, and its form's."""
 DEFAULT_NAME = "OpenACC"
+
+
+def folder_of(name: str) -> Path:
+    """The folder of the study of that name.
+
+    Raises:
+        ConfigError: for what is no name.
+    """
+    return study_path(name, folder("studies"))
+
+
+def known_studies() -> tuple[str, ...]:
+    """The names of the server's studies, the one that was written to last first."""
+    return studies(folder("studies"))
 
 
 def _task(study: str) -> StudyTask | None:
@@ -130,7 +148,7 @@ def _estimated(path: Path, window: float) -> BatchEstimate:
     return _estimate(str(path), window, len(stats), changed)
 
 
-def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
+def show_form(workspace: Workspace) -> None:
     """What a new batch is to do, how long that takes, and the button that starts it."""
     root = recordings_folder()
     below = folders(root)
@@ -142,61 +160,52 @@ def show_form(workspace: Workspace, choice: DatabaseChoice) -> None:
         frame.link(frame.DATA, "Go to Data", workspace)
         return
     most = os.cpu_count() or 1
-    sources = {folder: ALL if folder == "." else folder for folder in below}
-    defaults = {"source": below[0], "name": _free_name(), "methods": DEFAULT_METHODS,
-                "window": DURATION, "case": "II", "workers": most}  # fmt: skip
-    asked: dict[str, Any] = defaults | choice.form
-    if asked["source"] not in sources:  # removed meanwhile
-        asked["source"] = below[0]
-
-    def keep(name: str) -> Any:
-        return lambda value: choice.form.update({name: value})
-
     source_column, name_column = st.columns((1.4, 1), vertical_alignment="bottom")
-    select(
-        "Recordings", sources, asked["source"], "database_source", keep("source"),
-        place=source_column, help="A folder on the server; all CSV files in it and below.",
+    source = select(
+        "Recordings", {name: ALL if name == "." else name for name in below}, below[0],
+        "database_source", workspace, place=source_column,
+        help="A folder on the server; all CSV files in it and below.",
     )  # fmt: skip
     name = name_column.text_input(
-        "Name of the study", max_chars=60, **bound("database_name", asked["name"], keep("name")),
+        "Name of the study", max_chars=60, **kept(workspace, "database_name", _free_name()),
         help="A study of the same name is continued: what is known there is not computed again.",
     )  # fmt: skip
-    st.multiselect(
+    methods = st.multiselect(
         "Methods", list(METHODS), format_func=lambda key: METHODS[key].title,
-        **bound("database_methods", list(asked["methods"]), keep("methods"), default=""),
+        **kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
     )  # fmt: skip
     columns = st.columns((1.2, 1, 1), vertical_alignment="bottom")
-    select(
-        "Windows", WINDOWS, asked["window"], "database_window", keep("window"), place=columns[0],
+    window = select(
+        "Windows", WINDOWS, DURATION, "database_window", workspace, place=columns[0],
         help="Longest window; complete stretches in car-following under ACC are cut into these.",
     )  # fmt: skip
-    select(
-        "Case", {"II": "Case II", "I": "Case I"}, asked["case"], "database_case", keep("case"),
-        place=columns[1],
+    cases: dict[Case, str] = {"II": "Case II", "I": "Case I"}
+    case = select(
+        "Case", cases, "II", "database_case", workspace, place=columns[1],
         help="I: one parameter set for all followers of a window; II: one for each.",
     )  # fmt: skip
-    columns[2].number_input(
+    workers = columns[2].number_input(
         "Workers", min_value=1, max_value=most, step=1,
-        **bound("database_workers", asked["workers"], keep("workers")),
+        **kept(workspace, "database_workers", most),
         help=f"Processes at a time; this server has {most} processors.",
     )  # fmt: skip
-    path = root if asked["source"] == "." else root / asked["source"]
-    estimate = show.attempt(lambda: _estimated(path, asked["window"]))
-    if estimate and asked["methods"]:
-        duration = format_duration(estimate.seconds(asked["methods"], int(asked["workers"])))
+    path = root / source
+    estimate = show.attempt(lambda: _estimated(path, window))
+    if estimate and methods:
+        duration = format_duration(estimate.seconds(methods, int(workers)))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
     is_allowed = bool(name) and show.attempt(lambda: folder_of(name)) is not None
     request = Request(
         sources=(str(path),),
-        methods=tuple(asked["methods"]),
-        window=None if math.isinf(asked["window"]) else asked["window"],
-        case=asked["case"],
-        workers=int(asked["workers"]),
+        methods=tuple(methods),
+        window=None if math.isinf(window) else window,
+        case=case,
+        workers=int(workers),
     )
     st.button(
         "Start the batch", type="primary", icon=":material/play_arrow:", key="database_start",
-        disabled=not (estimate and asked["methods"] and is_allowed),
-        on_click=_start_from, args=(choice, name, request),
+        disabled=not (estimate and methods and is_allowed),
+        on_click=_start_from, args=(workspace, name, request),
     )  # fmt: skip
 
 
@@ -206,7 +215,8 @@ def _free_name() -> str:
     return next(name for name in names if name not in known)
 
 
-def _start_from(choice: DatabaseChoice, name: str, request: Request) -> None:
+def _start_from(workspace: Workspace, name: str, request: Request) -> None:
     _start(name, request)
-    choice.set(study=name, filters={}, method="", row=None, form={})
+    others = {key: workspace.choices[key] for key in workspace.choices if key not in OF_STUDY}
+    workspace.choices = others | {"database_study": name}
     st.session_state["database_new"] = False

@@ -1,10 +1,7 @@
 """What all browsers share: results, snapshots, queues of tasks, recordings and samples."""
 
-from collections.abc import Callable
-from functools import lru_cache
-from itertools import islice
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import streamlit as st
 
@@ -12,7 +9,6 @@ from accpinn.errors import RecordingError
 from accpinn.recordings import files
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from accpinn.stability.report import stability_report
 from accpinn.storage import folder, variable
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
@@ -20,14 +16,7 @@ from accpinn.study.store import Store
 from accpinn.tasks.task import TaskQueue
 
 KEPT = 64
-"""Entries of each cache of what pages show: one for each of many users at a time. With fewer they
-would take turns to drive out each other's, and every view would be computed anew."""
-BY_CONTENT: dict[str | type, Callable[[Any], str]] = {Recording: lambda recording: recording.digest}
-"""How a cache knows a recording: not by its file, which another mapping reads otherwise."""
-
-
-report_of = lru_cache(maxsize=KEPT)(stability_report)
-"""The stability report on (M,) parameters."""
+"""Snapshots that are kept in memory: one for each of many users at a time."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
@@ -36,8 +25,6 @@ TITLES = {
     "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
     "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
 }
-LISTED = 1000
-"""Files of a folder that are offered at most."""
 
 
 @st.cache_resource(show_spinner=False)
@@ -83,20 +70,6 @@ def download_queue() -> TaskQueue:
 # The server's own recordings, samples and files of its folder
 
 
-@st.cache_resource(max_entries=16, show_spinner="Reading the recording …")
-def _parse_file(path: str, size: int, changed: int, trajectory: str | None) -> Recording:
-    return files.read(path, trajectory=trajectory)
-
-
-def from_file(path: Path, trajectory: str | None = None) -> Recording:
-    """A file's recording; read again once the file has changed."""
-    try:
-        status = path.stat()
-    except OSError:
-        return files.read(path)  # which says what is wrong
-    return _parse_file(str(path), status.st_size, status.st_mtime_ns, trajectory)
-
-
 def find_recording(
     file: str, sha256: str, trajectory: str | None, campaign: str | None
 ) -> Recording:
@@ -107,19 +80,12 @@ def find_recording(
     Raises:
         RecordingError: where none is there.
     """
-    root = recordings_folder()
-    paths = [path for path in (*root.rglob("*"), *SAMPLES.glob("*.csv")) if path.name == file]
+    paths = [path for path in (*listed(), *samples()) if path.name == file]
     for path in sorted(paths, key=lambda path: campaign not in path.parts):
-        inside = path.is_file() and any(path.resolve().is_relative_to(p.resolve())
-                                        for p in (root, SAMPLES))  # fmt: skip
-        if not inside:
-            continue
-        try:
-            recording = from_file(path, trajectory)
-        except RecordingError:  # another file of that name
-            continue
-        if recording.sha256 == sha256:
-            return recording
+        with suppress(RecordingError):  # another file of that name
+            recording = files.read(path, trajectory=trajectory)
+            if recording.sha256 == sha256:
+                return recording
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
@@ -128,7 +94,7 @@ def find_recording(
 
 def sample(path: Path) -> tuple[Recording, Truth]:
     """A sample and its true parameters."""
-    return from_file(path), load_truth(truth_path(path))
+    return files.read(path), load_truth(truth_path(path))
 
 
 def samples() -> list[Path]:
@@ -144,14 +110,8 @@ def sample_title(path: Path) -> str:
 
 def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
     """The sample of that file name and content, with its true parameters; None for none."""
-    path = next((path for path in SAMPLES.glob("*.csv") if path.name == name), None)
-    known = sample(path) if path else None
-    return known if known and known[0].sha256 == sha256 else None
-
-
-def forget() -> None:
-    """Read all files anew."""
-    _parse_file.clear()
+    known = (sample(path) for path in samples() if path.name == name)
+    return next((pair for pair in known if pair[0].sha256 == sha256), None)
 
 
 def recordings_folder() -> Path:
@@ -172,4 +132,4 @@ def listed() -> list[Path]:
     paths = (path for path in sorted(root.rglob("*.[cC][sS][vV]")) if path.is_file())
     # A link that leads out of the folder is left out.
     inside = (path for path in paths if path.resolve().is_relative_to(root))
-    return list(islice(inside, LISTED))
+    return list(inside)

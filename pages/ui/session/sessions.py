@@ -3,12 +3,18 @@
 The address carries ``?session=...``; so a reload, a page switch or a bookmark finds everything
 again. With ``?snapshot=...`` it opens one of the server's snapshots, on any page.
 
+Who uses a session is one signed in through the server's provider, or anyone where there is none.
+Signing in is Streamlit's own (OpenID Connect): it is on where `.streamlit/secrets.toml` has a
+section `[auth]`; see docs/security.md. Without it nothing is asked, and sessions are told apart by
+their secret names alone. Where that file cannot be read, or users are named without it, nobody is
+admitted: a slip in the settings must not open the server to all.
+
 The store keeps of each session the analysis on the screen and the key of the result shown, so that
 after a restart its address shows the same. A recording is never kept: one of the server's own is
 read again, and an upload is asked for; its window and result return with it.
 """
 
-import re
+import os
 import secrets
 import threading
 import time
@@ -16,16 +22,18 @@ from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
 
 import msgspec
 import streamlit as st
+from streamlit import config
 
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
 from accpinn.serial import dump, restore
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
 from accpinn.units import Seconds
-from pages.ui.session.identity import mark
 from pages.ui.session.resources import find_recording, find_sample, library, store, task_queue
 from pages.ui.session.workspace import Workspace
 
@@ -40,7 +48,108 @@ SNAPSHOT = "snapshot"
 
 FOLLOWED = "snapshot_followed"
 """The entry that holds the snapshots whose links this browser has followed."""
-_NAME = re.compile(r"[\w-]{20,60}", re.ASCII)
+USERS_VARIABLE = "ACCPINN_USERS"
+"""Environment variable that names who may use the app, as "ann@lab.org, @school.edu"; all whom the
+provider signs in where it is not set."""
+ADMINS_VARIABLE = "ACCPINN_ADMINS"
+"""Environment variable that names, likewise, who may delete what others saved."""
+USER = "user"
+"""The entry in Streamlit's session state."""
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
+
+# Who uses the app
+
+
+@dataclass(frozen=True)
+class User:
+    """Who uses a page."""
+
+    is_asked: bool = False
+    """Whether the server asks its users to sign in."""
+    is_signed_in: bool = False
+    name: str = ""
+    """The verified e-mail address, else the provider's own name of the user; empty for nobody."""
+
+
+def recognise() -> User:
+    """Who sends this run of the page; what is asked below is answered for that user."""
+    claims = st.user.to_dict()
+    signed_in = bool(claims.get("is_logged_in"))
+    name = str(claims.get("email") or "").strip().lower()
+    if not (name and str(claims.get("email_verified", True)).lower() == "true"):
+        name = f"{claims.get('iss', '')} {claims.get('sub', '')}".strip()
+    asked = "is_logged_in" in claims or _is_meant_to_ask()
+    visitor = User(asked, signed_in, name if signed_in else "")
+    st.session_state[USER] = visitor
+    return visitor
+
+
+def user() -> User:
+    """The same, as this run recognised it; Streamlit would read its settings at every question."""
+    visitor = st.session_state.get(USER)
+    return visitor if isinstance(visitor, User) else User()
+
+
+def mark() -> str:
+    """What the names of this user's sessions begin with; empty where nobody is asked."""
+    visitor = user()
+    return f"{sha256(visitor.name.encode()).hexdigest()[:12]}-" if visitor.is_asked else ""
+
+
+def is_admin() -> bool:
+    """Whether the user may delete what others saved."""
+    return user().is_asked and _is_named(ADMINS_VARIABLE)
+
+
+def is_shared() -> bool:
+    """Whether others than the person at this computer can reach the server by themselves."""
+    return str(config.get_option("server.address") or "") not in LOOPBACK
+
+
+def may_use() -> bool:
+    """Whether the one who is signed in is among those for whom the server is."""
+    if not user().name:
+        return False
+    return not os.environ.get(USERS_VARIABLE) or _is_named(USERS_VARIABLE) or is_admin()
+
+
+def _is_meant_to_ask() -> bool:
+    """Whether the settings name users, or are in a file that is there and cannot be read."""
+    if os.environ.get(USERS_VARIABLE) or os.environ.get(ADMINS_VARIABLE):
+        return True
+    exists = any(Path(path).exists() for path in config.get_option("secrets.files"))
+    return exists and not st.secrets.load_if_toml_exists()
+
+
+def _is_named(variable: str) -> bool:
+    """Whether the variable names the user's address, or its domain as "@school.edu"."""
+    named = {part.strip().lower() for part in os.environ.get(variable, "").split(",")} - {""}
+    who = user().name
+    local, at, domain = who.rpartition("@")
+    return who in named or bool(local and at and f"@{domain}" in named)
+
+
+def owner_mark(session: str) -> str:
+    """The digest under which the library keeps who saved a snapshot.
+
+    It is of the identity where the server asks for one, else of the session's secret name.
+    """
+    return sha256((user().name or session).encode()).hexdigest()
+
+
+def may_delete(session: str, name: str) -> bool:
+    """Whether this user may delete that snapshot.
+
+    On a server that only its own computer reaches everyone may, as all are one person; else whoever
+    saved it, and an administrator.
+    """
+    if not user().is_asked and not is_shared():
+        return True
+    return is_admin() or library().owner(name) == owner_mark(session)
+
+
+# Their workspaces
 
 
 class Workspaces:
@@ -79,22 +188,18 @@ class Workspaces:
         Of too many, those go first in which nothing was opened: thousands of empty sessions, which
         cost a stranger nothing, thus end no one's work. The one used last always stays.
         """
-        oldest = self._clock() - KEPT_FOR
-        for name in [name for name, (used, _) in self._kept.items() if used < oldest]:
-            self._drop(name)
-        while len(self._kept) > KEPT_WORKSPACES:
-            *others, _ = self._kept
-            self._drop(next((n for n in others if self._kept[n][1].is_empty), others[0]))
-        while len(self._kept) > 1 and (
-            sum(workspace.nbytes for _, workspace in self._kept.values()) > KEPT_BYTES
-        ):
-            *others, _ = self._kept
-            self._drop(next((n for n in others if self._kept[n][1].nbytes), others[0]))
-
-    def _drop(self, name: str) -> None:
-        _, workspace = self._kept.pop(name)
-        for task in workspace.tasks:
-            task.stop()
+        kept, oldest = self._kept, self._clock() - KEPT_FOR
+        while kept:
+            *others, last = kept
+            name = next(iter(kept))
+            if kept[name][0] >= oldest:  # none is that old
+                if len(kept) > KEPT_WORKSPACES:
+                    name = next((other for other in others if kept[other][1].is_empty), name)
+                elif name == last or sum(w.nbytes for _, w in kept.values()) <= KEPT_BYTES:
+                    return
+            _, workspace = kept.pop(name)
+            for task in workspace.tasks:
+                task.stop()
 
 
 @st.cache_resource(show_spinner=False)
@@ -114,7 +219,7 @@ def current() -> Workspace:
     is_own = asked.startswith(mark())
     workspace = workspaces().find(asked) if is_own else None
     document = None
-    if is_own and workspace is None and _NAME.fullmatch(asked):
+    if is_own and workspace is None and asked:
         document = store().session(asked)
     st.session_state["lost_session"] = bool(asked) and not (workspace or document)
     if workspace is None:

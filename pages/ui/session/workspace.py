@@ -1,11 +1,11 @@
 """What one browser has loaded, chosen and trained; setting an early step drops the later ones."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
@@ -24,18 +24,17 @@ from accpinn.study.snapshot import named
 from accpinn.study.store import Entry
 from accpinn.tasks.task import Task, comparison_task, starts_task, training_task
 from accpinn.units import Seconds
-from pages.ui.session.choices import (
-    DatabaseChoice,
-    DataChoice,
-    MapChoice,
-    ParameterChoice,
-    PlatoonChoice,
-    Source,
-)
 from pages.ui.session.resources import store, task_queue
 
 DEFAULT_CASE: Case = "II"
 """Each follower with parameters of its own, as different cars have."""
+Source = Literal["fit", "published", "snapshot", "hand"]
+"""Where the α, β and τ on pages Stability and Platoon are from."""
+OF_VEHICLES = (
+    "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
+    "platoon_frequency", "platoon_own",
+)  # fmt: skip
+"""Choices among vehicles, which say nothing of others."""
 KEPT_RECORDINGS = 4
 KEPT_EARLIER = 3 * len(METHODS)
 """Results of three comparisons."""
@@ -90,17 +89,12 @@ class Workspace:
     """Results that are no longer current, as rows of a table, oldest first."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
-    data_choice: DataChoice = field(default_factory=DataChoice)
-    parameter_choice: ParameterChoice = field(default_factory=ParameterChoice)
-    map_choice: MapChoice = field(default_factory=MapChoice)
-    platoon_choice: PlatoonChoice = field(default_factory=PlatoonChoice)
-    database_choice: DatabaseChoice = field(default_factory=DatabaseChoice)
-    pictures: str = "SVG"
-    """The format in which charts are saved."""
-    tabs: dict[str, str] = field(default_factory=dict)
-    """The title of the tab that is open, by the key of its row of tabs."""
-    legends: bool = False
-    """Whether each chart has one of its own, beside the key that serves a whole page."""
+    chosen_source: Source = "fit"
+    """As chosen last; see `parameter_source`."""
+    source_result: Result | None = None
+    """The result when the source was chosen; a newer one is shown in place of the choice."""
+    choices: dict[str, Any] = field(default_factory=dict)
+    """What else was chosen, by the widget's key: a page switch or a reload loses none of it."""
     opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
     kept: bytes = b""
@@ -242,7 +236,8 @@ class Workspace:
         if awaited and awaited.source.sha256 == recording.sha256:
             self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
         else:
-            self.choose(vehicles, _first_window(recording, vehicles), DEFAULT_CASE, ())
+            stretches = complete_windows(recording, vehicles)
+            self.choose(vehicles, first_window(recording, stretches), DEFAULT_CASE, ())
 
     def remember(self, recording: Recording, truth: Truth | None = None) -> None:
         """Put a recording among those opened last."""
@@ -340,12 +335,12 @@ class Workspace:
         A training that is stopped leaves its checkpoint, from which an equal one goes on.
         """
         self._record([*self.compared, self.result])
-        source = self.parameter_choice.source = self.parameter_source
+        source = self.chosen_source = self.parameter_source
         for task in self.tasks:
             task.stop()
         self.training = self.comparison = self.starts = None
         if source == "fit":
-            self._forget_vehicles()
+            self.forget_vehicles()
 
     def _record(self, results: Sequence[Result | None]) -> None:
         """Keep results as rows, in place of earlier ones of equal analyses."""
@@ -359,20 +354,28 @@ class Workspace:
     @property
     def parameter_source(self) -> Source:
         """Where the parameters on Stability and Platoon are from: as chosen, or a newer result."""
-        choice = self.parameter_choice
-        is_newer = self.result is not None and self.result is not choice.result
-        return "fit" if is_newer else choice.source
+        is_newer = self.result is not None and self.result is not self.source_result
+        return "fit" if is_newer else self.chosen_source
 
     def choose_source(self, source: Source) -> None:
         """Choose where those parameters are from, until there is a newer result."""
         if source != self.parameter_source:
-            self._forget_vehicles()
-        self.parameter_choice.source, self.parameter_choice.result = source, self.result
+            self.forget_vehicles()
+        self.chosen_source, self.source_result = source, self.result
 
-    def _forget_vehicles(self) -> None:
+    def choose_parameters(self, **chosen: Any) -> None:
+        """Choose another set of a source, by the name of the choice."""
+        self.choices.update(chosen)
+        self.forget_vehicles()
+
+    def forget_vehicles(self) -> None:
         """Forget what was chosen among other vehicles."""
-        self.platoon_choice.reset()
-        self.map_choice.reset()
+        for key in OF_VEHICLES:
+            self.choices.pop(key, None)
+
+    def keep(self, key: str) -> Callable[[Any], None]:
+        """What keeps a choice under that key."""
+        return lambda value: self.choices.update({key: value})
 
 
 def recording_duration(result: Result) -> Seconds | None:
@@ -380,10 +383,11 @@ def recording_duration(result: Result) -> Seconds | None:
     return result.recording.duration if result.recording else result.facts.get("duration")
 
 
-def _first_window(recording: Recording, vehicles: tuple[int, ...]) -> Window:
+def first_window(
+    recording: Recording, stretches: Sequence[Window], length: Seconds = DURATION
+) -> Window:
     """The first complete stretch that is long enough, else the longest one."""
-    complete = complete_windows(recording, vehicles)
-    if not complete:
-        return Window(0.0, min(DURATION, recording.duration))
-    best = max(complete, key=lambda window: (min(window.duration, DURATION), -window.start))
-    return Window(best.start, min(best.end, best.start + DURATION))
+    length = min(length, recording.duration)
+    usual = Window(0.0, min(length, DURATION))
+    best = max(stretches, key=lambda window: min(window.duration, length), default=usual)
+    return Window(best.start, min(best.end, best.start + length))

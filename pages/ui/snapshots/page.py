@@ -20,9 +20,8 @@ from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_result
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.identity import may_delete, owner_mark
-from pages.ui.session.resources import BY_CONTENT, library, opened
-from pages.ui.session.sessions import SNAPSHOT
+from pages.ui.session.resources import library, opened
+from pages.ui.session.sessions import SNAPSHOT, may_delete, owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
@@ -178,27 +177,31 @@ def _undo_button() -> None:
 def show_one(workspace: Workspace, snapshot: Result) -> None:
     """The result, as whoever follows its link sees it: nothing here changes or deletes it."""
     info, title = snapshot.info, title_of(snapshot)
+    is_open = workspace.recording and workspace.recording.sha256 == snapshot.analysis.source.sha256
+    recording = workspace.recording if is_open else None
     st.subheader(escape_markdown(title), anchor=False)
     when = snapshot.created[:16].replace("T", " ")
     st.caption(f"{frame.segment_line(info, snapshot.fit.case)} · saved {escape_markdown(when)} UTC")
     if snapshot.note:
         st.text(snapshot.note)
-    _show_buttons(workspace, snapshot, title)
+    _show_buttons(workspace, snapshot, recording, title)
     show.not_acc(info)
     show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
     if snapshot.stability and not unfinished(snapshot.fit):
         chosen = learned_parameters(info, snapshot.fit)
         said = headline(chosen, snapshot.stability, snapshot.uncertainty)
         st.markdown(f"**{escape_markdown(said)}**")
-    _show_standing(workspace, snapshot)
-    complete = snapshot if snapshot.segments else snapshot.found_in(workspace.recording)
-    show_result(workspace, complete, "snapshots", lambda: snapshot, more={
-        "Verify": lambda: _show_verification(workspace, snapshot),
+    _show_standing(snapshot, recording)
+    whole = snapshot.found_in(recording)
+    show_result(workspace, whole, "snapshots", lambda: snapshot, more={
+        "Verify": lambda: _show_verification(snapshot, recording),
         "Beside another": lambda: _show_beside(snapshot),
     })  # fmt: skip
 
 
-def _show_buttons(workspace: Workspace, snapshot: Result, title: str) -> None:
+def _show_buttons(
+    workspace: Workspace, snapshot: Result, recording: Recording | None, title: str
+) -> None:
     # The title with nothing in it that a file name cannot have.
     stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
     stem = stem.strip("._")[:60] or snapshot.id
@@ -221,7 +224,7 @@ def _show_buttons(workspace: Workspace, snapshot: Result, title: str) -> None:
             st.caption("A link to this page; it opens on any page of this server.")
             show.address(f"Snapshots?{SNAPSHOT}={snapshot.id}")
         st.download_button(
-            "Report", lambda: render_report(snapshot, _verified(workspace, snapshot)),
+            "Report", lambda: render_report(snapshot, _verified(snapshot, recording)),
             f"{stem}.html", "text/html",
             on_click="ignore", icon=":material/description:",
             help="One web page that needs nothing but a browser; it can be printed.",
@@ -247,34 +250,29 @@ def _again(snapshot: Result) -> str:
     return f"snapshots_again_{snapshot.id}"
 
 
-def _recording_of(workspace: Workspace, snapshot: Result) -> Recording | None:
-    """The open recording, where the snapshot is of it."""
-    recording = workspace.recording
-    source = snapshot.analysis.source
-    return recording if recording and recording.sha256 == source.sha256 else None
-
-
-def _verified(workspace: Workspace, snapshot: Result) -> Verification:
+def _verified(snapshot: Result, recording: Recording | None) -> Verification:
     """All of it computed anew, and the methods run again where the user asked for that."""
     again = bool(st.session_state.get(_again(snapshot)))
-    recording = _recording_of(workspace, snapshot)
-    return _verification(snapshot.digest, snapshot, recording, again)
+    return _verification(
+        snapshot.digest, recording.digest if recording else "", again, snapshot, recording
+    )
 
 
-@st.cache_resource(max_entries=16, show_spinner=False, hash_funcs=BY_CONTENT)
+@st.cache_resource(max_entries=16, show_spinner=False)
 def _verification(
-    digest: str, _snapshot: Result, recording: Recording | None, again: bool
+    file: str, data: str, again: bool, _snapshot: Result, _recording: Recording | None
 ) -> Verification:
     """What was found before for the same file and recording is not computed again."""
-    return verify(_snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
+    return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
 
 
-def _show_standing(workspace: Workspace, snapshot: Result) -> None:
-    if st.session_state.get(_again(snapshot)):
+def _show_standing(snapshot: Result, recording: Recording | None) -> None:
+    """Whether it agrees with what is computed now, and a button that runs its methods again."""
+    again = _again(snapshot)
+    if is_again := bool(st.session_state.get(again)):
         with st.spinner("Running the methods again"):
-            verification = _verified(workspace, snapshot)
+            verification = _verified(snapshot, recording)
     else:
-        recording = _recording_of(workspace, snapshot)
         verification = verify(snapshot, recording, refit_within=QUICK, parameters_only=True)
     if not verification.ok:
         show.messages(verification.sentence, "error")
@@ -282,27 +280,21 @@ def _show_standing(workspace: Workspace, snapshot: Result) -> None:
     own = Verification(tuple(check for check in verification.checks if not check.method))
     with st.container(horizontal=True, vertical_alignment="center"):
         st.caption(escape_markdown(own.sentence))
-        _offer_refit(workspace, snapshot)
+        whole = snapshot.found_in(recording)
+        rows = (replace(row, segments=whole.segments) for row in whole.compared)
+        seconds = sum(refit_seconds(row) for row in (whole, *rows))
+        if 0 < seconds <= LONGEST and not is_again:
+            st.button(
+                f"Refit, about {show.format_duration(seconds)}", icon=":material/replay:",
+                key="snapshots_again", on_click=lambda: st.session_state.update({again: True}),
+                help="Runs every method of the snapshot anew on its data, with its settings.",
+            )  # fmt: skip
 
 
-def _offer_refit(workspace: Workspace, snapshot: Result) -> None:
-    """A button that runs the methods again, where the data are at hand and time allows."""
-    whole = snapshot if snapshot.segments else snapshot.found_in(workspace.recording)
-    rows = (replace(row, segments=whole.segments) for row in whole.compared)
-    seconds = sum(refit_seconds(row) for row in (whole, *rows))
-    if 0 < seconds <= LONGEST and not st.session_state.get(_again(snapshot)):
-        st.button(
-            f"Refit, about {show.format_duration(seconds)}", icon=":material/replay:",
-            key="snapshots_again",
-            on_click=lambda: st.session_state.update({_again(snapshot): True}),
-            help="Runs every method of the snapshot anew on its data, with its settings.",
-        )  # fmt: skip
-
-
-def _show_verification(workspace: Workspace, snapshot: Result) -> None:
+def _show_verification(snapshot: Result, recording: Recording | None) -> None:
     """How many of the stored numbers agree with those computed now, and every part."""
     with st.spinner("Computing all of it anew"):
-        verification = _verified(workspace, snapshot)
+        verification = _verified(snapshot, recording)
     st.markdown(f"**{escape_markdown(verification.counted)}**")
     if not verification.ok:
         show.messages(verification.sentence, "error")

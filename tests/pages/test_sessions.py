@@ -1,6 +1,7 @@
-"""What a stranger can do: who is let in, whose sessions and snapshots are whose, and limits."""
+"""Sessions: who is let in, whose sessions and snapshots are whose, limits, reloads and restarts."""
 
 import gc
+import os
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,25 @@ import pytest
 import streamlit as st
 from streamlit import config
 
-from accpinn.recordings.openacc import read
-from pages.ui.session import identity, sessions
-from pages.ui.session.resources import FIRST_SAMPLE, library, sample, store
+from accpinn.methods.fit import Outcome
+from accpinn.recordings.files import read
+from accpinn.recordings.recording import Window
+from pages.ui.session import sessions
+from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, library, sample, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
-from tests.support.apptest import HOME, PAGES, SNAPSHOTS, Page, fitted, open_page, with_sample
+from pages.ui.snapshots.listing import restore_run
+from tests.support.apptest import (
+    DATA,
+    HOME,
+    SNAPSHOTS,
+    STABILITY,
+    TRAIN,
+    Page,
+    answer,
+    fitted,
+    open_page,
+    with_sample,
+)
 from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -59,7 +74,7 @@ class TestSignIn:
     def test_who_is_named_is_admitted(
         self, monkeypatch: pytest.MonkeyPatch, named: str, user: dict[str, Any], admitted: bool
     ) -> None:
-        monkeypatch.setenv(identity.USERS_VARIABLE, named)
+        monkeypatch.setenv(sessions.USERS_VARIABLE, named)
         page = open_page(HOME, user=user)
         assert (len(buttons(page)) > 1) is admitted
         assert "sign_out" in buttons(page)
@@ -80,7 +95,7 @@ class TestSignIn:
     def test_where_users_are_named_nobody_is_admitted_without_sign_in(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        for variable in (identity.USERS_VARIABLE, identity.ADMINS_VARIABLE):
+        for variable in (sessions.USERS_VARIABLE, sessions.ADMINS_VARIABLE):
             with monkeypatch.context() as named:
                 named.setenv(variable, "ann@lab.org")
                 assert buttons(open_page(HOME)) == {"sign_in"}
@@ -97,7 +112,7 @@ class TestDeletion:
     def test_on_a_shared_server_only_the_session_that_saved_may(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(identity, "is_shared", lambda: True)
+        monkeypatch.setattr(sessions, "is_shared", lambda: True)
         own = fitted()
         open_page(SNAPSHOTS, own).press("Save")
         own.viewed = ""
@@ -117,7 +132,7 @@ class TestDeletion:
         page.run().press("Save")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=ANN)), "in another session"
         assert self.delete_key() not in buttons(open_page(SNAPSHOTS, user=BOB))
-        monkeypatch.setenv(identity.ADMINS_VARIABLE, "bob@school.edu")
+        monkeypatch.setenv(sessions.ADMINS_VARIABLE, "bob@school.edu")
         assert self.delete_key() in buttons(open_page(SNAPSHOTS, user=BOB))
 
     def test_a_server_is_shared_unless_it_listens_to_this_computer_alone(self) -> None:
@@ -125,7 +140,7 @@ class TestDeletion:
         try:
             for address, shared in (("localhost", False), ("0.0.0.0", True), ("", True)):
                 config.set_option("server.address", address)
-                assert identity.is_shared() is shared
+                assert sessions.is_shared() is shared
         finally:
             config.set_option("server.address", before)
 
@@ -168,13 +183,6 @@ class TestAddresses:
         assert page.workspace().id != name
         assert {*tmp_path.rglob("*")} - {*before} <= {store().folder}
 
-    def test_one_sessions_upload_is_in_no_other(self) -> None:
-        one, other = sessions.workspaces().new(), sessions.workspaces().new()
-        one.open(read(csv(platoon()), "../<b>secret</b>\r\nSet-Cookie: x.csv"))
-        assert "secret" in open_page(HOME, one).texts()
-        for path in PAGES:
-            assert "secret" not in open_page(path, other).texts()
-
 
 def test_settings_that_protect_are_on() -> None:
     assert config.get_option("server.enableXsrfProtection") is True
@@ -202,3 +210,85 @@ def test_no_page_waits_for_a_full_garbage_collection() -> None:
         gc.callbacks.remove(note)
         gc.enable()
     assert not full
+
+
+# Finished trainings: none vanishes with a new recording, a reload or a restart
+
+
+def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None:
+    session = fitted(Window(0.0, 60.0))
+    before = session.result.parameters
+    session.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
+    open_page(DATA, session)
+    assert session.result is None
+    (run,) = session.runs
+    assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
+
+    sessions.workspaces.clear()  # as a restart of the server
+    page = open_page(HOME, session=session.id)
+    again = page.workspace()
+    assert again is not session
+    assert again.id == session.id
+    page.press(f"home_run_{run.id}")
+    assert again.result.parameters == before
+    again.open(*sample(FIRST_SAMPLE))
+    page.run()
+    page.press(f"runs_open_{run.id}")
+    assert again.result.parameters == before
+    assert again.recording is not None, "a sample is opened again"
+    assert again.window == Window(0.0, 60.0)
+    assert not page.error
+    assert f"snapshot={run.id}" not in page.texts()
+
+
+def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
+    session = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
+    sessions.workspaces.clear()
+    again = open_page(STABILITY, session=session.id).workspace()
+    assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
+    assert again.vehicles == session.vehicles
+    assert again.result.parameters == session.result.parameters
+    assert again.segment.info == session.segment.info
+
+    # One of the server's folder is read again; an upload is asked for, and not believed by name.
+    raw = csv(platoon(3, 1200))
+    place = Path(os.environ["ACCPINN_RECORDINGS"]) / "mine.csv"
+    place.parent.mkdir(parents=True)
+    place.write_bytes(raw)
+    again.open(read(raw, "mine.csv"))
+    again.choose((2, 3), Window(20.0, 70.0), "I")
+    open_page(DATA, session=session.id)
+    for _ in range(2):
+        sessions.workspaces.clear()
+        again = open_page(DATA, session=session.id).workspace()
+        if not place.exists():
+            assert again.awaited.source.name == "mine.csv"
+            again.open(read(raw, "mine.csv"))
+        assert again.awaited is None
+        assert (again.window, again.vehicles, again.case) == (Window(20.0, 70.0), (2, 3), "I")
+        place.unlink(missing_ok=True)
+
+
+def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
+    session, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
+    session.open(own)
+    answer(session)
+    session.open(*sample(FIRST_SAMPLE))
+    assert session.true_parameters is not None
+    (run,) = session.runs
+    restore_run(session, run.id)
+    assert session.recording is own
+    assert session.true_parameters is None
+
+
+def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared() -> None:
+    session = fitted(Window(0.0, 60.0))
+    for case, outcome, count in (
+        ("II", Outcome.CONVERGED, 1),
+        ("I", Outcome.STOPPED, 1),
+        ("I", Outcome.CONVERGED, 2),
+    ):
+        answer(session, case, outcome=outcome)
+        assert len(session.runs) == count
+    page = open_page(TRAIN, session).choose("runs_compare", True)
+    assert "case: II → I" in page.plain()

@@ -1,0 +1,364 @@
+"""The page Platoon: controls, the simulation in words, speeds and time-space diagram, and tabs."""
+
+import re
+from dataclasses import fields
+from itertools import cycle
+from typing import Literal
+
+import streamlit as st
+from numpy import intp
+from numpy.typing import NDArray
+from streamlit.delta_generator import DeltaGenerator
+
+from accpinn.channels import SPEED
+from accpinn.errors import ParameterError
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
+from accpinn.results.figures import platoon as figures
+from accpinn.results.figures.animation import animation, watched
+from accpinn.results.figures.stability import colours
+from accpinn.results.figures.style import LEADER
+from accpinn.results.messages import messages
+from accpinn.results.messages.stability import (
+    PLACES,
+    Places,
+    disturbance,
+    not_acc,
+    probabilities,
+    smallest_gap,
+)
+from accpinn.results.tables.stability import amplitude_table
+from accpinn.segment.segment import Segment
+from accpinn.stability.report import stability_report
+from pages.ui.components import frame, show
+from pages.ui.components.parameter_picker import Chosen, choose_parameters
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import bound, kept, segments, select, tabs
+from pages.ui.session.workspace import Workspace
+
+LEAD = "A disturbance of the leader, in a platoon of these vehicles."
+HEIGHT = 350
+"""Height of both charts, in pixels."""
+VIEWS: dict[figures.View, str] = {
+    "observer": "Moving observer",
+    "leader": "From the leader",
+    "road": "From the road",
+}
+TABS = "platoon"
+"""Key of the page's tabs."""
+PANELS = "The paper's four panels"
+SHOWN_WHOLE = 0.99
+"""A part of a run longer than this share of it is the run."""
+FOLLOWERS, MOST_FOLLOWERS = 8, 20
+"""Followers of a repeated vehicle by default, as in the paper, and at most."""
+ORDERS = {"learned": "In order", "repeated": "One car", "own": "Own order"}
+Disturbance = Literal["sinusoid", "step", "brake", "recorded"]
+PLANNED: dict[Disturbance, type[Sinusoid] | type[SpeedStep] | type[Brake]] = {
+    "sinusoid": Sinusoid,
+    "step": SpeedStep,
+    "brake": Brake,
+}
+LABELS = {
+    "frequency": ("Frequency [rad/s]", 0.01, "Of the leader's speed; 2π over it is the period."),
+    "amplitude": ("Amplitude [m/s]", 0.1, "Of the leader's speed about its mean."),
+    "change": ("Change of speed [m/s]", 0.5, "At once; below zero the leader slows down."),
+    "drop": ("Drop of speed [m/s]", 1.0, "By how much the leader slows down."),
+    "deceleration": ("Deceleration [m/s²]", 0.5, "Of the leader while it brakes."),
+    "hold": ("Held for [s]", 1.0, "How long the leader keeps the lower speed."),
+    "acceleration": ("Acceleration [m/s²]", 0.5, "Of the leader back to its speed."),
+    "speed": ("Speed before [m/s]", 1.0, "Of all vehicles, in equilibrium."),
+    "settle": ("Starts at [s]", 5.0, "When the disturbance begins."),
+    "duration": ("Duration [s]", 50.0, "Of the whole run."),
+}
+"""Each setting's label, the step of its buttons, and what it is."""
+FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
+"""The setting of each disturbance that stands in the row; the others are one click away."""
+
+
+def show_page() -> None:
+    workspace = frame.begin("Platoon")
+    source = choose_parameters(workspace, "platoon", LEAD)
+    if source is None:
+        return
+    chosen = source.vehicles
+    with st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon"):
+        order = _choose_order(workspace, chosen)
+        leader = _choose_leader(workspace, chosen.parameters[order]) if order else None
+    if workspace.choices.get("platoon_order") == "own" and len(chosen) > 1:
+        st.caption(
+            " · ".join(f"{k} = {escape_markdown(n)}" for k, n in enumerate(chosen.labels, 1))
+        )
+    if not (order and leader):
+        return
+    run = show.attempt(lambda: simulate_platoon(chosen.parameters[order], leader))
+    if run is None:
+        return
+    recorded = recorded_leader(workspace) if isinstance(leader, Recorded) else None
+    places = Places(chosen.spoken) if figures.is_in_order(chosen, order) else PLACES
+    cast = figures.cast_of(chosen, order)
+    _show_answer(source, run, places, recorded)
+    _show_charts(workspace, run, cast, recorded)
+    tabs(workspace, TABS, {
+        "Amplitudes": lambda: _show_amplitudes(workspace, run, cast),
+        "Map of speeds": lambda: _show_map(run, cast),
+        "Animation": lambda: _show_animation(run, cast),
+        PANELS: _show_panels,
+    })  # fmt: skip
+
+
+def open_panels(workspace: Workspace) -> None:
+    """Let the page show the paper's four panels, which need parameters to stand beside."""
+    if workspace.result is None:
+        workspace.choose_source("published")
+    workspace.choices[TABS] = PANELS
+
+
+def _show_answer(source: Chosen, run: PlatoonRun, places: Places, recorded: Segment | None) -> None:
+    chosen = source.vehicles
+    with st.container(border=True):
+        said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
+        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+        details = smallest_gap(run, places)
+        if recorded:
+            leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
+            details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
+        if source.uncertainty:
+            odds = probabilities(chosen, source.uncertainty)
+            details += f" The simulation is that of the estimates. {odds}"
+        st.caption(escape_markdown(details))
+    # The answer names the collisions already.
+    others = [finding for finding in run.findings if not isinstance(finding, Collision)]
+    show.messages(messages(others, places), "warning")
+
+
+def _show_charts(
+    workspace: Workspace, run: PlatoonRun, cast: figures.Cast, recorded: Segment | None
+) -> None:
+    """Both charts; of a recorded leader all of the run, with or without its followers."""
+    measured, is_whole = recorded, False
+    with st.container(horizontal=True, vertical_alignment="center"):
+        if recorded:
+            if not st.toggle(
+                "Recorded followers", **kept(workspace, "platoon_measured", True),
+                help="The speeds and space-gaps of the followers in the recording, dotted.",
+            ):  # fmt: skip
+                measured = None
+        else:
+            closer = "Last periods" if isinstance(run.leader, Sinusoid) else "Disturbance"
+            is_whole = segments(
+                "Part of the run",
+                {False: "Collision" if run.collisions else closer, True: "Whole run"},
+                False, "platoon_whole", workspace,
+                help="Which part of the run both charts show.",
+            )  # fmt: skip
+        view = segments(
+            "Seen from", VIEWS, "observer", "platoon_view", workspace,
+            help="Of the time-space diagram. The observer drives at the leader's mean speed, so"
+            " that distances between the vehicles and their motion are seen.",
+        )  # fmt: skip
+        show.key(
+            zip(cast.labels, cast.colours, strict=True),
+            dashed="recorded (dotted)" if measured else "",
+        )
+    span = None if is_whole else figures.close_up(run)
+    left, right = st.columns(2, gap="medium")
+    with left:
+        show.chart(figures.profiles(run, cast, span, measured, HEIGHT), "platoon_profiles")
+    with right:
+        show.chart(figures.time_space(run, cast, span, view, HEIGHT), "platoon_time_space")
+
+
+# Which vehicles drive behind the leader, and what it does
+
+
+def _choose_order(workspace: Workspace, chosen: ParameterSet) -> list[int] | None:
+    """The followers' indices in ``chosen``; None, with a sentence, for no order."""
+    choices, many = workspace.choices, len(chosen) > 1
+    order = segments(
+        "Platoon", ORDERS, "learned", "platoon_order", workspace, labelled=True,
+        help="All vehicles in order, one of them repeated, or any order.",
+    ) if many else "repeated"  # fmt: skip
+    if order == "repeated":
+        vehicle = select(
+            "Vehicle", dict(enumerate(chosen.labels)), 0, "platoon_vehicle", workspace,
+            width=200, help="The vehicle that is repeated.",
+        ) if many else 0  # fmt: skip
+        is_recorded = choices.get("platoon_kind") == "recorded"
+        recorded = recorded_leader(workspace) if is_recorded else None
+        usual = recorded.followers if recorded else FOLLOWERS
+        followers = st.number_input(
+            "Followers", min_value=1, max_value=MOST_FOLLOWERS, width=120,
+            **kept(workspace, "platoon_followers", usual),
+            help="How many of it drive behind the leader.",
+        )  # fmt: skip
+        return [vehicle] * int(followers)
+    if order == "learned":
+        return list(range(len(chosen)))
+    text = choices.get("platoon_own") or f"1-{len(chosen)}, 1-{len(chosen)}"
+    st.text_input(
+        "Followers, first to last", **bound("platoon_own", text, workspace.keep("platoon_own")),
+        help="Numbers and ranges: 1-3, 2, 2", width=200,
+    )  # fmt: skip
+    return show.attempt(lambda: parse_order(text, len(chosen)))
+
+
+def parse_order(text: str, count: int) -> list[int]:
+    """Indices from numbers and ranges such as "1-3, 2, 2"; the first vehicle is 1.
+
+    Raises:
+        ParameterError: for anything else, and for vehicles that there are not.
+    """
+    order: list[int] = []
+    for part in filter(None, re.split(r"[,\s]+", re.sub(r"\s*[-–]\s*", "-", text))):
+        match = re.fullmatch(r"(\d{1,3})(?:-(\d{1,3}))?", part)
+        if not match:
+            raise ParameterError(
+                f"Order of followers: “{part}” is not a number; write numbers from 1 to {count}"
+                " with commas between them, such as 1-3, 2."
+            )
+        first, last = int(match[1]), int(match[2] or match[1])
+        if not (1 <= first <= count and 1 <= last <= count):
+            raise ParameterError(
+                f"Order of followers: there is no vehicle {part}; give numbers from 1 to {count}."
+            )
+        step = 1 if last >= first else -1
+        order += [vehicle - 1 for vehicle in range(first, last + step, step)]
+    if not 0 < len(order) <= MOST_FOLLOWERS:
+        raise ParameterError(
+            f"Order of followers: there are {len(order)}; give at least one and at most"
+            f" {MOST_FOLLOWERS}."
+        )
+    return order
+
+
+def recorded_leader(workspace: Workspace) -> Segment | None:
+    """The segment whose leader can drive: all of its speed was recorded."""
+    segment = workspace.segment
+    if segment is None:
+        return None
+    column = SPEED.of(segment.vehicles[0])
+    gone = any(column in block.columns for block in segment.blocks_missing)
+    return None if gone else segment
+
+
+def _choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
+    """The leader's disturbance; None, with a sentence, where its settings make no sense."""
+    segment = recorded_leader(workspace)
+    offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
+    offered |= {"recorded": "As recorded"} if segment else {}
+    kind = select(
+        "Disturbance of the leader", offered, "sinusoid", "platoon_kind", workspace, width=190,
+        help="What the leader does; as recorded, it drives as in the open window.",
+    )  # fmt: skip
+    if kind == "recorded" and segment:
+        return Recorded(segment.start + segment.time, segment.speeds[:, 0])
+    return show.attempt(lambda: _planned(workspace, kind, platoon))
+
+
+def _planned(workspace: Workspace, kind: Disturbance, platoon: Parameters) -> Leader:
+    values: dict[str, float] = {}
+    first = FIRST[kind]
+    if first == "frequency":
+        values[first] = _frequency(workspace, platoon)
+    else:
+        values[first] = _setting(workspace, kind, first, st.container(width=170))
+    with st.popover("Settings", icon=":material/tune:", help="Further settings of the leader"):
+        columns = cycle(st.columns(2))
+        for setting in fields(PLANNED[kind]):
+            if setting.name != first:
+                values[setting.name] = _setting(workspace, kind, setting.name, next(columns))
+    return PLANNED[kind](**values)
+
+
+def _setting(workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator) -> float:
+    key, (label, step, meaning) = f"platoon_{kind}_{setting}", LABELS[setting]
+    shown = kept(workspace, key, float(getattr(PLANNED[kind], setting)))
+    return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
+
+
+def _frequency(workspace: Workspace, platoon: Parameters) -> float:
+    """The one chosen, otherwise the one at which this platoon's last follower moves most."""
+    key, (label, step, meaning) = "platoon_frequency", LABELS["frequency"]
+    peak = float(f"{stability_report(platoon).platoon.peaks[-1].omega:.4g}") or Sinusoid.frequency
+    chosen = workspace.choices.get(key)
+    value = peak if chosen is None else chosen
+    shown = bound(key, value, workspace.keep(key), optional=True)
+    at_peak = " Now at the peak of this platoon." if value == peak else ""
+    st.number_input(label, **shown, step=step, format="%.4g", width=170, help=meaning + at_peak)
+    if value != peak:
+        st.button(
+            f"Peak: {peak:.4g} rad/s", icon=":material/vertical_align_top:", key="platoon_peak",
+            on_click=workspace.keep(key), args=(None,),
+            help="The frequency that this platoon amplifies most.",
+        )  # fmt: skip
+    return value
+
+
+# Tabs
+
+
+def _show_amplitudes(workspace: Workspace, run: PlatoonRun, cast: figures.Cast) -> None:
+    """Amplitudes along the platoon, on the user's scale, beside their table."""
+    left, right = st.columns(2, gap="large")
+    wave = run.amplitudes
+    with left:
+        with st.container(horizontal=True, vertical_alignment="center"):
+            in_db = st.toggle("in dB", **kept(workspace, "platoon_db", False),
+                              help="Relative to the leader's.")  # fmt: skip
+            if wave and wave.periods:
+                periods = "period" if wave.periods == 1 else f"{wave.periods} periods"
+                when = "after" if wave.free else "within"
+                more = "" if wave.free else ": simulate longer"
+                st.caption(f"Measured over the last {periods}, {when} the transient{more}.")
+        show.chart(figures.amplitude_by_vehicle(run, cast, in_db), "platoon_amplitude")
+    with right:
+        table = amplitude_table(run, cast.labels)
+        show.table(table, cast.colours)
+        if run.collisions:
+            st.caption("A dash: the vehicle, or one ahead of it, collides.")
+        show.downloads(table, "platoon_amplitudes", "amplitudes")
+
+
+def _show_map(run: PlatoonRun, cast: figures.Cast) -> None:
+    st.caption(
+        "Each vehicle's speed relative to the speed before the disturbance."
+        f" {_seconds_shown(run, figures.stretch(run))}"
+    )
+    show.chart(figures.speed_map(run, cast), "platoon_map")
+
+
+def _show_animation(run: PlatoonRun, cast: figures.Cast) -> None:
+    st.caption(
+        "Seen from the leader: press Play or drag the slider."
+        f" {_seconds_shown(run, watched(run))} Squares mark the cars, not to scale: from"
+        f" one to the next it is the simulated space-gap and {figures.CAR_LENGTH:g} m of car."
+        " A vehicle that has collided is not drawn any more."
+    )
+    show.chart(animation(run, cast), "platoon_wave")
+
+
+def _show_panels() -> None:
+    """The paper's figure of eight vehicles behind a sinusoid."""
+    st.caption(
+        f"Eight times one vehicle of {ASTAZERO.title} behind a leader that drives 20 m/s for 20 s"
+        " and then a sinusoid of 1 m/s. Neither vehicle is string stable; which disturbances"
+        " grow depends on their frequency."
+    )
+    vehicles = sorted({k for k, _ in figures.PANELS})
+    show.key([("Leader", LEADER)] + [(ASTAZERO.labels[k], colours(ASTAZERO)[k]) for k in vehicles])
+    grid = (*st.columns(2), *st.columns(2))
+    for place, ((title, figure), cell) in enumerate(zip(figures.paper_panels(), grid, strict=True)):
+        with cell:
+            st.markdown(escape_markdown(title))
+            show.chart(figure, f"platoon_panel_{place}")
+
+
+def _seconds_shown(run: PlatoonRun, rows: NDArray[intp]) -> str:
+    """Which part of the run these samples are, for a caption."""
+    time = run.trajectories.time
+    first, last, end = float(time[rows[0]]), float(time[rows[-1]]), float(time[-1])
+    if last - first > SHOWN_WHOLE * (end - float(time[0])):
+        return f"All {end:.0f} s." if not first else f"From {first:.0f} to {last:.0f} s."
+    return f"From {first:.0f} to {last:.0f} s of {end:.0f} s."

@@ -1,0 +1,325 @@
+"""The page Stability: the verdict beside the Bode magnitude, a table, and details in tabs."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import streamlit as st
+
+from accpinn.inference.intervals import Uncertainty
+from accpinn.results.figures import stability as figures
+from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
+from accpinn.results.figures.style import LEADER, vehicle_colour
+from accpinn.results.messages import messages
+from accpinn.results.messages.stability import (
+    BEHAVIOURS,
+    BY_ESTIMATES,
+    GIVEN_PARAMETERS,
+    TITLES,
+    criteria_differ,
+    headline,
+    reason,
+)
+from accpinn.results.messages.summary import conditional
+from accpinn.results.tables.stability import (
+    answer,
+    criteria_part,
+    measured_gain_table,
+    stability_table,
+    verdict_table,
+)
+from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.report import CERTAIN, StabilityReport, VehicleStability, Verdict
+from accpinn.units import RadiansPerSecond
+from pages.ui.components import frame, show
+from pages.ui.components.parameter_picker import Chosen, choose_parameters
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import kept, segments, select, tabs
+from pages.ui.session.workspace import Workspace
+
+LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
+GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
+HEIGHT = 370
+"""Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
+WHOLE = -1
+"""Stands for the platoon in place of one vehicle's index."""
+PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
+NO_DATA = (
+    "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
+    " snapshot with its data."
+)
+
+
+def show_page() -> None:
+    workspace = frame.begin("Stability")
+    source = choose_parameters(workspace, "stability", LEAD)
+    if source is None or show.attempt(lambda: source.report) is None:
+        return
+    answer_column, chart_column = st.columns((1, 1.35), gap="medium")
+    with answer_column:
+        _show_answer(workspace, source)
+        _show_simulate(workspace, source)
+    with chart_column:
+        shaded = _show_bode(workspace, source)
+    _show_verdicts(source)
+    tabs(workspace, "stability", {
+        "Why": lambda: _show_reasons(source),
+        "Criteria": lambda: _show_criteria(source),
+        "Map": lambda: _show_map(workspace, source, shaded),
+        "Measured": lambda: _show_measured(workspace, source, shaded),
+    })  # fmt: skip
+
+
+def _show_answer(workspace: Workspace, source: Chosen) -> None:
+    """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
+    chosen, report, result = source.vehicles, source.report, source.result
+    with st.container(border=True):
+        said = headline(chosen, report, source.uncertainty).replace(" %", "\N{NO-BREAK SPACE}%")
+        st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
+        if len(chosen) > 1:
+            platoon = report.platoon
+            verdicts = (
+                ("Strictly stable", platoon.l2_strict, platoon.linf_strict),
+                ("Weakly stable", platoon.l2_weak, platoon.linf_weak),
+            )
+            lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
+                     for name, l2, linf in verdicts]  # fmt: skip
+            why = escape_markdown(reason(platoon.l2_weak, report))
+            of = "estimates" if result else "parameters"
+            st.markdown(
+                f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
+                help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
+                " last one.",
+            )
+        assumed = GIVEN_PARAMETERS
+        if result:
+            is_current = source.source == "fit"
+            adequacy = workspace.adequacy if is_current else result.parts.adequacy
+            assumed = conditional(adequacy, result.info)
+        st.caption(escape_markdown(assumed))
+
+
+def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
+    """The chart; a click on a curve leads to the platoon at that frequency.
+
+    Returns:
+        The uncertainty, where the user wants to see it in charts.
+    """
+    chosen, uncertainty = source.vehicles, source.uncertainty
+    key = list(zip(chosen.labels, figures.colours(chosen), strict=True))
+    key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
+    with st.container(horizontal=True):
+        show.key(key)
+        if uncertainty and not st.toggle(
+            "Uncertainty", **kept(workspace, "stability_uncertainty", True),
+            help="Bands of the Bode magnitude and of the model beside the measured gain, and"
+            " posterior samples on the map.",
+        ):  # fmt: skip
+            uncertainty = None
+    figure = figures.bode(chosen, source.report, uncertainty, HEIGHT)
+    event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
+    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
+    st.caption(
+        "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve"
+        f" to simulate a platoon at that frequency.{band}"
+    )
+    if clicked := clicked_point(event["selection"]["points"]):
+        _open_platoon(workspace, *clicked)
+    return uncertainty
+
+
+def _show_verdicts(source: Chosen) -> None:
+    chosen, known, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
+    table = verdict_table(chosen, source.report, known)
+    show.table(table, figures.colours(chosen))
+    posterior = known and (
+        "Probability: the share of posterior samples that are string stable; the verdict is"
+        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
+        f" {100 * known.level:.0f} % intervals. "
+    )
+    st.caption(f"{posterior or ''}{GAIN}")
+    if differ := criteria_differ(chosen, source.report):
+        st.markdown(f":material/warning: {escape_markdown(differ)}")
+    show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
+
+
+def _show_simulate(workspace: Workspace, source: Chosen) -> None:
+    """One vehicle or the platoon chosen, and a button; nothing where none has a peak."""
+    chosen, report = source.vehicles, source.report
+    peaks = {WHOLE: report.platoon.peaks[-1]} if len(chosen) > 1 else {}
+    peaks |= {k: vehicle.peak for k, vehicle in enumerate(report.vehicles)}
+    names = {k: "All vehicles in order" if k == WHOLE else chosen.labels[k]
+             for k, peak in peaks.items() if peak.omega}  # fmt: skip
+    if not names:
+        return
+    which = next(iter(names))
+    with st.container(horizontal=True, vertical_alignment="center"):
+        if len(names) > 1:
+            which = select(
+                "Platoon of", names, which, "stability_simulate", workspace, labelled=False,
+                width=200,
+                help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
+            )  # fmt: skip
+        if st.button(
+            f"Simulate at the peak, {peaks[which].omega:.3g} rad/s",
+            key="stability_open_platoon",
+            icon=":material/directions_car:",
+        ):
+            _open_platoon(workspace, peaks[which].omega, which)
+
+
+def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] | None:
+    """Frequency and vehicle of the point clicked on; None where there is none."""
+    vehicle = show.clicked_data(points)
+    if not points:
+        return None
+    return float(points[0]["x"]), WHOLE if vehicle is None else int(vehicle)
+
+
+def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
+    """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+    workspace.choices.update(
+        platoon_order="learned" if vehicle == WHOLE else "repeated",
+        platoon_vehicle=max(vehicle, 0),
+        platoon_frequency=float(f"{omega:.4g}"),
+        platoon_kind="sinusoid",
+    )
+    frame.go(frame.PLATOON, workspace)
+
+
+# Tabs
+
+
+def _show_criteria(source: Chosen) -> None:
+    """Each vehicle's criteria, and those of the platoon up to it."""
+    chosen, known = source.vehicles, source.uncertainty
+    st.caption(
+        "Criteria and gains of each vehicle, in their order in the platoon: stable where a"
+        " criterion is above 0 and a gain is at 1. Dotted: from the leader to that follower,"
+        " through all vehicles before it."
+    )
+    show.key(figures.CRITERIA_KEY)
+    show.chart(figures.criteria_by_vehicle(chosen, source.report), "stability_criteria")
+    table = stability_table(chosen, source.report, known)
+    show.table(criteria_part(table), figures.colours(chosen))
+    posterior = (
+        " In brackets: intervals from posterior samples of a model with disturbances that last for"
+        " seconds."
+    )
+    st.caption(
+        "Stable and the criteria: by the estimates. Smallest stable time headway: that of this"
+        f" vehicle with its α and β.{posterior if known else ''}"
+    )
+    show.downloads(table, f"criteria_{chosen.title}".lower(), "criteria")
+    if known and source.result:
+        show.messages(messages(known.findings, source.result.info))
+
+
+def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) -> None:
+    """The boundaries of stability in a plane of two parameters."""
+    chosen, held = source.vehicles, len(source.vehicles) - 1
+    with st.container(horizontal=True, vertical_alignment="center"):
+        plane = segments(
+            "Plane", PLANES, "beta", "stability_plane", workspace,
+            help="The two parameters on the axes; the third is that of the vehicle chosen.",
+        )  # fmt: skip
+        if held:
+            held = select(
+                "Vehicle", dict(enumerate(chosen.labels)), held, "stability_held", workspace,
+                labelled=False, width=240,
+                help="The vehicle whose third parameter the boundaries are drawn for.",
+            )  # fmt: skip
+        show.key(figures.MAP_KEY)
+    chart = figures.stability_map(chosen, source.report, held, plane, shaded)
+    show.chart(chart, "stability_map")
+    kept = "α" if plane == "beta" else "β"
+    st.caption(
+        f"Boundaries at {escape_markdown(chosen.labels[held])}'s {kept}; above them the vehicle is"
+        " stable. Hatched: stable by the paper's L∞ criterion, but peaks grow."
+        + (f" Rings: vehicles with a {kept} of their own." if len(chosen) > 1 else "")
+        + (f" {cloud_caption(chart, shaded, plane)}" if shaded else "")
+    )
+
+
+def _show_reasons(source: Chosen) -> None:
+    chosen, report = source.vehicles, source.report
+    if source.uncertainty:
+        st.caption(BY_ESTIMATES)
+    texts = []
+    for label, vehicle in zip(chosen.labels, report.vehicles, strict=True):
+        verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
+        texts.append(
+            f"**{escape_markdown(label)}.** {BEHAVIOURS[vehicle.behaviour]}\n"
+            + _listed(verdicts, vehicle)
+        )
+    if len(chosen) > 1:
+        platoon = report.platoon
+        verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
+        texts.append(
+            "**The platoon.** Strict: no vehicle amplifies anything. Weak: nothing has grown at"
+            " the last one.\n" + _listed(verdicts, report, chosen.spoken)
+        )
+    # A row of columns each, so that a narrow screen keeps their order.
+    for at in range(0, len(texts), 2):
+        for column, text in zip(st.columns(2, gap="large"), texts[at : at + 2], strict=False):
+            column.markdown(text)
+
+
+def _listed(
+    verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport, names: Sequence[str] = ()
+) -> str:
+    return "".join(
+        f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."
+        f" {escape_markdown(reason(verdict, of, names))}"
+        for verdict in verdicts
+    )
+
+
+def _show_measured(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) -> None:
+    """The gain of one follower by Welch's method, beside the model's curve."""
+    chosen, result, follower = source.vehicles, source.result, 0
+    segment = (result.segment if result else None) or workspace.segment
+    if segment is None:
+        show.messages(NO_DATA)
+        return
+    labels = segment.labels[1:]
+    head = st.container(horizontal=True, vertical_alignment="center")
+    with head:
+        if len(labels) > 1:
+            follower = select(
+                "Follower", dict(enumerate(labels)), 0, "stability_measured", workspace,
+                labelled=False, width=240,
+                help="The vehicle whose recorded speed is compared with that of the car ahead.",
+            )  # fmt: skip
+    gain = show.attempt(lambda: measured_gain(segment, follower))
+    if gain is None:
+        return
+    colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
+    key, model = [(f"{labels[follower]}, measured", LEADER)], None
+    if len(chosen) in (1, len(labels)):
+        # Vehicles of another source stand for those of the recording, in their order.
+        which = 0 if len(chosen) == 1 else follower
+        draws = shaded.draws[:, which] if shaded else None
+        known = draws is not None and np.isfinite(draws.alpha).all()
+        model = Model(chosen.labels[which], chosen.parameters[which], draws if known else None)
+        key.append((f"{model.name}, model", colour))
+    with head:
+        show.key(key)
+    show.chart(measured_bode(gain, labels[follower], colour, model), "stability_measured_gain")
+    level = f"{100 * gain.level:.0f} %"
+    band = f" Shaded: {level} band of the model." if model and model.draws is not None else ""
+    st.caption(
+        f"{escape_markdown(segment.source)}, {segment.window}. The measured gain from the speed"
+        " ahead to the vehicle's own, from the recorded speeds alone (Welch's method,"
+        f" {gain.pieces} pieces of {gain.length:.0f} s), with {level} bars for the random error."
+        " Faint: the coherence is not above that of unrelated signals. Where the points leave the"
+        " curve, the CTHP with these parameters does not describe how this vehicle passes on"
+        f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is;"
+        " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"
+        f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"
+    )
+    show.downloads(
+        measured_gain_table(labels[follower], gain),
+        f"measured_gain_{labels[follower]}",
+        "measured",
+    )
