@@ -5,16 +5,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ParamSpec, Protocol, Self, TypeVar
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Checkpoint, Fit, OnProgress, Run, ShouldStop, drive
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings.recording import Window
-from accpinn.segment.cut import MINIMUM_DURATION, WINDOWS_LISTED
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, stretches
+from accpinn.units import FloatArray, Seconds
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -162,23 +159,11 @@ def relative_size(segment: Segment) -> float:
 
 def _refusal(segment: Segment, title: str) -> SegmentError:
     """The error for a method that cannot use a segment in which blocks of samples are missing."""
-    instants = segment.start + segment.time
-    complete = np.ones(segment.samples, bool)
-    for block in segment.blocks_missing:
-        for window in block.windows:
-            slack = segment.sample_time / 2
-            complete &= (instants < window.start - slack) | (instants > window.end + slack)
-    ends = [(float(instants[s.first]), float(instants[s.last])) for s in stretches(complete)]
-    windows = (Window(*(round(end, 6) for end in pair)) for pair in ends)
-    usable = [window for window in windows if window.duration >= MINIMUM_DURATION]
-    longest = sorted(usable, key=lambda window: -window.duration)[:WINDOWS_LISTED]
-    listed = ", ".join(map(str, sorted(longest, key=lambda window: window.start)))
     first = max(segment.blocks_missing, key=lambda block: block.share)
     where = max(first.windows, key=lambda window: window.duration)
-    cure = f"take a complete window ({listed}) or maximum-likelihood" if listed else ""
     return SegmentError(
         f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
-        f' "{title}" needs all samples; {cure or "choose maximum-likelihood"}.'
+        f' "{title}" needs all samples; take a window without it, or choose maximum-likelihood.'
     )
 
 

@@ -27,7 +27,7 @@ from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray
 
 CYCLE = 50
 """Adam iterations between exact solves."""
@@ -88,8 +88,7 @@ class FastTraining(Training):
         self._skipped[:, 0, 1:], self._skipped[:, 1, 1:] = value, rate
         features = torch.from_numpy(self._skipped)[:, :, 1:]
         self._features = features[:, 0], features[:, 1]
-        slope = self._slope(float(segment.time[-1]))
-        self._skipped_sums = NormalEquations.of(self._skipped, self.measured, segment.mask, slope)
+        self._skipped_sums = NormalEquations.of(self._skipped, self.measured, segment.mask)
         self._adam = Adam(list(self.network.hidden.parameters()), b2=0.99)
         self._held = held
         initial = Parameters.of([config.initial.values] * self.followers)
@@ -143,14 +142,11 @@ class FastTraining(Training):
         return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask)
 
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
-        """Look at the present moment, with Ψ where it is known already, and see if it ends."""
+        """Look at the present moment, with Ψ where it is known already."""
         best = self._best
         self._look(phase, self._iteration, terms or self._terms(best), best.solution.parameters)
         if phase == "start":
             self._start_loss = self.progress.total
-        self.outcome = Outcome.FINISHED if self._iteration >= self.planned else None
-        if not np.isfinite(self.progress.total):
-            self.outcome = Outcome.DIVERGED
 
     def _optimum(self, solution: Solution) -> _Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
@@ -159,16 +155,6 @@ class FastTraining(Training):
         mask = self.segment.mask
         sums = self._skipped_sums.extended(self._skipped, hidden, self.measured, mask)
         return _Optimum(hidden, sums, solve_output(sums, solution.theta, self.config), solution)
-
-    def _slope(self, duration: Seconds) -> FloatArray:
-        """(F + 1, F + 1) S with φ' = φ S for the constant and the features."""
-        angular = self.config.angular_frequencies(duration)
-        size = len(angular)
-        sines, cosines = 2 + np.arange(size), 2 + size + np.arange(size)
-        slope = np.zeros((2 + 2 * size, 2 + 2 * size))
-        slope[0, 1] = 2 / duration
-        slope[cosines, sines], slope[sines, cosines] = angular, -angular
-        return slope
 
     def _surrogate(self, at: _Optimum) -> tuple[FloatArray, FloatArray]:
         """(N, 2M+1) outputs and their rates."""

@@ -50,34 +50,20 @@ class NormalEquations:
     """(2M+1,) the data at the first instant."""
 
     @classmethod
-    def of(
-        cls,
-        seen: FloatArray,
-        measured: FloatArray,
-        mask: Mask | None = None,
-        slope: FloatArray | None = None,
-    ) -> Self:
+    def of(cls, seen: FloatArray, measured: FloatArray, mask: Mask | None = None) -> Self:
         """Sum products.
 
         Args:
             seen: (N, 2, K) Φ and its derivative in time.
             measured: (N, 2M+1) in the order of `output_columns`.
             mask: (N, M) True where a follower's acceleration counts; None for everywhere.
-            slope: (K, K) S with Φ' = ΦS, where there is one; it saves three quarters of the work.
         """
         count, followers = len(seen), measured.shape[1] // 2
-
-        def squared(columns: FloatArray) -> FloatArray:
-            if slope is None:
-                return _products(columns, columns, count)
-            values = columns[:, 0].T @ columns[:, 0] / count
-            right = [values, values @ slope]
-            return np.array([right, [slope.T @ products for products in right]])
-
-        grams = squared(seen)
+        grams = _products(seen, seen, count)
         dynamic = [grams] * followers
         if mask is not None:
-            dynamic = [squared(seen[kept]) for kept in mask.T]
+            parts = (seen[kept] for kept in mask.T)
+            dynamic = [_products(part, part, count) for part in parts]
         value_data = seen[:, 0].T @ measured / count
         return cls(grams, tuple(dynamic), value_data, seen[0, 0], measured[0])
 

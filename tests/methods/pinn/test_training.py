@@ -23,7 +23,7 @@ from accpinn.methods.fit import (
     Outcome,
     Progress,
 )
-from accpinn.methods.method import one_thread
+from accpinn.methods.method import TaskContext, one_thread
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
 from accpinn.model.cthp import Case, Parameters
@@ -332,7 +332,7 @@ class TestCheckpoints:
 
     def test_closing_it_keeps_one(self) -> None:
         kept = Kept()
-        run = training.training(noisy(), "II", SHORT, checkpoints=kept)
+        run = training.training(noisy(), "II", SHORT, TaskContext(checkpoints=kept))
         steps = one_thread(lambda: [next(run).iteration for _ in range(3)])
         assert steps() == [0, 5, 10]
         run.close()
