@@ -1,7 +1,6 @@
 """What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -395,32 +394,6 @@ class Recorder:
         """From a checkpoint."""
         self._rows = list(np.array(state["history.rows"], float))
         self._sets = (len(self._rows[-1]) - len(_SCALARS)) // 3
-
-
-Run = Generator[Progress, None, Fit]
-"""An estimation at work: it yields the present moment and returns the fit.
-
-A method that iterates yields several times a second, and can be closed at each of them; one that
-takes no time yields nothing.
-"""
-
-
-def drive(run: Run, on_progress: OnProgress | None = None) -> Fit:
-    """Run an estimation to its end.
-
-    Args:
-        run: not begun yet.
-        on_progress: called with each moment.
-    """
-    with closing(run):
-        while True:
-            try:
-                now = next(run)
-            except StopIteration as end:
-                fit: Fit = end.value
-                return fit
-            if on_progress:
-                on_progress(now)
 
 
 def headway_findings(vehicles: Sequence[int], parameters: Parameters) -> tuple[LongHeadway, ...]:

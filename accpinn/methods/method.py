@@ -3,12 +3,12 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import Checkpoint, Fit, OnProgress, Run, ShouldStop, drive
+from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -63,21 +63,6 @@ class TaskContext:
         return bool(self.should_stop and self.should_stop())
 
 
-class Settings(Protocol):
-    """What a method's settings offer to those who store them."""
-
-    @classmethod
-    def from_json(cls, settings: dict[str, Any]) -> Self:
-        """The settings of a `Fit.config`.
-
-        Raises:
-            ConfigError: when they are another method's, or outside their ranges.
-        """
-
-    def to_json(self) -> dict[str, Any]:
-        """All settings, ready for JSON."""
-
-
 @dataclass(frozen=True)
 class Method:
     """One entry of the registry."""
@@ -86,8 +71,9 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    run: Callable[[Segment, Case, Any, TaskContext], Run]
-    """Segment, case, settings (None for the defaults) and context to an estimation at work."""
+    run: Callable[[Segment, Case, Any, TaskContext], Fit]
+    """Segment, case, settings (None for the defaults) and context to a fit; one that iterates
+    reports its progress and can be stopped several times a second."""
     summary: str
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
@@ -96,8 +82,8 @@ class Method:
     """Raised whenever a change of the method changes its numbers; results then expire."""
     tolerance: float = 1e-6
     """Relative difference of parameters between two machines that run it alike."""
-    settings: type[Settings] | None = None
-    """None for a method without settings."""
+    settings: type[Any] | None = None
+    """Their type, with `to_json` and `from_json`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
     """A few words on `Fit.config` that distinguish two fits of this method."""
     description: str = ""
@@ -148,8 +134,7 @@ class Method:
         """
         if segment.blocks_missing and not self.allows_missing:
             raise _refusal(segment, self.title)
-        context = context or TaskContext()
-        return drive(self.run(segment, case, settings, context), context.on_progress)
+        return self.run(segment, case, settings, context or TaskContext())
 
 
 def relative_size(segment: Segment) -> float:
@@ -177,8 +162,7 @@ def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: 
         others: further fields of `Method`.
     """
 
-    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Run:
-        yield from ()
+    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Fit:
         started = time.perf_counter()
         estimated = fit(segment, case)
         return replace(estimated, seconds=time.perf_counter() - started)

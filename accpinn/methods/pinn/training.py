@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, Progress, Recorder, Run
+from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, Recorder
 from accpinn.methods.method import TYPICAL_SAMPLES, Method, TaskContext
 from accpinn.methods.pinn.config import (
     CALIBRATED,
@@ -114,24 +114,19 @@ def _motion(time: FloatArray, outputs: FloatArray) -> Trajectories:
     return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
 
 
+@_needing_torch()
 def training(
     segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext
-) -> Run:
-    """Learn the parameters of a segment with the physics-inspired neural network, step by step.
+) -> Fit:
+    """Learn the parameters of a segment with the physics-inspired neural network.
 
-    Closing it keeps a checkpoint, from which a training with the same settings goes on.
+    Whatever ends it leaves a checkpoint, from which a training with the same settings goes on.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" for one parameter set, "II" for one per follower.
         settings: None for those of the preset `fast`.
-        context: checkpoints, threads (by default as many as help, at most four), and stop.
-
-    Yields:
-        The present moment, several times a second.
-
-    Returns:
-        The fit.
+        context: checkpoints, threads (by default as many as help, at most four), progress, stop.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
@@ -142,13 +137,7 @@ def training(
     threads = _default(config.preset) if context.threads is None else _allowed(context.threads)
     require_memory(segment, config)
     start_loading()
-    with _needing_torch():
-        return (yield from _driven(segment, case, config, threads, context))
 
-
-def _driven(
-    segment: Segment, case: Case, config: PinnConfig, threads: int, context: TaskContext
-) -> Run:
     def begin() -> tuple[Training, Recorder]:
         return _kind(config.preset)(segment, case, config, threads), Recorder()
 
@@ -170,17 +159,17 @@ def _driven(
     def elapsed() -> Seconds:
         return earlier + time.perf_counter() - started
 
-    def report() -> Progress:
+    def report() -> None:
         nonlocal drawn
         now = replace(training.progress, seconds=elapsed())
         recorder.add(now)
+        if not context.on_progress:
+            return
         if outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
-            drawn = time.perf_counter()
-            outputs = training.outputs()
-            return (
-                now if outputs is None else replace(now, surrogate=_motion(segment.time, outputs))
-            )
-        return now
+            drawn, outputs = time.perf_counter(), training.outputs()
+            surrogate = None if outputs is None else _motion(segment.time, outputs)
+            now = replace(now, surrogate=surrogate)
+        context.on_progress(now)
 
     def save() -> None:
         if checkpoints:
@@ -189,18 +178,18 @@ def _driven(
 
     try:
         if not earlier:
-            yield report()
+            report()
         while outcome is None:
             if context.is_stopped:
                 outcome = Outcome.STOPPED
                 break
             training.advance()
             outcome = training.outcome
-            yield report()
+            report()
             if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
                 save()
                 saved = time.perf_counter()
-    finally:  # also where whoever drives it ends it
+    finally:  # also where it is interrupted
         if outcome is not Outcome.DIVERGED:
             save()
     learned = training.learned()
