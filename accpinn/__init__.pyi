@@ -45,7 +45,7 @@ from .segment.quality import assess_quality as assess_quality
 from .segment.quality import exclude_regimes as exclude_regimes
 from .segment.quality import label_regimes as label_regimes
 from .segment.segment import Segment as Segment
-from .stability.frequency import transfer_function as transfer_function
+from .stability.criteria import transfer_function as transfer_function
 from .stability.measured_gain import MeasuredGain as MeasuredGain
 from .stability.measured_gain import measured_gain as measured_gain
 from .stability.report import StabilityReport as StabilityReport

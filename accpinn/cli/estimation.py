@@ -47,7 +47,7 @@ from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
-from accpinn.methods.pinn.torch_loading import start_loading
+from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of

@@ -10,9 +10,13 @@ what was measured there is replaced by a bridge: the leader's speed is straight,
 cubic with the values and slopes (Δv) at both ends, and the speeds follow from dp/dt = Δv. So
 even a method that smooths over the block learns nothing of it, nothing is spliced, and both sides
 keep their time. The bridge itself moves an estimate by less than half a percent.
+
+A *validation* is the closed-loop simulation on another window, with the errors on the window that
+the parameters were learned from beside it: if those on the other window are far larger, the
+parameters describe only the first window.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -30,6 +34,7 @@ from accpinn.evaluation.closed_loop import (
     surrogate_errors,
 )
 from accpinn.evaluation.whiteness import Whiteness, whiteness
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
@@ -216,16 +221,93 @@ def _outside(segment: Segment, recording: Recording) -> list[Window]:
 
 def _bridge(segment: Segment, near: int, far: int) -> tuple[FloatArray, FloatArray]:
     """Speeds (K, M+1) and gaps (K, M) between two samples, computed from these two alone."""
-    length = segment.time[far] - segment.time[near]
-    s = ((segment.time[near + 1 : far] - segment.time[near]) / length)[:, None]
-    relative = segment.speeds[:, :-1] - segment.speeds[:, 1:]
-    gap, last_gap, slope, last_slope = (
-        values[at] for values in (segment.gaps, length * relative) for at in (near, far)
+    from scipy.interpolate import CubicHermiteSpline  # takes a second to import
+
+    ends, times = [near, far], segment.time[near + 1 : far]
+    relative = segment.speeds[ends, :-1] - segment.speeds[ends, 1:]
+    gaps = CubicHermiteSpline(segment.time[ends], segment.gaps[ends], relative)
+    leader = np.interp(times, segment.time[ends], segment.speeds[ends, 0])[:, None]
+    return np.hstack([leader, leader - np.cumsum(gaps(times, 1), axis=1)]), gaps(times)
+
+
+class ValidationOverlaps(Finding, frozen=True):
+    """The window of the validation overlaps the one that was learned from."""
+
+    text = (
+        "The validation window shares {seconds:.0f} s with the one learned from, so its errors are"
+        " too small; choose one outside it."
     )
-    rise = last_gap - gap
-    # Hermite's cubic and its derivative.
-    quadratic, cubic = 3 * rise - 2 * slope - last_slope, slope + last_slope - 2 * rise
-    gaps = gap + slope * s + quadratic * s**2 + cubic * s**3
-    rates = slope + 2 * quadratic * s + 3 * cubic * s**2
-    leader = (1 - s) * segment.speeds[near, 0] + s * segment.speeds[far, 0]
-    return np.hstack([leader, leader - np.cumsum(rates, axis=1) / length]), gaps
+
+    seconds: Seconds
+    """Duration of the overlap."""
+
+
+class OtherVehicles(Finding, frozen=True):
+    """The vehicles of the validation have other names than those learned from."""
+
+    text = (
+        "The validation is on other vehicles: {pairs}. The errors show how well the parameters of"
+        " one car describe another."
+    )
+
+    learned: tuple[str, ...]
+    """Labels of the followers that were learned from."""
+    validated: tuple[str, ...]
+    """Labels of the followers of the validation, in the same order."""
+
+    def _words(self, about: Labelled) -> Words:
+        pairs = zip(self.learned, self.validated, strict=True)
+        replaced = (f"{new} instead of {old}" for old, new in pairs if old != new)
+        return {"pairs": "; ".join(replaced)}
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Closed-loop errors of one parameter set on two windows."""
+
+    learned: TrackingErrors | None
+    """Errors on the window that was learned from; None where nothing can be simulated."""
+    validated: TrackingErrors | None
+    """Errors on the other window; None where nothing can be simulated."""
+    events: tuple[ClosedLoopFinding, ...]
+    """Collisions, reversing and divergence on the other window."""
+    findings: tuple[ValidationOverlaps | OtherVehicles, ...]
+    """Why the errors may say less than they seem to."""
+
+
+def validate(fit: Fit, segment: Segment, other: Segment) -> Validation:
+    """Errors of the closed-loop simulation on the segment of a fit and on another one.
+
+    Args:
+        fit: the fit of any method, with M followers.
+        segment: the data that it was learned from.
+        other: data of M followers in the same order.
+
+    Raises:
+        SegmentError: if the number of followers differs.
+    """
+    if other.followers != segment.followers:
+        raise SegmentError(
+            f"{other.source}, {other.window}: {other.followers} followers cannot validate the"
+            f" parameters of {segment.followers}; choose as many."
+        )
+    return Validation(
+        closed_loop_errors(segment, fit),
+        closed_loop_errors(other, fit),
+        closed_loop_findings(other, closed_loop(other, fit)),
+        tuple(_cautions(segment, other)),
+    )
+
+
+def _cautions(segment: Segment, other: Segment) -> Iterator[ValidationOverlaps | OtherVehicles]:
+    same_run = (segment.sha256, segment.source) == (other.sha256, other.source)
+    if same_run:
+        learned_on, tried_on = segment.window, other.window
+        shared = min(learned_on.end, tried_on.end) - max(learned_on.start, tried_on.start)
+        same = bool(np.isin(other.vehicles[1:], segment.vehicles[1:]).any())
+        if shared > 0 and same:
+            yield ValidationOverlaps(float(shared))
+    # In another run the same car may have another place; in one run two may have the same name.
+    learned, validated = ((s.labels if same_run else s.names)[1:] for s in (segment, other))
+    if learned != validated:
+        yield OtherVehicles(segment.labels[1:], other.labels[1:])

@@ -29,8 +29,14 @@ from accpinn.methods.method import one_thread
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import exact_margin, l2_margin, step_metrics
-from accpinn.stability.frequency import crossovers, peaks, response
+from accpinn.stability.criteria import (
+    crossovers,
+    exact_margin,
+    l2_margin,
+    peaks,
+    response,
+    step_metrics,
+)
 from accpinn.units import FloatArray, Mask, Seconds
 
 METHOD = "posterior of the exact likelihood, by importance sampling"

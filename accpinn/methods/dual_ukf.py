@@ -27,22 +27,9 @@ Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 
 import numpy as np
 
+from accpinn.methods import online
 from accpinn.methods.fit import FilterDiverged, Fit, Outcome
 from accpinn.methods.method import direct
-from accpinn.methods.online import (
-    Measurements,
-    State,
-    drift,
-    filter_findings,
-    measurement_noise,
-    motion_noise,
-    run,
-    settings,
-    step_maps,
-    symmetric,
-    theta_covariance,
-    track,
-)
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment.segment import Segment
@@ -52,19 +39,17 @@ UNCERTAIN = (0.3, 1.0, 1.0)
 """Standard deviations of α, τ, β at first: so large that `TYPICAL` soon has no influence."""
 UNINFORMATIVE = 1e12
 """In m² and m²/s²: variance of a masked measurement."""
-UNSCENTED_SPREAD = 1.0
-"""Spread of the points: with 1 they lie sqrt(n) deviations out and no weight is negative."""
-UNIT = np.eye(2)
-KURTOSIS = 2.0
-"""The value for normal distributions."""
+MEAN_WEIGHTS = np.array([0.0] + 6 * [1 / 6])
+COVARIANCE_WEIGHTS = np.array([2.0] + 6 * [1 / 6])
+"""With a kurtosis of 2, the value for normal distributions."""
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion."""
-    config = {**settings(), "uncertain": list(UNCERTAIN)}
-    platoon = Measurements.of(segment, case)
+    config = {**online.settings(), "uncertain": list(UNCERTAIN)}
+    platoon = online.Measurements.of(segment, case)
     try:
-        filtered = run(_Dual(platoon), segment, platoon)
+        filtered = online.run(_Dual(platoon), segment, platoon)
     except np.linalg.LinAlgError:  # no motion follows the measurements
         return Fit.of(
             "dual-ukf",
@@ -79,8 +64,8 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         [_within_bounds(*pair) for pair in zip(*now, strict=True)]
         for now in zip(filtered.theta, filtered.covariance, strict=True)
     ]
-    theta = np.array([[one.theta for one in now] for now in solutions])
-    path = track(segment, theta, filtered.covariance)
+    theta = np.array([[solution.theta for solution in now] for now in solutions])
+    path = online.track(segment, theta, filtered.covariance)
     return Fit.of(
         "dual-ukf",
         segment,
@@ -90,7 +75,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         outcome=Outcome.FILTERED,
         config=config,
         track=path,
-        findings=filter_findings(segment, path),
+        findings=online.filter_findings(segment, path),
     )
 
 
@@ -102,60 +87,52 @@ def _within_bounds(theta: FloatArray, covariance: FloatArray) -> Solution:
     return solve_bounded(information, information @ theta)
 
 
-class _Dual:
+class _Dual(online.Filter):
     """Means and covariances of both filters; G parameter sets, F followers each."""
 
-    def __init__(self, platoon: Measurements) -> None:
-        sets, followers = platoon.gaps.shape[1:]
-        self._step = platoon.step
-        self._noise, self._motion_noise = measurement_noise(), motion_noise(platoon.step)
-        self._drift = drift(platoon.step)
-        self._transform = Unscented(3)
-        self.states = np.stack([platoon.gaps[0], platoon.speeds[0]], axis=-1)  # (G, F, 2)
+    def __init__(self, platoon: online.Measurements) -> None:
+        super().__init__(platoon.step)
+        sets, followers = platoon.mask.shape[1:]
+        self.motion = platoon.states[0].copy()  # (G, F, 2)
         self.spread = np.tile(self._noise, (sets, followers, 1, 1))
         self.mean = np.tile(TYPICAL.theta, (sets, 1))
-        self.covariance = np.tile(theta_covariance(UNCERTAIN), (sets, 1, 1))
+        self.covariance = np.tile(online.theta_covariance(UNCERTAIN), (sets, 1, 1))
 
-    @property
-    def motion(self) -> State:
-        """(G, F) each, the mean of the state."""
-        return State(self.states[..., 0], self.states[..., 1])
-
-    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+    def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
         """See `online.Filter`."""
-        measured, masked = _pairs(*now), mask == 0
+        masked = mask == 0
         self.covariance = self.covariance + self._drift
         if masked.all():
             self._forget(measured, masked)
             return
-        points = self._transform.points(self.mean, self.covariance)
-        maps = step_maps(points, self._step)  # (G, 7, 2, 4)
-        known = np.concatenate([self.states, _pairs(before, after)], axis=-1)
+        points = unscented_points(self.mean, self.covariance)
+        maps = online.step_maps(points, self._step)  # (G, 7, 2, 4)
+        known = np.concatenate([self.motion, ahead], axis=-1)
         moved = known[:, None] @ maps.swapaxes(-1, -2)  # (G, 7, F, 2)
         # The first point is the mean θ. Given θ the motion is linear, so that the transform's
         # moments are those of the linear map.
         transition, mean = maps[:, :1, :, :2], moved[:, 0]
         predicted = transition @ self.spread @ transition.swapaxes(-1, -2) + self._motion_noise
         innovation = predicted + self._noise
-        errors = innovation + UNINFORMATIVE * masked[..., None, None] * UNIT
+        errors = innovation + UNINFORMATIVE * masked[..., None, None] * np.eye(2)
         self._update_theta(points, moved, measured, errors)
         gain = predicted @ np.linalg.inv(innovation)
         error = (measured - mean)[..., None]
-        self.states = mean + (gain @ error)[..., 0]
-        self.spread = symmetric(predicted - gain @ predicted)
+        self.motion = mean + (gain @ error)[..., 0]
+        self.spread = online.symmetric(predicted - gain @ predicted)
         if masked.any():
             self._forget(measured, masked)
 
     def _forget(self, measured: FloatArray, masked: Mask) -> None:
         """A masked motion is the measured one, errors and all."""
-        self.states[masked] = measured[masked]
+        self.motion[masked] = measured[masked]
         self.spread[masked] = self._noise
 
     def _update_theta(
         self, points: FloatArray, moved: FloatArray, measured: FloatArray, innovation: FloatArray
     ) -> None:
         """The filter of the parameters, with innovations of covariance (G, F, 2, 2)."""
-        mean, error, weighted = self._transform.moments(moved.reshape(*points.shape[:2], -1))
+        mean, error, weighted = unscented_moments(moved.reshape(*points.shape[:2], -1))
         sets, followers = measured.shape[:2]
         # The followers' blocks on the diagonal, as a view.
         blocks = error.reshape(sets, followers, 2, followers, 2)
@@ -164,43 +141,25 @@ class _Dual:
         gain = np.linalg.solve(error, crossed).swapaxes(1, 2)
         surprise = measured.reshape(sets, -1, 1) - mean[..., None]
         self.mean = self.mean + (gain @ surprise)[..., 0]
-        self.covariance = symmetric(self.covariance - gain @ crossed)
+        self.covariance = online.symmetric(self.covariance - gain @ crossed)
 
 
-def _pairs(one: FloatArray, other: FloatArray) -> FloatArray:
-    """(G, F, 2); faster than `numpy.stack` on arrays so small."""
-    pairs = np.empty((*one.shape, 2))
-    pairs[..., 0], pairs[..., 1] = one, other
-    return pairs
+def unscented_points(mean: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(.., 7, 3) for mean (.., 3) and covariance (.., 3, 3)."""
+    centre = mean[..., None, :]
+    columns = np.sqrt(3.0) * np.linalg.cholesky(covariance).swapaxes(-1, -2)
+    return np.concatenate([centre, centre + columns, centre - columns], axis=-2)
 
 
-class Unscented:
-    """The transform for n components, for a stack of distributions at once."""
+def unscented_moments(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean (.., m) and covariance (.., m, m) of the values (.., 7, m) at the points.
 
-    def __init__(self, size: int) -> None:
-        """The transform of n = ``size`` components."""
-        total = UNSCENTED_SPREAD**2 * size
-        self._reach = np.sqrt(total)
-        self._means = np.full(2 * size + 1, 0.5 / total)
-        self._means[0] = 1 - size / total
-        self._squares = self._means.copy()
-        self._squares[0] += 1 - UNSCENTED_SPREAD**2 + KURTOSIS
-
-    def points(self, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-        """(.., 2n+1, n) for mean (.., n) and covariance (.., n, n)."""
-        centre = mean[..., None, :]
-        columns = self._reach * np.linalg.cholesky(covariance).swapaxes(-1, -2)
-        return np.concatenate([centre, centre + columns, centre - columns], axis=-2)
-
-    def moments(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mean (.., m) and covariance (.., m, m) of the values (.., 2n+1, m) at the points.
-
-        Last come their deviations from the mean times the covariance's weights, (.., m, 2n+1).
-        """
-        mean = self._means @ values
-        deviations = values - mean[..., None, :]
-        weighted = deviations.swapaxes(-1, -2) * self._squares
-        return mean, weighted @ deviations, weighted
+    Last come their deviations from the mean times the covariance's weights, (.., m, 7).
+    """
+    mean = MEAN_WEIGHTS @ values
+    deviations = values - mean[..., None, :]
+    weighted = deviations.swapaxes(-1, -2) * COVARIANCE_WEIGHTS
+    return mean, weighted @ deviations, weighted
 
 
 METHOD = direct(

@@ -1,8 +1,7 @@
 """What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import closing
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -349,9 +348,9 @@ Checkpoint = dict[str, NDArray[np.generic]]
 """The state of a training by name, as plain arrays: all that it needs to continue."""
 
 KEPT = 2000
-"""When so many moments are stored, every second one is dropped and the spacing doubles."""
+"""Most moments of a history: of more, every second, fourth, eighth .. is given."""
 
-_SCALARS = ("iteration", "seconds", "total", "data", "physics", "initial")
+_SCALARS = ("iteration", "seconds", "total", "data", "physics", "initial", "evidence")
 
 
 class Recorder:
@@ -360,27 +359,15 @@ class Recorder:
     def __init__(self) -> None:
         """Empty."""
         self._rows: list[FloatArray] = []
-        """Scalars, evidence, P parameter sets (P, 3), and the P rows of their deviations if any."""
-        self._spacing, self._skipped, self._sets = 1, 0, 1
-        self._latest_is_extra = False
+        """Scalars, P parameter sets (P, 3), and the P rows of their deviations if any."""
+        self._sets = 1
 
     def add(self, progress: Progress) -> None:
         """Store a moment."""
-        if self._latest_is_extra:
-            self._rows.pop()
-        scalars = [float(getattr(progress, name)) for name in (*_SCALARS, "evidence")]
-        tables = [progress.parameters.values]
-        if progress.deviations is not None:
-            tables.append(progress.deviations)
-        self._rows.append(np.append(scalars, tables))
+        scalars = [float(getattr(progress, name)) for name in _SCALARS]
+        deviations = [] if progress.deviations is None else [progress.deviations]
+        self._rows.append(np.append(scalars, [progress.parameters.values, *deviations]))
         self._sets = len(progress.parameters)
-        self._skipped += 1
-        self._latest_is_extra = self._skipped < self._spacing and len(self._rows) > 1
-        if not self._latest_is_extra:
-            self._skipped = 0
-        if len(self._rows) > KEPT:
-            self._rows = self._rows[::2]
-            self._spacing *= 2
 
     def __len__(self) -> int:
         """How many moments are stored."""
@@ -388,54 +375,25 @@ class Recorder:
 
     def history(self) -> History:
         """The history so far."""
-        scalars = len(_SCALARS)
-        rows = np.array(self._rows or np.zeros((0, scalars + 1)))
-        tables = rows[:, scalars + 1 :].reshape(len(rows), -1, self._sets, 3)
-        history = History(
-            **dict(zip(_SCALARS, rows[:, :scalars].T, strict=True)),
-            parameters=Parameters.of(tables[:, 0]),
-        )
-        if tables.shape[1] == 1:
-            return history
-        return replace(history, evidence=rows[:, scalars], deviations=tables[:, 1])
+        spacing = 1
+        while len(self) > spacing * (KEPT - 1):
+            spacing *= 2
+        kept = self._rows[::spacing] + self._rows[-1:] * ((len(self) - 1) % spacing > 0)
+        rows = np.array(kept or np.zeros((0, len(_SCALARS))))
+        tables = rows[:, len(_SCALARS) :].reshape(len(rows), -1, self._sets, 3)
+        named = dict(zip(_SCALARS, rows.T, strict=False))
+        if tables.shape[1] < 2:
+            return History(**named | {"evidence": None}, parameters=Parameters.of(tables[:, 0]))
+        return History(**named, parameters=Parameters.of(tables[:, 0]), deviations=tables[:, 1])
 
     def state(self) -> Checkpoint:
-        """For a checkpoint."""
-        spacing = [self._spacing, self._skipped, self._latest_is_extra, self._sets]
-        return {"history.rows": np.array(self._rows), "history.spacing": np.array(spacing)}
+        """For a checkpoint of a training whose parameters have no deviations."""
+        return {"history.rows": np.array(self._rows)}
 
     def restore(self, state: Checkpoint) -> None:
         """From a checkpoint."""
         self._rows = list(np.array(state["history.rows"], float))
-        spacing, skipped, extra, sets = (int(v) for v in state["history.spacing"])
-        self._spacing, self._skipped, self._sets = spacing, skipped, sets
-        self._latest_is_extra = bool(extra)
-
-
-Run = Generator[Progress, None, Fit]
-"""An estimation at work: it yields the present moment and returns the fit.
-
-A method that iterates yields several times a second, and can be closed at each of them; one that
-takes no time yields nothing.
-"""
-
-
-def drive(run: Run, on_progress: OnProgress | None = None) -> Fit:
-    """Run an estimation to its end.
-
-    Args:
-        run: not begun yet.
-        on_progress: called with each moment.
-    """
-    with closing(run):
-        while True:
-            try:
-                now = next(run)
-            except StopIteration as end:
-                fit: Fit = end.value
-                return fit
-            if on_progress:
-                on_progress(now)
+        self._sets = (len(self._rows[-1]) - len(_SCALARS)) // 3
 
 
 def headway_findings(vehicles: Sequence[int], parameters: Parameters) -> tuple[LongHeadway, ...]:

@@ -3,18 +3,15 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, ParamSpec, Protocol, TypeVar
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import Checkpoint, Fit, OnProgress, Run, ShouldStop, drive
+from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings.recording import Window
-from accpinn.segment.cut import MINIMUM_DURATION, WINDOWS_LISTED
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Seconds, stretches
+from accpinn.units import FloatArray, Seconds
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -66,21 +63,6 @@ class TaskContext:
         return bool(self.should_stop and self.should_stop())
 
 
-class Settings(Protocol):
-    """What a method's settings offer to those who store them."""
-
-    @classmethod
-    def from_json(cls, settings: dict[str, Any]) -> Self:
-        """The settings of a `Fit.config`.
-
-        Raises:
-            ConfigError: when they are another method's, or outside their ranges.
-        """
-
-    def to_json(self) -> dict[str, Any]:
-        """All settings, ready for JSON."""
-
-
 @dataclass(frozen=True)
 class Method:
     """One entry of the registry."""
@@ -89,8 +71,9 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    run: Callable[[Segment, Case, Any, TaskContext], Run]
-    """Segment, case, settings (None for the defaults) and context to an estimation at work."""
+    run: Callable[[Segment, Case, Any, TaskContext], Fit]
+    """Segment, case, settings (None for the defaults) and context to a fit; one that iterates
+    reports its progress and can be stopped several times a second."""
     summary: str
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
@@ -99,8 +82,8 @@ class Method:
     """Raised whenever a change of the method changes its numbers; results then expire."""
     tolerance: float = 1e-6
     """Relative difference of parameters between two machines that run it alike."""
-    settings: type[Settings] | None = None
-    """None for a method without settings."""
+    settings: type[Any] | None = None
+    """Their type, with `to_json` and `from_json`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
     """A few words on `Fit.config` that distinguish two fits of this method."""
     description: str = ""
@@ -151,8 +134,7 @@ class Method:
         """
         if segment.blocks_missing and not self.allows_missing:
             raise _refusal(segment, self.title)
-        context = context or TaskContext()
-        return drive(self.run(segment, case, settings, context), context.on_progress)
+        return self.run(segment, case, settings, context or TaskContext())
 
 
 def relative_size(segment: Segment) -> float:
@@ -162,23 +144,11 @@ def relative_size(segment: Segment) -> float:
 
 def _refusal(segment: Segment, title: str) -> SegmentError:
     """The error for a method that cannot use a segment in which blocks of samples are missing."""
-    instants = segment.start + segment.time
-    complete = np.ones(segment.samples, bool)
-    for block in segment.blocks_missing:
-        for window in block.windows:
-            slack = segment.sample_time / 2
-            complete &= (instants < window.start - slack) | (instants > window.end + slack)
-    ends = [(float(instants[s.first]), float(instants[s.last])) for s in stretches(complete)]
-    windows = (Window(*(round(end, 6) for end in pair)) for pair in ends)
-    usable = [window for window in windows if window.duration >= MINIMUM_DURATION]
-    longest = sorted(usable, key=lambda window: -window.duration)[:WINDOWS_LISTED]
-    listed = ", ".join(map(str, sorted(longest, key=lambda window: window.start)))
     first = max(segment.blocks_missing, key=lambda block: block.share)
     where = max(first.windows, key=lambda window: window.duration)
-    cure = f"take a complete window ({listed}) or maximum-likelihood" if listed else ""
     return SegmentError(
         f"{segment.source}: {first.columns[0]} is missing at {where}, and the method"
-        f' "{title}" needs all samples; {cure or "choose maximum-likelihood"}.'
+        f' "{title}" needs all samples; take a window without it, or choose maximum-likelihood.'
     )
 
 
@@ -192,8 +162,7 @@ def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: 
         others: further fields of `Method`.
     """
 
-    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Run:
-        yield from ()
+    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Fit:
         started = time.perf_counter()
         estimated = fit(segment, case)
         return replace(estimated, seconds=time.perf_counter() - started)

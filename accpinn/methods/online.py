@@ -12,8 +12,9 @@ A step that the segment masks does not change θ, and the motion is reset to the
 θ = (α, ατ, β) may drift slowly, as α, τ and β each in a random walk of its own.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -82,23 +83,14 @@ def filter_findings(segment: Segment, path: ParameterTrack) -> tuple[FilterUncer
     )
 
 
-class State(NamedTuple):
-    """Gap and speed, or rates of them; arrays of one shape."""
-
-    gap: FloatArray
-    speed: FloatArray
-
-
 @dataclass(frozen=True, eq=False)
 class Measurements:
     """The measurements, ordered for G parameter sets with F followers each; G F = M."""
 
-    gaps: FloatArray
-    """(N, G, F) in m."""
-    speeds: FloatArray
-    """(N, G, F) in m/s."""
+    states: FloatArray
+    """(N, G, F, 2) p in m and v in m/s."""
     ahead: FloatArray
-    """(N, G, F) in m/s, each predecessor's."""
+    """(N, G, F, 2) each predecessor's speed in m/s at the beginning and the end of a step."""
     step: Seconds
     mask: FloatArray
     """(N, G, F) 1 where the step that ends there counts, else 0."""
@@ -111,10 +103,10 @@ class Measurements:
         mask = np.ones(segment.gaps.shape)
         if segment.mask is not None:  # a step needs both of its samples
             mask[1:] = segment.mask[1:] & segment.mask[:-1]
+        leading = segment.speeds[:, :-1]
         return cls(
-            segment.gaps.reshape(shape),
-            segment.speeds[:, 1:].reshape(shape),
-            segment.speeds[:, :-1].reshape(shape),
+            np.stack([segment.gaps, segment.speeds[:, 1:]], axis=-1).reshape(*shape, 2),
+            np.stack([np.roll(leading, 1, axis=0), leading], axis=-1).reshape(*shape, 2),
             segment.sample_time,
             mask.reshape(shape),
         )
@@ -147,28 +139,30 @@ def step_maps(theta: FloatArray, step: Seconds) -> FloatArray:
     return series
 
 
-class Filter(Protocol):
+class Filter(ABC):
     """Estimates of G parameter sets with F followers each, sample by sample."""
 
-    @property
-    def mean(self) -> FloatArray:
-        """(G, 3) of θ."""
+    mean: FloatArray
+    """(G, 3) of θ."""
+    covariance: FloatArray
+    """(G, 3, 3) of θ."""
+    motion: FloatArray
+    """(G, F, 2) the mean of p and v."""
 
-    @property
-    def covariance(self) -> FloatArray:
-        """(G, 3, 3) of θ."""
+    def __init__(self, step: Seconds) -> None:
+        """The covariances of a measured (p, v), and of what a step adds to (p, v) and to θ."""
+        self._step = step
+        self._noise = measurement_noise()
+        self._motion_noise = motion_noise(step)
+        self._drift = step * theta_covariance(DRIFT)
 
-    @property
-    def motion(self) -> State:
-        """(G, F) each, the mean of the state."""
-
-    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+    @abstractmethod
+    def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
         """Process one more sample.
 
         Args:
-            before: (G, F) the predecessors' speeds at the step's beginning.
-            after: (G, F) the same at its end.
-            now: (G, F) each, as measured.
+            ahead: (G, F, 2) the predecessors' speeds at the step's beginning and at its end.
+            measured: (G, F, 2) p and v.
             mask: (G, F) 1 where the step counts, else 0.
         """
 
@@ -187,18 +181,16 @@ class Filtered:
 
 def run(filter_: Filter, segment: Segment, platoon: Measurements) -> Filtered:
     """Run a filter, which knows the first sample, over all others."""
-    motion = State(platoon.gaps.copy(), platoon.speeds.copy())
+    motion = platoon.states.copy()
     thetas, covariances, kept = [], [], set(kept_samples(segment))
     for now in range(1, segment.samples):
-        measured = State(platoon.gaps[now], platoon.speeds[now])
-        filter_.update(platoon.ahead[now - 1], platoon.ahead[now], measured, platoon.mask[now])
-        motion.gap[now], motion.speed[now] = filter_.motion
+        filter_.update(platoon.ahead[now], platoon.states[now], platoon.mask[now])
+        motion[now] = filter_.motion
         if now in kept:
             thetas.append(filter_.mean)
             covariances.append(filter_.covariance)
-    shape = segment.gaps.shape
-    speeds = np.column_stack([segment.speeds[:, 0], motion.speed.reshape(shape)])
-    path = Trajectories(segment.time, speeds, motion.gap.reshape(shape))
+    gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
+    path = Trajectories(segment.time, np.column_stack([segment.speeds[:, 0], speeds]), gaps)
     return Filtered(np.array(thetas), np.array(covariances), path)
 
 
@@ -217,11 +209,6 @@ def theta_covariance(deviation: tuple[float, float, float]) -> FloatArray:
     """(3, 3) of θ near `TYPICAL`, for independent deviations of α, τ, β."""
     slopes = np.array([[1.0, 0, 0], [TYPICAL.tau, TYPICAL.alpha, 0], [0, 0, 1]])
     return np.asarray(slopes @ np.diag(np.square(deviation)) @ slopes.T)
-
-
-def drift(step: Seconds) -> FloatArray:
-    """(3, 3) covariance that drift adds to θ in one step."""
-    return step * theta_covariance(DRIFT)
 
 
 def settings() -> dict[str, Any]:

@@ -29,21 +29,9 @@ Sequential Monte Carlo Methods in Practice (2001), chapter 10.
 
 import numpy as np
 
+from accpinn.methods import online
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import direct
-from accpinn.methods.online import (
-    Measurements,
-    State,
-    drift,
-    filter_findings,
-    measurement_noise,
-    motion_noise,
-    run,
-    settings,
-    step_maps,
-    symmetric,
-    track,
-)
 from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask
@@ -68,10 +56,10 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
         particles: P for each parameter set.
         seed: of the draws.
     """
-    platoon = Measurements.of(segment, case)
-    filtered = run(_Cloud(platoon, particles, seed), segment, platoon)
+    platoon = online.Measurements.of(segment, case)
+    filtered = online.run(_Cloud(platoon, particles, seed), segment, platoon)
     copies = segment.followers // filtered.theta.shape[1]
-    path = track(segment, filtered.theta, filtered.covariance)
+    path = online.track(segment, filtered.theta, filtered.covariance)
     return Fit(
         method="particle",
         case=case,
@@ -79,22 +67,20 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
         surrogate=filtered.trajectories,
         outcome=Outcome.FILTERED,
         seconds=0.0,
-        config={**settings(), "particles": particles, "seed": seed, "shrink": SHRINK},
+        config={**online.settings(), "particles": particles, "seed": seed, "shrink": SHRINK},
         active_bounds=((),) * segment.followers,
         track=path,
-        findings=filter_findings(segment, path),
+        findings=online.filter_findings(segment, path),
     )
 
 
-class _Cloud:
+class _Cloud(online.Filter):
     """P particles for each of G parameter sets, with F followers each."""
 
-    def __init__(self, platoon: Measurements, particles: int, seed: int) -> None:
-        sets, followers = platoon.gaps.shape[1:]
+    def __init__(self, platoon: online.Measurements, particles: int, seed: int) -> None:
+        super().__init__(platoon.step)
+        sets, followers = platoon.mask.shape[1:]
         self._random = np.random.default_rng(seed)
-        self._step = platoon.step
-        self._noise, self._motion_noise = measurement_noise(), motion_noise(platoon.step)
-        self._drift = drift(platoon.step)
         self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets, particles)
         self._transition = np.empty((sets, 2, 2))
@@ -105,7 +91,7 @@ class _Cloud:
             self._prepare(k)
         self._known = np.empty((sets, followers, 4))
         """(G, F, 4) p, v and the predecessor's speed before and after a step, as measured."""
-        self._known[..., 0], self._known[..., 1] = platoon.gaps[0], platoon.speeds[0]
+        self._known[..., :2] = platoon.states[0]
         self._offsets = np.zeros((sets, followers, 2, particles))
         """S⁻¹ e. A motion differs from the measured one by -R S⁻¹ e, as 1 - K = R S⁻¹."""
         self._logs = np.zeros((sets, particles))
@@ -113,24 +99,24 @@ class _Cloud:
         self._steps_since = np.full(sets, -1)
         self.mean = self._theta.mean(axis=2).T
 
-    def update(self, before: FloatArray, after: FloatArray, now: State, mask: FloatArray) -> None:
+    def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
         """See `online.Filter`; where too few particles count, they are drawn anew first."""
         self._steps_since += 1
         effective = 1 / np.einsum("gp,gp->g", self._weights, self._weights)
         for k in np.flatnonzero(effective < LEAST_EFFECTIVE * self._weights.shape[1]):
             self._redraw(int(k))
         if not mask.any():
-            self._known[..., 0], self._known[..., 1] = now
+            self._known[..., :2] = measured
             self._forget()
             self._offsets[:] = 0
             return
         if not self._is_steady:
             self._follow_spread()
-        self._known[..., 2], self._known[..., 3] = before, after
+        self._known[..., 2:] = ahead
         predicted = self._known @ self._maps.reshape(len(self._maps), 4, -1)
         errors = np.einsum("gjip,gfjp->gfip", self._returns, self._offsets)
         errors -= predicted.reshape(errors.shape)
-        self._known[..., 0], self._known[..., 1] = now
+        self._known[..., :2] = measured
         errors += self._known[..., :2, None]
         if not mask.all():  # a masked motion becomes the measured one, errors and all
             errors *= mask[..., None, None]
@@ -148,7 +134,7 @@ class _Cloud:
         moved = self._transition @ self._spread @ self._transition.swapaxes(1, 2)
         predicted = moved + self._motion_noise
         self._precision = np.asarray(np.linalg.inv(predicted + self._noise), np.float64)
-        spread = symmetric(predicted - predicted @ self._precision @ predicted)
+        spread = online.symmetric(predicted - predicted @ self._precision @ predicted)
         moves = np.abs(spread - self._spread) > STEADY * np.abs(spread)
         self._is_steady = not moves.any()
         self._spread = spread
@@ -158,14 +144,13 @@ class _Cloud:
         self._spread[masked], self._is_steady = self._noise, False
 
     @property
-    def motion(self) -> State:
-        """(G, F) each, the mean of the state."""
+    def motion(self) -> FloatArray:  # type: ignore[override]
+        """(G, F, 2) the mean of p and v."""
         offsets = (self._offsets @ self._weights[:, None, :, None])[..., 0]
-        means = self._known[..., :2] - offsets * np.diag(self._noise)
-        return State(means[..., 0], means[..., 1])
+        return np.asarray(self._known[..., :2] - offsets * np.diag(self._noise))
 
     @property
-    def covariance(self) -> FloatArray:
+    def covariance(self) -> FloatArray:  # type: ignore[override]
         """(G, 3, 3) of θ."""
         return np.array([self._covariance(k) for k in range(len(self.mean))])
 
@@ -175,9 +160,9 @@ class _Cloud:
 
     def _prepare(self, k: int) -> None:
         """What a step makes of measurements, and of offsets, for the particles of a set."""
-        self._maps[k] = step_maps(self._theta[:, k].T, self._step).T
+        self._maps[k] = online.step_maps(self._theta[:, k].T, self._step).T
         mean = self._theta[:, k].mean(axis=1)
-        self._transition[k], self._is_steady = step_maps(mean, self._step)[:, :2], False
+        self._transition[k], self._is_steady = online.step_maps(mean, self._step)[:, :2], False
         self._returns[k] = self._maps[k, :2] * np.diag(self._noise)[:, None, None]
 
     def _redraw(self, k: int) -> None:

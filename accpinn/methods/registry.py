@@ -13,7 +13,7 @@ from accpinn.methods import (
     splines,
 )
 from accpinn.methods.method import Method
-from accpinn.methods.pinn import method as pinn
+from accpinn.methods.pinn import training as pinn
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import IncompleteWindow, cut
 from accpinn.segment.segment import Segment

@@ -30,7 +30,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import block_diag
 
 from accpinn.errors import SegmentError
 from accpinn.methods import least_squares, splines
@@ -52,7 +52,6 @@ from accpinn.model.cthp import (
     Parameters,
     Trajectories,
     motion_matrix,
-    orbit,
     respond,
 )
 from accpinn.segment.segment import Segment
@@ -92,7 +91,6 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         for k, chain in enumerate(chains(segment, case))
     ]
     states = np.concatenate([end.states for end in ends], axis=1)
-    errors = np.concatenate([end.errors for end in ends], axis=1)
     return Fit.of(
         "simulation",
         segment,
@@ -103,7 +101,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         ),
         outcome=Outcome.CONVERGED if all(end.converged for end in ends) else Outcome.FINISHED,
         config={"starts": len(guesses), "start_error": list(START_ERROR)},
-        loss={"total": float((errors**2).sum() / (segment.samples * segment.followers))},
+        loss={"total": sum(end.squares for end in ends) / segment.gaps.size},
         iterations=sum(end.rounds for end in ends),
         findings=_findings(segment, ends),
     )
@@ -118,8 +116,6 @@ class Chain:
     measured: FloatArray
     """(N, 2K) x as recorded."""
     step: Seconds
-    first: int = 0
-    """The sample of the segment at which it begins."""
 
     @cached_property
     def parts(self) -> FloatArray:
@@ -145,8 +141,8 @@ class Chain:
         begin = np.concatenate([start, np.zeros(3 * size)])
         driven = respond(np.column_stack([joint, drive]), self.ahead, self.step, begin)
         by_theta = driven[:, size:].reshape(-1, 3, size).transpose(0, 2, 1)
-        transition = expm(matrix[:, :-1] * self.step)
-        by_start = [orbit(transition, unit, len(driven)) for unit in np.eye(size)]
+        still = np.zeros(len(driven))
+        by_start = [respond(matrix, still, self.step, unit) for unit in np.eye(size)]
         return np.concatenate([by_theta, np.stack(by_start, axis=2)], axis=2)
 
     def _matrix(self, theta: FloatArray) -> FloatArray:
@@ -175,8 +171,8 @@ class _End:
     solution: Solution
     states: FloatArray
     """(N, 2K) simulated with it from the first instant on, also over masked instants."""
-    errors: FloatArray
-    """(N, 2K) of the simulated stretches; zero where nothing was simulated."""
+    squares: float
+    """Sum of the squared errors of the simulated stretches."""
     converged: bool
     rounds: int
     identifiable: bool
@@ -197,7 +193,7 @@ def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
             f" stretch of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another"
             " method."
         )
-    return tuple(Chain(chain.ahead[r], chain.measured[r], chain.step, r.start) for r in runs)
+    return tuple(Chain(chain.ahead[r], chain.measured[r], chain.step) for r in runs)
 
 
 def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:
@@ -220,21 +216,11 @@ def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray])
     return _End(
         Solution(frozen(theta), frozen(unconstrained), active),
         chain.states(theta, search.starts(best.x)[0] if whole else chain.measured[0]),
-        _placed(stretches, search.errors(best.x), chain.measured.shape),
+        2 * float(best.cost),
         bool(best.success),
         sum(end.nfev for end in ends),
         search.is_identifiable(best),
     )
-
-
-def _placed(stretches: tuple[Chain, ...], errors: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Errors of one stretch after the other, put where they belong in the segment."""
-    placed, taken = np.zeros(shape), 0
-    for part in stretches:
-        inside = errors[taken : taken + part.measured.size]
-        placed[part.first : part.first + len(part.ahead)] = inside.reshape(part.measured.shape)
-        taken += part.measured.size
-    return placed
 
 
 def _findings(segment: Segment, ends: list[_End]) -> list[MethodFinding]:
@@ -280,20 +266,14 @@ class _Search:
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """(2KN, len(x)) their derivatives."""
-        theta, free, starts = self.theta(x), len(self._free), self.starts(x)
-        rows, size = [part.measured.size for part in self._stretches], starts.shape[1]
-        slopes = np.zeros((sum(rows), len(x)), order="F")
-        taken = 0
-        for index, (part, start, count) in enumerate(
-            zip(self._stretches, starts, rows, strict=True)
-        ):
-            by_part = part.slopes(theta, start).reshape(count, -1)
-            at = slice(taken, taken + count)
-            slopes[at, :free] = by_part[:, self._free]
-            slopes[at, free + index * size : free + (index + 1) * size] = by_part[:, 3:]
-            taken += count
-        slopes *= self._unit
-        return slopes
+        theta = self.theta(x)
+        parts = [
+            part.slopes(theta, start).reshape(part.measured.size, -1)
+            for part, start in zip(self._stretches, self.starts(x), strict=True)
+        ]
+        by_theta = np.concatenate([part[:, self._free] for part in parts])
+        by_start = block_diag(*(part[:, 3:] for part in parts))
+        return np.asfortranarray(np.hstack([by_theta, by_start]) * self._unit)
 
     def is_identifiable(self, end: "OptimizeResult") -> bool:
         """Whether every change of the free part of θ changes the simulation."""

@@ -21,7 +21,7 @@ from accpinn.errors import SegmentError
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import direct
 from accpinn.methods.regression import Regression
-from accpinn.model.cthp import Case, Trajectories, regressors
+from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -47,10 +47,10 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
             f" of at least {DEGREE + 1}."
         )
     knots_every = max(knots_every, LEAST_SAMPLES * segment.sample_time)
-    basis = _Basis(segment.time, knots_every, segment.mask)
+    basis = _Basis(segment, knots_every)
     solution = Regression.of(segment).solve(case)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
-        speeds, gaps, rates = basis.smooth(segment, solution.theta)
+        speeds, gaps, rates = basis.smooth(solution.theta)
         before = solution.theta
         solution = Regression.of_motion(speeds, gaps, rates, segment.mask).solve(case)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
@@ -63,7 +63,7 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED if rounds < ROUNDS else Outcome.FINISHED,
         config={"knots_every": knots_every, "degree": DEGREE},
-        loss=basis.loss(segment, solution.theta),
+        loss=basis.loss(solution.theta, segment.mask),
         iterations=rounds,
     )
 
@@ -123,12 +123,11 @@ _Residual = tuple[FloatArray, FloatArray]
 class _Basis:
     """The B-splines on the segment's instants, and the banded solve for their coefficients."""
 
-    def __init__(
-        self, instants: FloatArray, knots_every: Seconds, mask: Mask | None = None
-    ) -> None:
-        splines = SplineBasis(float(instants[-1]), knots_every, DEGREE)
-        self.value, self.rate = splines.derivatives(instants, 1)
-        self.size, self.count = splines.size, len(instants)
+    def __init__(self, segment: Segment, knots_every: Seconds) -> None:
+        splines = SplineBasis(float(segment.time[-1]), knots_every, DEGREE)
+        self.value, self.rate = splines.derivatives(segment.time, 1)
+        self.size, mask = splines.size, segment.mask
+        self._measured = np.hstack([segment.speeds, segment.gaps])
 
         def bands(rows: slice | Mask) -> _Bands:
             value, rate = self.value[rows], self.rate[rows]
@@ -136,18 +135,15 @@ class _Basis:
             return tuple(splines.diagonals(left, right) for left, right in pairs)
 
         self._bands = bands(slice(None))
-        self._mask = mask
-        self._masked_bands = [] if mask is None else [bands(kept) for kept in mask.T]
+        everywhere = [self._bands] * segment.followers
+        self._dynamic_bands = everywhere if mask is None else [bands(kept) for kept in mask.T]
         self._coefficients: FloatArray = np.zeros((self.size, 0))
 
-    def smooth(
-        self, segment: Segment, theta: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def smooth(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Speeds (N, M+1), gaps (N, M) and the followers' dv/dt (N, M) for parameters θ (M, 3)."""
         followers = len(theta)
         outputs = 2 * followers + 1
-        measured = np.concatenate([segment.speeds, segment.gaps], 1)
-        right = (self.value.T @ measured).ravel()
+        right = (self.value.T @ self._measured).ravel()
         solved = solveh_banded(self._normal_matrix(theta), right, lower=True, check_finite=False)
         self._coefficients = solved.reshape(self.size, outputs)
         values, rates = self._evaluate()
@@ -163,17 +159,10 @@ class _Basis:
         """Lower banded form; outputs v_0..v_M, p_1..p_M stand side by side at each knot."""
         outputs = 2 * len(theta) + 1
         banded = np.zeros(((DEGREE + 1) * outputs, self.size * outputs))
-        data = np.eye(outputs)
         kinematic, dynamic = _residuals(theta)
-        if self._mask is None:
-            residuals = [
-                residual for pair in zip(kinematic, dynamic, strict=True) for residual in pair
-            ]
-            self._add_squares(banded, self._bands, residuals, data)
-            return banded
-        self._add_squares(banded, self._bands, kinematic, data)
-        for bands, residual in zip(self._masked_bands, dynamic, strict=True):
-            self._add_squares(banded, bands, [residual], np.zeros_like(data))
+        self._add_squares(banded, self._bands, kinematic, np.eye(outputs))
+        for bands, residual in zip(self._dynamic_bands, dynamic, strict=True):
+            self._add_squares(banded, bands, [residual], np.zeros((outputs, outputs)))
         return banded
 
     def _add_squares(
@@ -199,25 +188,17 @@ class _Basis:
                         + vv[row, column] * value_value[offset]
                     )
 
-    def loss(self, segment: Segment, theta: FloatArray) -> dict[str, float]:
+    def loss(self, theta: FloatArray, mask: Mask | None) -> dict[str, float]:
         """Ψ and its terms at the present coefficients."""
-        followers = len(theta)
         values, rates = self._evaluate()
-        split = followers + 1
-        speeds, gaps = values[:, :split], values[:, split:]
-        model = np.einsum("mnk,mk->nm", regressors(speeds, gaps), theta)
-        relative = speeds[:, :-1] - speeds[:, 1:]
-        scale = 1.0 / (self.count * followers)
-        residual = rates[:, 1:split] - model
-        if self._mask is not None:
-            residual = np.where(self._mask, residual, 0.0)
-        physics = ((rates[:, split:] - relative) ** 2).sum() + (residual**2).sum()
-        data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
-        return {
-            "total": float(scale * (physics + data)),
-            "data": float(scale * data),
-            "physics": float(scale * physics),
-        }
+        kinematic, dynamic = (
+            np.stack([rates @ rate + values @ value for rate, value in residuals], axis=1)
+            for residuals in _residuals(theta)
+        )
+        counted = dynamic if mask is None else np.where(mask, dynamic, 0.0)
+        physics = float((kinematic**2).sum() + (counted**2).sum()) / counted.size
+        data = float(((values - self._measured) ** 2).sum()) / counted.size
+        return {"total": data + physics, "data": data, "physics": physics}
 
 
 def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:

@@ -27,9 +27,6 @@ Case = Literal["I", "II"]
 LINEAR_NAMES = ("α", "ατ", "β")
 """The components of θ, in which the model is linear, in the order of every θ in this package."""
 
-BLOCK = 256
-"""Rows of a product that are multiplied at once; see `in_blocks`."""
-
 
 class Parameters:
     """α, β and τ of one vehicle or of many, and the further terms of its model, immutable.
@@ -63,11 +60,7 @@ class Parameters:
         """
         given = (alpha, beta, tau, s0, lag, delay)
         parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
-        object.__setattr__(self, "complete", frozen(np.stack(parts, axis=-1)))
-
-    def __setattr__(self, name: str, value: object) -> None:
-        """Refuse: parameters never change."""
-        raise AttributeError(f"Parameters are immutable; make new ones instead of setting {name}.")
+        self.complete = frozen(np.stack(parts, axis=-1))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Copy and pickle by value."""
@@ -340,22 +333,9 @@ def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
     known, power = 1, transition.T
     while known < count:
         fresh = min(known, count - known)
-        states[known : known + fresh] = in_blocks(states[:fresh], power)
+        states[known : known + fresh] = states[:fresh] @ power
         known, power = known + fresh, power @ power
     return states
-
-
-def in_blocks(rows: FloatArray, matrix: FloatArray) -> FloatArray:
-    """(N, K) @ (K, L) for small K and L, some rows at a time.
-
-    As a whole the product is large enough for the linear algebra library to share it out, yet so
-    small that waiting for a busy core takes longer than the product.
-    """
-    result = np.empty((len(rows), matrix.shape[1]))
-    for first in range(0, len(rows), BLOCK):
-        part = slice(first, first + BLOCK)
-        np.matmul(rows[part], matrix, out=result[part])
-    return result
 
 
 def _accumulate(transition: FloatArray, states: FloatArray) -> None:
@@ -366,5 +346,5 @@ def _accumulate(transition: FloatArray, states: FloatArray) -> None:
     """
     reach, power = 1, transition.T
     while reach < len(states):
-        states[reach:] += in_blocks(states[:-reach], power)
+        states[reach:] += states[:-reach] @ power
         reach, power = 2 * reach, power @ power

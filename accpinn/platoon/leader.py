@@ -15,8 +15,6 @@ import numpy as np
 from accpinn.errors import ParameterError
 from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds, frozen
 
-EVEN = 1e-6
-"""Largest relative difference between the steps of a recorded leader."""
 POSITIVE = ("frequency", "deceleration", "acceleration", "duration")
 """Settings that are above zero."""
 ANY_SIGN = ("change",)
@@ -124,22 +122,9 @@ class Recorded:
     """(N,) in m/s."""
 
     def __post_init__(self) -> None:
-        """Copy and lock the arrays; refuse what cannot be followed."""
+        """Copy and lock the arrays."""
         object.__setattr__(self, "time", frozen(self.time))
         object.__setattr__(self, "speeds", frozen(self.speeds))
-        fault = self._fault()
-        if fault:
-            raise ParameterError(f"Recorded leader: {fault}.")
-
-    def _fault(self) -> str:
-        if self.time.ndim != 1 or len(self.time) < 2 or self.time.shape != self.speeds.shape:
-            return "it needs as many speeds as instants, and at least two"
-        if not (np.isfinite(self.time).all() and np.isfinite(self.speeds).all()):
-            return "numbers are missing or infinite; cut a window without gaps first"
-        steps = np.diff(self.time)
-        if steps.min() <= 0 or np.ptp(steps) > EVEN * steps.mean() + 1e-9 * abs(self.time[-1]):
-            return "its instants are not evenly spaced; cut a segment first, which makes them so"
-        return ""
 
     @property
     def speed(self) -> MetresPerSecond:

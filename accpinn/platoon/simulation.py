@@ -31,8 +31,7 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
-from accpinn.stability.criteria import checked
-from accpinn.stability.frequency import response, slowest_rate
+from accpinn.stability.criteria import checked, response, slowest_rate
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
 
 SAMPLE_TIME: Seconds = 0.1

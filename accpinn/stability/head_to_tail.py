@@ -20,9 +20,17 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.special import gammainccinv
 
-from accpinn.model.cthp import Parameters, in_blocks, motion_matrix, orbit
-from accpinn.stability.criteria import checked, l2_criterion, step_metrics
-from accpinn.stability.frequency import Peak, crossovers, peaks, poles, slowest_rate
+from accpinn.model.cthp import Parameters, motion_matrix, orbit
+from accpinn.stability.criteria import (
+    Peak,
+    checked,
+    crossovers,
+    l2_criterion,
+    peaks,
+    poles,
+    slowest_rate,
+    step_metrics,
+)
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -150,7 +158,7 @@ def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     fine, coarse = np.zeros(count), np.zeros(count)
     for _, step in stages:
         states = orbit(expm(system * step), state, SAMPLES + 1)
-        speeds, rates = states[:, 1::2], in_blocks(states, system[1::2].T)
+        speeds, rates = states[:, 1::2], states @ system[1::2].T
         fine += _variation(speeds, rates * step)
         coarse += _variation(speeds[::2], rates[::2] * (2.0 * step))
         state = states[-1]

@@ -11,18 +11,21 @@ from typing import Literal
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     MARGINAL,
+    Peak,
     checked,
+    crossovers,
     exact_margin,
     l2_criterion,
     l2_margin,
     paper_criterion,
     paper_margin,
+    peaks,
+    poles,
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
     step_metrics,
 )
-from accpinn.stability.frequency import Peak, crossovers, peaks, poles
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
 from accpinn.units import RadiansPerSecond, Seconds
 

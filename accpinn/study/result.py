@@ -29,7 +29,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings.recording import Facts, Recording, facts_of
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.stability.frequency import transfer_function
+from accpinn.stability.criteria import transfer_function
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.analysis import Analysis
 

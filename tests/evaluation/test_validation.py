@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.validation import OtherVehicles, ValidationOverlaps, validate
+from accpinn.evaluation.evaluation import OtherVehicles, ValidationOverlaps, validate
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read

@@ -35,11 +35,11 @@ class TestSplines:
         """Ψ, minimised over the splines, as a function of the parameters alone."""
         segment = driven((LAW,), noise=0.05)
         fit = splines.fit(segment)
-        basis = splines._Basis(segment.time, splines.KNOTS_EVERY)
+        basis = splines._Basis(segment, splines.KNOTS_EVERY)
 
         def lowest(theta: np.ndarray) -> float:
-            basis.smooth(segment, theta[None] * scale)
-            return 1e3 * basis.loss(segment, theta[None] * scale)["total"]
+            basis.smooth(theta[None] * scale)
+            return 1e3 * basis.loss(theta[None] * scale, None)["total"]
 
         scale = fit.parameters[0].theta
         found = minimize(lowest, [0.9, 1.1, 0.8], method="Nelder-Mead", options={"xatol": 1e-6})

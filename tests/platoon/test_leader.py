@@ -3,11 +3,10 @@
 from collections.abc import Callable
 from math import inf, nan
 
-import numpy as np
 import pytest
 
 from accpinn.errors import ParameterError
-from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.platoon.leader import Brake, Leader, Sinusoid, SpeedStep
 
 
 @pytest.mark.parametrize(
@@ -19,9 +18,6 @@ from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
         (lambda: SpeedStep(duration=0.0), "duration = 0, but it must be above zero"),
         (lambda: Brake(deceleration=0.0), "deceleration = 0, but it must be above zero"),
         (lambda: Brake(hold=inf), "hold = inf is no number"),
-        (lambda: Recorded(np.arange(3.0), np.arange(2.0)), "as many speeds as instants"),
-        (lambda: Recorded(np.arange(2.0), np.array([20, nan])), "numbers are missing"),
-        (lambda: Recorded(np.array([0, 1, 3.0]), np.ones(3)), "not evenly spaced"),
     ],
 )
 def test_impossible_settings_are_refused(make: Callable[[], Leader], words: str) -> None:

@@ -24,7 +24,7 @@ from accpinn.platoon.simulation import (
     TransientLeft,
     simulate_platoon,
 )
-from accpinn.stability.frequency import response
+from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.units import FloatArray
 from tests.support.driving import motion

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.frequency import (
+from accpinn.stability.criteria import (
     crossovers,
     peaks,
     poles,

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import impulse
 
 from accpinn.model.cthp import Parameters
-from accpinn.stability.criteria import step_metrics
-from accpinn.stability.frequency import response
+from accpinn.stability.criteria import response, step_metrics
 from accpinn.stability.head_to_tail import head_to_tail_gains, head_to_tail_peaks
 from tests.stability.references import TABLE
 from tests.support.vehicles import AUDI, CALM, NO_REACTION, TESLA, UNDAMPED, damping, ordinary, row

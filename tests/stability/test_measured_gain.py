@@ -9,7 +9,7 @@ from scipy.signal import coherence, lfilter
 from accpinn.errors import SegmentError
 from accpinn.model.cthp import Parameters, Trajectories, simulate
 from accpinn.segment.segment import Segment
-from accpinn.stability.frequency import response
+from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import WINDOW, MeasuredGain, measured_gain
 from accpinn.units import FloatArray, Stretch
 from tests.support.driving import segment_of, standing_still

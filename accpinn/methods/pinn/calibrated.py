@@ -20,7 +20,6 @@ from accpinn.methods.maximum_likelihood import maxima_of
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
-from accpinn.methods.pinn.torch_loading import wait_until_loaded
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Case
@@ -72,7 +71,6 @@ class CalibratedTraining(Training):
 
     def _drawn(self) -> "FastTraining":
         """The network of `fast`, its output layer exact for the present parameters."""
-        wait_until_loaded()
         from accpinn.methods.pinn.fast import FastTraining
 
         left = max(1, self.planned - self._iteration)
@@ -88,17 +86,14 @@ class CalibratedTraining(Training):
         deviations = np.array([log_errors(curvature) for curvature in self._at.curvature])
         evidence, iteration = float(self._at.value.sum()), self._iteration
         if self._network:
-            now, self.outcome = self._network.progress, self._network.outcome
+            now = self._network.progress
             terms, phase = LossTerms(now.data, now.physics, now.initial), now.phase
             iteration += now.iteration
         else:
             terms, phase = self._evidence.loss(z, self.config), "evidence"
-            self.outcome = None
         self._look(phase, iteration, terms, self._solution.parameters, evidence, deviations)
-        if iteration >= self.planned and self.outcome is None:
-            self.outcome = Outcome.FINISHED
-        if not np.isfinite([self.progress.total, evidence]).all():
-            self.outcome = Outcome.DIVERGED
+        if self._network and self.outcome is not Outcome.DIVERGED:
+            self.outcome = self._network.outcome or self.outcome
 
     def outputs(self) -> FloatArray | None:
         """(N, 2M+1) the present surrogate; None while the evidence is still sought without one."""

@@ -186,7 +186,7 @@ class Training(ABC):
         evidence: float = 0.0,
         deviations: FloatArray | None = None,
     ) -> None:
-        """Note the present moment, with parameters (M,) or (1,), and see `Progress`."""
+        """Note the present moment, with parameters (M,) or (1,), and see if it is the last one."""
         self.progress = Progress(
             phase=phase,
             iteration=iteration,
@@ -198,3 +198,6 @@ class Training(ABC):
             deviations=deviations,
             surrogate=None,
         )
+        self.outcome = Outcome.FINISHED if iteration >= self.planned else None
+        if not np.isfinite([self.progress.total, evidence]).all():
+            self.outcome = Outcome.DIVERGED

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.methods.fit import Checkpoint, HoldoutLoss, Outcome
+from accpinn.methods.fit import Checkpoint, HoldoutLoss
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, output_columns
 from accpinn.methods.pinn.network import Adam, Network
@@ -57,12 +57,9 @@ class PaperTraining(Training):
 
     @torch.no_grad()
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
-        """Look at the present moment, with Ψ where it is known already, and see if it ends."""
+        """Look at the present moment, with Ψ where it is known already."""
         now = Parameters.of(self._parameters.detach().numpy())
         self._look(phase, self._iteration, terms or self._loss(), now)
-        self.outcome = Outcome.FINISHED if self._iteration >= self.planned else None
-        if not np.isfinite(self.progress.total):
-            self.outcome = Outcome.DIVERGED
 
     def _descend(self, iterations: int) -> LossTerms:
         """Adam; the terms are those before the last step, as they come with its gradient."""

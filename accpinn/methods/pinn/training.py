@@ -1,31 +1,37 @@
-"""Training from settings to fit: checkpoints, progress, stop and continue.
+"""The PiNN as a method of the registry: from settings to fit; curves drawn again from a fit.
 
 All presets are driven the same way. A training that takes minutes (`paper`) continues from its last
 checkpoint where it was stopped, or where its process died; the others take a second and begin anew.
+PyTorch takes a second or two to be imported, in a thread while something else is done.
 """
 
 import os
 import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
 from math import sqrt
+from threading import Thread
+from typing import Any
 
 import numpy as np
 
-from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods.fit import (
-    Continued,
-    Fit,
-    MethodFinding,
-    Outcome,
-    Progress,
-    Recorder,
-    Run,
-    ShouldStop,
+from accpinn.errors import AccpinnError, ConfigError, SegmentError
+from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, Recorder
+from accpinn.methods.method import TYPICAL_SAMPLES, Method, TaskContext
+from accpinn.methods.pinn.config import (
+    CALIBRATED,
+    FAST,
+    METHOD_VERSION,
+    PAPER,
+    PRESETS,
+    STRETCH,
+    PinnConfig,
+    PresetName,
 )
-from accpinn.methods.method import TYPICAL_SAMPLES, Checkpoints
-from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, STRETCH, PinnConfig, PresetName
 from accpinn.methods.pinn.loss import Training, output_columns
-from accpinn.methods.pinn.torch_loading import start_loading, wait_until_loaded
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -48,50 +54,96 @@ _PER_FEATURE, _MASKED = (48, 3), (60, 5)
 measured, without a mask and with one."""
 _PER_INSTANT = 5_000
 """Bytes per instant that `paper` takes at its peak; measured."""
+MOST_FEATURES = 20_000
+"""`redraw` refuses more; a window of a day has fewer."""
+TORCH_ABSENT = (ImportError, OSError)
+"""Errors of the import of PyTorch; the latter for a library of another system."""
 
 
+@cache
+def start_loading() -> None:
+    """Begin to import PyTorch in a thread; called as soon as a training is asked for."""
+
+    def load() -> None:
+        with suppress(*TORCH_ABSENT):  # whoever needs it reports it
+            import_module("torch")
+
+    Thread(target=load, daemon=True).start()
+
+
+@contextmanager
+def _needing_torch() -> Iterator[None]:
+    try:
+        yield
+    except TORCH_ABSENT as fault:
+        raise AccpinnError(
+            f"PyTorch, which the PiNN needs, cannot be loaded ({str(fault)[:80]}); install the"
+            " packages of requirements.txt again, or choose another method."
+        ) from fault
+
+
+@_needing_torch()
+def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
+    """The surrogate of a fit from its stored weights alone.
+
+    Args:
+        fit: a PiNN's.
+        time: (N,) in s from the window's start; any instants of it.
+        duration: of the window, in s.
+
+    Raises:
+        ConfigError: when the weights are missing, or another network's.
+    """
+    from accpinn.methods.pinn.network import Network
+
+    config = PinnConfig.from_json(fit.config)
+    try:
+        if 2 * duration * config.highest_frequency > MOST_FEATURES:
+            raise ValueError(duration)
+        network = Network(len(fit.parameters), config, duration)
+        network.load_arrays(fit.arrays)
+    except (KeyError, ValueError, RuntimeError):
+        raise ConfigError(
+            "The network's weights are missing, or another network's; train again."
+        ) from None
+    return _motion(time, network.curves(time))
+
+
+def _motion(time: FloatArray, outputs: FloatArray) -> Trajectories:
+    speeds, gaps = output_columns(outputs.shape[1] // 2)
+    return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
+
+
+@_needing_torch()
 def training(
-    segment: Segment,
-    case: Case = "II",
-    config: PinnConfig = FAST,
-    *,
-    checkpoints: Checkpoints | None = None,
-    should_stop: ShouldStop | None = None,
-    threads: int | None = None,
-) -> Run:
-    """Learn the parameters of a segment with the physics-inspired neural network, step by step.
+    segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext
+) -> Fit:
+    """Learn the parameters of a segment with the physics-inspired neural network.
 
-    Closing it keeps a checkpoint, from which a training with the same settings goes on.
+    Whatever ends it leaves a checkpoint, from which a training with the same settings goes on.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" for one parameter set, "II" for one per follower.
-        config: preset and settings.
-        checkpoints: where its state is kept; None keeps nothing.
-        should_stop: asked several times a second; True ends with `Outcome.STOPPED`.
-        threads: processor threads; by default as many as help, at most four.
-
-    Yields:
-        The present moment, several times a second.
-
-    Returns:
-        The fit.
+        settings: None for those of the preset `fast`.
+        context: checkpoints, threads (by default as many as help, at most four), progress, stop.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
-        ConfigError: when ``threads`` is no sensible number.
+        ConfigError: when the number of threads is no sensible one.
         SegmentError: when the segment is too long to be trained on.
     """
-    count = _default(config.preset) if threads is None else _allowed(threads)
-
-    def begin() -> Training:
-        return _kind(config.preset)(segment, case, config, count)
-
+    config = settings or FAST
+    threads = _default(config.preset) if context.threads is None else _allowed(context.threads)
     require_memory(segment, config)
     start_loading()
+
+    def begin() -> tuple[Training, Recorder]:
+        return _kind(config.preset)(segment, case, config, threads), Recorder()
+
     started = saved = drawn = time.perf_counter()
-    training, recorder, earlier = begin(), Recorder(), 0.0
-    checkpoints = checkpoints if training.has_checkpoints else None
+    (training, recorder), earlier = begin(), 0.0
+    checkpoints = context.checkpoints if training.has_checkpoints else None
     state = checkpoints.load(training.planned) if checkpoints else None
     if checkpoints and state:
         try:
@@ -100,26 +152,24 @@ def training(
             earlier = float(state["seconds"])
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
             checkpoints.reject(fault)
-            training, recorder = begin(), Recorder()
+            training, recorder = begin()
     outcome = training.outcome
     begun: list[MethodFinding] = [Continued(training.progress.iteration)] if earlier else []
 
     def elapsed() -> Seconds:
         return earlier + time.perf_counter() - started
 
-    def motion(outputs: FloatArray) -> Trajectories:
-        speeds, gaps = output_columns(segment.followers)
-        return Trajectories(segment.time, outputs[:, speeds], outputs[:, gaps])
-
-    def report() -> Progress:
+    def report() -> None:
         nonlocal drawn
         now = replace(training.progress, seconds=elapsed())
         recorder.add(now)
+        if not context.on_progress:
+            return
         if outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
-            drawn = time.perf_counter()
-            outputs = training.outputs()
-            return now if outputs is None else replace(now, surrogate=motion(outputs))
-        return now
+            drawn, outputs = time.perf_counter(), training.outputs()
+            surrogate = None if outputs is None else _motion(segment.time, outputs)
+            now = replace(now, surrogate=surrogate)
+        context.on_progress(now)
 
     def save() -> None:
         if checkpoints:
@@ -128,18 +178,18 @@ def training(
 
     try:
         if not earlier:
-            yield report()
+            report()
         while outcome is None:
-            if should_stop and should_stop():
+            if context.is_stopped:
                 outcome = Outcome.STOPPED
                 break
             training.advance()
             outcome = training.outcome
-            yield report()
+            report()
             if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
                 save()
                 saved = time.perf_counter()
-    finally:  # also where whoever drives it ends it
+    finally:  # also where it is interrupted
         if outcome is not Outcome.DIVERGED:
             save()
     learned = training.learned()
@@ -148,7 +198,7 @@ def training(
         segment,
         case,
         learned.solution,
-        surrogate=motion(learned.outputs),
+        surrogate=_motion(segment.time, learned.outputs),
         outcome=outcome,
         seconds=elapsed(),
         config=config.to_json(),
@@ -162,16 +212,12 @@ def training(
 
 
 def _kind(preset: PresetName) -> type[Training]:
-    """The preset's training, imported only now; the search of `calibrated` needs no PyTorch.
-
-    Raises:
-        AccpinnError: where PyTorch cannot be loaded.
-    """
+    """The preset's training, imported only now; the search of `calibrated` needs no PyTorch."""
     if preset == "calibrated":
         from accpinn.methods.pinn.calibrated import CalibratedTraining
 
         return CalibratedTraining
-    wait_until_loaded()
+    import_module("torch")
     if preset == "fast":
         from accpinn.methods.pinn.fast import FastTraining
 
@@ -232,3 +278,41 @@ def typical_seconds(segment: Segment, settings: PinnConfig | None) -> Seconds:
     size = segment.samples / TYPICAL_SAMPLES * config.iterations / iterations
     larger = max(1.0, config.layers / FAST.layers * (config.width / FAST.width) ** 2)
     return typical * size * followers * larger
+
+
+def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
+    """The settings that trainings with one checkpoint share; None for presets of seconds.
+
+    A longer training of `paper` goes on where a shorter one ends, unless L-BFGS follows.
+    """
+    if settings["preset"] != "paper":
+        return None
+    shared = dict(settings)
+    if not settings["lbfgs_iterations"]:
+        del shared["iterations"]
+    return shared
+
+
+def _variant(config: Mapping[str, Any]) -> str:
+    """The preset, and whether settings differ from it."""
+    name = str(config.get("preset", ""))
+    usual = PRESETS[name].to_json() if name in PRESETS else {}
+    return f"{name} preset" + ("" if dict(config) == usual else ", own options")
+
+
+METHOD = Method(
+    key="pinn",
+    title="PiNN",
+    run=training,
+    summary="physics-inspired neural network: trajectories and parameters learned together",
+    typical_seconds=2.0,
+    version=METHOD_VERSION,
+    resumable_settings=_resumable,
+    tolerance=1e-3,
+    settings=PinnConfig,
+    variant=_variant,
+    description="a physics-inspired neural network (PiNN)",
+    is_iterative=True,
+    duration=typical_seconds,
+    redraw=redraw,
+)

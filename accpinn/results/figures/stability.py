@@ -31,11 +31,11 @@ from accpinn.results.figures.style import (
     vehicle_colours,
 )
 from accpinn.stability.criteria import (
+    response,
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
 )
-from accpinn.stability.frequency import response
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import StabilityReport
 from accpinn.units import FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 
 from accpinn.channels import GAP, PARAMETERS, SPEED, Quantity
 from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.evaluation.validation import Validation
+from accpinn.evaluation.evaluation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome

@@ -6,7 +6,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.validation import validate
+from accpinn.evaluation.evaluation import validate
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case

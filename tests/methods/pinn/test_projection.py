@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.fast import NormalEquations, solve_output, solve_parameters
 from accpinn.methods.pinn.loss import loss_terms, output_columns
-from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
 from accpinn.model.cthp import Case, regressors
 from accpinn.units import FloatArray, Mask
 from tests.support.methods import WEIGHTED
@@ -111,18 +111,6 @@ class TestOutputLayer:
         np.testing.assert_allclose(extended.grams, drawn.sums(mask).grams, atol=1e-14)
         expected = drawn.sums(mask).dynamic_grams
         np.testing.assert_allclose(extended.dynamic_grams, expected, atol=1e-14)
-
-    @pytest.mark.parametrize("masked", [False, True])
-    def test_products_of_the_rates_follow_where_these_are_linear_in_the_values(
-        self, masked: bool
-    ) -> None:
-        drawn, slope = draw(2), np.random.default_rng(1).standard_normal((7, 7))
-        mask = np.random.default_rng(5).random((60, 2)) < 0.7 if masked else None
-        drawn.rate[:] = drawn.value @ slope
-        sums = NormalEquations.of(drawn.seen, drawn.data, mask, slope)
-        np.testing.assert_allclose(sums.grams, drawn.sums(mask).grams, atol=1e-12)
-        expected = drawn.sums(mask).dynamic_grams
-        np.testing.assert_allclose(sums.dynamic_grams, expected, atol=1e-12)
 
 
 def model_rows(drawn: Drawn, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -23,7 +23,6 @@ from accpinn.methods.fit import (
     Outcome,
     Progress,
 )
-from accpinn.methods.method import one_thread
 from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
 from accpinn.model.cthp import Case, Parameters
@@ -330,12 +329,15 @@ class TestCheckpoints:
         assert_same_result(train(noisy(), "II", SHORT, checkpoints=kept), plain(SHORT))
         assert len(kept.rejected) == 1
 
-    def test_closing_it_keeps_one(self) -> None:
+    def test_an_interruption_keeps_one(self) -> None:
         kept = Kept()
-        run = training.training(noisy(), "II", SHORT, checkpoints=kept)
-        steps = one_thread(lambda: [next(run).iteration for _ in range(3)])
-        assert steps() == [0, 5, 10]
-        run.close()
+
+        def interrupt(now: Progress) -> None:
+            if now.iteration == 10:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            train(noisy(), "II", SHORT, checkpoints=kept, on_progress=interrupt)
         assert kept.saved == [10]
         assert_same_result(train(noisy(), "II", SHORT, checkpoints=kept), plain(SHORT))
 

@@ -14,7 +14,7 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation
 from accpinn.results.figures.platoon import PANELS, paper_panels
 from accpinn.results.figures.style import FOLLOWERS, LEADER
-from accpinn.stability.frequency import response
+from accpinn.stability.criteria import response
 from tests.support.driving import MIXED, driven
 from tests.support.figures import legend, named
 from tests.support.vehicles import CALM, row

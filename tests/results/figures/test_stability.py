@@ -11,7 +11,7 @@ from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.results.figures import stability as figures
-from accpinn.stability.frequency import response
+from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
 from accpinn.units import FloatArray
