@@ -1,15 +1,14 @@
 """Downloading runs of the catalogue, several at a time, with checksums.
 
 Pooch decides what has to be fetched, compares checksums, and starts again when a connection breaks
-off; urllib3 asks again when the server is busy. The checksum of a run whose contents are not in the
-catalogue is recorded when it is first downloaded, in the file `SHA256SUMS` of its folder.
+off; urllib3 asks again when the server is busy. A run without a checksum in the catalogue is checked
+by its first row alone.
 """
 
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -28,8 +27,6 @@ from accpinn.storage import reason_of, reported
 from accpinn.units import Seconds
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
-CHECKSUMS = "SHA256SUMS"
-"""Checksums by file, as the program sha256sum writes and checks them."""
 CONNECTIONS = 4
 """Connections at a time, so as not to burden the publisher."""
 ATTEMPTS = 5
@@ -120,11 +117,10 @@ def download(
     with reported(lambda reason: RecordingError(f"{folder}: no folder can be made ({reason}).")):
         folder.mkdir(parents=True, exist_ok=True)
     pooch.get_logger().setLevel(logging.WARNING)
-    checksums = _Checksums(folder)
     fetcher = pooch.create(
         path=folder,
         base_url="",
-        registry={run.key: f"sha256:{s}" if (s := checksums.of(run)) else None for run in runs},
+        registry={run.key: f"sha256:{run.sha256}" if run.sha256 else None for run in runs},
         urls={run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs},
         retry_if_failed=ATTEMPTS - 1,
     )
@@ -132,7 +128,7 @@ def download(
         host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
         publisher = _Publisher(session, host, stall, stops, on_transfer, threading.Event())
         futures: list[Future[Download]] = [
-            pool.submit(_fetch, fetcher, publisher, checksums, run) for run in runs
+            pool.submit(_fetch, fetcher, publisher, run) for run in runs
         ]
         for future in as_completed(futures):
             yield future.result()
@@ -151,9 +147,7 @@ def _session() -> requests.Session:
     return session
 
 
-def _fetch(
-    fetcher: pooch.Pooch, publisher: "_Publisher", checksums: "_Checksums", run: Run
-) -> Download:
+def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
     """Download a run that is not there yet."""
     path, host = run.path(Path(fetcher.path)), publisher.host
 
@@ -161,14 +155,10 @@ def _fetch(
         return Download(run, path, DownloadState.FAILED, 0, reason)
 
     try:
-        known, is_present = checksums.of(run), path.is_file()
-        if is_present and known and pooch.file_hash(path) != known:
+        is_present = path.is_file()
+        if is_present and run.sha256 and pooch.file_hash(path) != run.sha256:
             return failed(f"{path}: this is not the published file; move it away to download it.")
-        fetcher.fetch(
-            run.key, downloader=lambda url, place, _: publisher.deliver(run, url, place, known)
-        )
-        if not known:
-            checksums.record(run, pooch.file_hash(path))
+        fetcher.fetch(run.key, downloader=lambda url, place, _: publisher.deliver(run, url, place))
         state = DownloadState.PRESENT if is_present else DownloadState.DOWNLOADED
         return Download(run, path, state, path.stat().st_size)
     except _Stopped:
@@ -199,7 +189,7 @@ class _Publisher:
     is_down: threading.Event
     """Set once the server cannot be reached, so that other runs need not wait for it."""
 
-    def deliver(self, run: Run, url: str, place: str, known: str | None) -> None:
+    def deliver(self, run: Run, url: str, place: str) -> None:
         """Transfer a file to a place, and check that it is the right one.
 
         Raises:
@@ -222,9 +212,9 @@ class _Publisher:
                 self.is_down.set()
                 raise _Unreachable from None
             raise
-        if known is None:
+        if run.sha256 is None:
             _require_run(run, Path(place))
-        elif pooch.file_hash(place) != known:
+        elif pooch.file_hash(place) != run.sha256:
             raise RecordingError(
                 f"{run.key}: what {self.host} sends is not the published file (its SHA-256"
                 " differs); it was not kept."
@@ -269,25 +259,3 @@ def _require_run(run: Run, place: Path) -> None:
         raise RecordingError(
             f"{run.key}: what the server sends is no OpenACC run; it was not kept."
         )
-
-
-class _Checksums:
-    """Checksums of the catalogue, and those recorded when a file was first downloaded."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file, self._lock = folder / CHECKSUMS, threading.Lock()
-        self._known: dict[str, str] = {}
-        with suppress(OSError):
-            for line in self._file.read_text(encoding="utf-8").splitlines():
-                digest, _, key = line.partition("  ")
-                if len(digest) == 64 and key:
-                    self._known[key] = digest
-
-    def of(self, run: Run) -> str | None:
-        return run.sha256 or self._known.get(run.key)
-
-    def record(self, run: Run, digest: str) -> None:
-        with self._lock:
-            self._known[run.key] = digest
-            with self._file.open("a", encoding="utf-8") as file:
-                file.write(f"{digest}  {run.key}\n")
