@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from accpinn.cli.options import add_refit_options, chosen_patience, fields
+from accpinn.cli.options import fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
@@ -14,7 +14,7 @@ from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
 from accpinn.results.tables.verification import verification_table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
-from accpinn.study.verification import PATIENCE, PROMPT, Verification, verify
+from accpinn.study.verification import HOWEVER_LONG, PATIENCE, PROMPT, Verification, verify
 from accpinn.units import Seconds
 
 
@@ -32,7 +32,18 @@ def _add_snapshot(parser: argparse.ArgumentParser, use: str, usual: Seconds) -> 
     parser.add_argument(
         "--trajectory", metavar="ID", help="which one of a recording's table that holds several"
     )
-    add_refit_options(parser, usual)
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--refit",
+        action="store_true",
+        help=f"run the methods again on the data however long that takes (up to {usual:g} s)",
+    )
+    which.add_argument("--quick", action="store_true", help="run no method again")
+
+
+def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
+    """How long running the methods of a snapshot again may take."""
+    return HOWEVER_LONG if options.refit else 0.0 if options.quick else usual
 
 
 def _data_of(options: argparse.Namespace) -> Recording | None:
@@ -52,7 +63,7 @@ def run_verify(options: argparse.Namespace) -> int:
     verification = verify(
         snapshot,
         _data_of(options),
-        refit_within=chosen_patience(options, PATIENCE),
+        refit_within=_patience(options, PATIENCE),
         on_refit=lambda name, seconds: progress(f"Running {name} again, about {seconds:.0f} s …"),
     )
     show_result(options, _describe_verification, _verification_text, snapshot, verification)
@@ -112,7 +123,7 @@ def run_report(options: argparse.Namespace) -> int:
     real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = _data_of(options)
-    checked = verify(snapshot, recording, refit_within=chosen_patience(options, PROMPT))
+    checked = verify(snapshot, recording, refit_within=_patience(options, PROMPT))
     page = render_report(snapshot.found_in(recording), checked)
     write_file(page.encode(), real, "report")
     show(str(place))

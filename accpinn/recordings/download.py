@@ -1,8 +1,8 @@
 """Downloading runs of the catalogue, several at a time, with checksums.
 
 Pooch decides what has to be fetched, compares checksums, and starts again when a connection breaks
-off; urllib3 asks again when the server is busy. A run without a checksum in the catalogue is checked
-by its first row alone.
+off; urllib3 asks again when the server is busy. Where the catalogue has no checksum, the first row
+alone is checked.
 """
 
 import logging
