@@ -80,7 +80,7 @@ def _describe_report(
     report: StabilityReport, _parameters: Parameters, snapshot: Result | None
 ) -> dict[str, Any]:
     """The report as the command-line contract has it."""
-    platoon, segment = report.platoon, snapshot and snapshot.segment
+    platoon, segment = report.platoon, snapshot.segment if snapshot else None
     return {
         "vehicles": [
             _describe_vehicle(vehicle) | {"measured": _measured(segment, k)}
