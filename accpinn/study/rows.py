@@ -18,7 +18,7 @@ from accpinn.evaluation.closed_loop import (
     surrogate_errors,
 )
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.makes import make_and_model
+from accpinn.recordings.catalogue import make_and_model
 from accpinn.recordings.recording import unnamed
 from accpinn.stability.criteria import MARGINAL, checked, exact_margin, l2_margin, step_metrics
 from accpinn.study.result import Result
