@@ -1,8 +1,7 @@
 """Downloading runs of the catalogue, several at a time, with checksums.
 
 Pooch decides what has to be fetched, compares checksums, and starts again when a connection breaks
-off; urllib3 asks again when the server is busy. Where the catalogue has no checksum, the first row
-alone is checked.
+off or the server is busy. Where the catalogue has no checksum, the first row alone is checked.
 """
 
 import logging
@@ -16,8 +15,6 @@ from urllib.parse import quote, urlsplit
 
 import pooch
 import requests
-from requests.adapters import HTTPAdapter
-from urllib3 import Retry
 
 from accpinn.channels import METADATA
 from accpinn.errors import RecordingError
@@ -31,8 +28,6 @@ CONNECTIONS = 4
 """Connections at a time, so as not to burden the publisher."""
 ATTEMPTS = 5
 """Attempts at a file that breaks off, and at a server that is busy."""
-LONGEST_PAUSE: Seconds = 30.0
-"""Longest pause between two attempts."""
 CONNECT: Seconds = 10.0
 """Time after which a server that does not answer counts as unreachable."""
 STALL: Seconds = 30.0
@@ -124,27 +119,14 @@ def download(
         urls={run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs},
         retry_if_failed=ATTEMPTS - 1,
     )
-    with _session() as session, ThreadPoolExecutor(max(1, connections)) as pool:
-        host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
-        publisher = _Publisher(session, host, stall, stops, on_transfer, threading.Event())
+    host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
+    publisher = _Publisher(host, stall, stops, on_transfer, threading.Event())
+    with ThreadPoolExecutor(max(1, connections)) as pool:
         futures: list[Future[Download]] = [
             pool.submit(_fetch, fetcher, publisher, run) for run in runs
         ]
         for future in as_completed(futures):
             yield future.result()
-
-
-def _session() -> requests.Session:
-    """A session that asks a busy server again, after longer and longer pauses."""
-    session = requests.Session()
-    again = Retry(
-        total=None, connect=0, read=0, status=ATTEMPTS - 1, status_forcelist=BUSY,
-        backoff_factor=0.5, backoff_max=LONGEST_PAUSE, retry_after_max=int(LONGEST_PAUSE),
-        raise_on_status=False,
-    )  # fmt: skip
-    for scheme in ("https://", "http://"):
-        session.mount(scheme, HTTPAdapter(max_retries=again))
-    return session
 
 
 def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
@@ -170,9 +152,15 @@ def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
     except RecordingError as fault:
         return failed(str(fault))
     except requests.RequestException as fault:
-        is_stalled = "timed out" in str(fault)
-        reason = f"nothing arrives for {publisher.stall:g} s" if is_stalled else "it breaks off"
-        return failed(str(publisher.undelivered(run, reason)))
+        reason = "it breaks off"
+        if isinstance(fault, requests.HTTPError):
+            reason = f"status {fault.response.status_code}"
+        elif "timed out" in str(fault):
+            reason = f"nothing arrives for {publisher.stall:g} s"
+        return failed(
+            f"{run.key}: {host} does not deliver the file ({reason}, {ATTEMPTS} attempts); try"
+            " again later."
+        )
     except OSError as fault:
         return failed(f"{run.key}: the file cannot be written ({reason_of(fault)}).")
 
@@ -181,7 +169,6 @@ def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
 class _Publisher:
     """The server that has the files; it delivers them to Pooch."""
 
-    session: requests.Session
     host: str
     stall: Seconds
     should_stop: Callable[[], bool]
@@ -200,12 +187,23 @@ class _Publisher:
             raise _Unreachable
         if self.should_stop():
             raise _Stopped
-        headers = {"Accept-Encoding": "identity"}  # so that lengths are those of the file
-        timeout = (CONNECT, self.stall)
+        Path(place).unlink()  # Pooch's file could be read by its owner alone
+        transfer = pooch.HTTPDownloader(
+            progressbar=_Progress(self, run),
+            chunk_size=_CHUNK,
+            timeout=(CONNECT, self.stall),
+            headers={"Accept-Encoding": "identity"},  # so that lengths are those of the file
+        )
         try:
-            with self.session.get(url, headers=headers, stream=True, timeout=timeout) as answer:
-                self._require_file(run, answer.status_code)
-                self._receive(run, answer, Path(place))
+            transfer(url, place, None)
+        except requests.HTTPError as fault:
+            status = fault.response.status_code
+            if status in BUSY:
+                raise
+            missing = "it is not there" if status in (404, 410) else "it is refused"
+            raise RecordingError(
+                f"{run.key}: {missing} on {self.host} (status {status})."
+            ) from None
         except requests.ConnectionError as fault:
             is_timeout = isinstance(fault, requests.ConnectTimeout)
             if is_timeout or "NewConnectionError" in repr(fault) or "NameReso" in repr(fault):
@@ -220,35 +218,29 @@ class _Publisher:
                 " differs); it was not kept."
             )
 
-    def undelivered(self, run: Run, reason: str) -> RecordingError:
-        """The sentence about a file of which no attempt succeeded."""
-        return RecordingError(
-            f"{run.key}: {self.host} does not deliver the file ({reason}, {ATTEMPTS} attempts);"
-            " try again later."
-        )
 
-    def _require_file(self, run: Run, status: int) -> None:
-        if status in BUSY:
-            raise self.undelivered(run, f"status {status}")
-        if status != 200:
-            missing = "it is not there" if status in (404, 410) else "it is refused"
-            raise RecordingError(f"{run.key}: {missing} on {self.host} (status {status}).")
+class _Progress:
+    """The progress of a transfer as Pooch counts it; ends one that is stopped or far too large."""
 
-    def _receive(self, run: Run, answer: requests.Response, place: Path) -> None:
-        length = answer.headers.get("Content-Length", "")
-        size = int(length) if length.isdigit() else None
-        received = 0
-        place.unlink(missing_ok=True)  # Pooch's file could be read by its owner alone
-        with place.open("xb") as file:
-            for chunk in answer.iter_content(_CHUNK):
-                file.write(chunk)
-                received += len(chunk)
-                if received > LIMIT_BYTES:
-                    raise RecordingError(f"{run.key}: the file is far too large for a recording.")
-                if self.on_transfer:
-                    self.on_transfer(Transfer(run, received, size))
-                if self.should_stop():
-                    raise _Stopped
+    def __init__(self, publisher: _Publisher, run: Run) -> None:
+        self._publisher, self._run = publisher, run
+        self.total = self.received = 0
+
+    def update(self, size: int) -> None:
+        self.received += size
+        if self.received > LIMIT_BYTES:
+            raise RecordingError(f"{self._run.key}: the file is far too large for a recording.")
+        if self._publisher.on_transfer:
+            known = self.total or None
+            self._publisher.on_transfer(Transfer(self._run, self.received, known))
+        if self._publisher.should_stop():
+            raise _Stopped
+
+    def reset(self) -> None:
+        self.received = 0
+
+    def close(self) -> None:
+        """Nothing is open."""
 
 
 def _require_run(run: Run, place: Path) -> None:

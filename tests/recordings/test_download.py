@@ -32,8 +32,7 @@ def server() -> Iterator[Publisher]:
 @pytest.fixture(autouse=True)
 def no_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     impatient = SimpleNamespace(sleep=lambda seconds: None, time=time.time)
-    for module in ("pooch.core", "urllib3.util.retry"):
-        monkeypatch.setattr(f"{module}.time", impatient)
+    monkeypatch.setattr("pooch.core.time", impatient)
 
 
 def fetched(server: Publisher, folder: Path, *runs: Run, **options: object) -> list[Download]:
