@@ -154,7 +154,7 @@ def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
     except requests.RequestException as fault:
         reason = "it breaks off"
         if isinstance(fault, requests.HTTPError):
-            reason = f"status {fault.response.status_code}"
+            reason = f"status {_status(fault)}"
         elif "timed out" in str(fault):
             reason = f"nothing arrives for {publisher.stall:g} s"
         return failed(
@@ -197,7 +197,7 @@ class _Publisher:
         try:
             transfer(url, place, None)
         except requests.HTTPError as fault:
-            status = fault.response.status_code
+            status = _status(fault)
             if status in BUSY:
                 raise
             missing = "it is not there" if status in (404, 410) else "it is refused"
@@ -217,6 +217,10 @@ class _Publisher:
                 f"{run.key}: what {self.host} sends is not the published file (its SHA-256"
                 " differs); it was not kept."
             )
+
+
+def _status(fault: requests.HTTPError) -> int:
+    return fault.response.status_code if fault.response is not None else 0
 
 
 class _Progress:

@@ -7,8 +7,6 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
@@ -400,39 +398,6 @@ def test_names_of_vehicles_and_files_are_short_and_printable(name: str) -> None:
 def test_an_empty_cell_may_be_written_in_several_ways(cell: str) -> None:
     recording = read(with_cell(57, 2, cell.encode()), "run.csv")
     assert np.flatnonzero(np.isnan(recording.speed_of(2))).tolist() == [50]
-
-
-# Whatever the bytes, a Recording or a sentence
-
-SMALL = csv(platoon(samples=14).assign(Driver2="ACC"))
-NASTY = [b",", b"\n", b'"', b"\0", b"\xff", b"-", b"e", b"nan", b"inf", b"Time", b"Speed99", b";"]
-PIECES = st.one_of(
-    st.binary(max_size=4),
-    st.sampled_from(NASTY),
-    st.text("0123456789.,-e", max_size=4).map(str.encode),
-)
-EDITS = st.lists(
-    st.tuples(st.integers(0, len(SMALL)), st.integers(0, 12), PIECES), min_size=1, max_size=4
-)
-
-
-@settings(max_examples=400, deadline=None, derandomize=True)
-@given(EDITS, st.integers(0, len(SMALL)), st.binary(max_size=400))
-def test_any_edit_and_any_bytes_give_a_recording_or_a_sentence(
-    edits: list[tuple[int, int, bytes]], keep: int, other: bytes
-) -> None:
-    edited = SMALL
-    for at, cut, piece in edits:
-        edited = edited[:at] + piece + edited[at + cut :]
-    for raw in (edited, edited[:keep], other):
-        try:
-            recording = read(raw, "run.csv")
-        except RecordingError:
-            refusal(raw)
-        else:
-            assert (np.diff(recording.time) > 0).all()
-            assert not np.isinf(recording.speed).any()
-            assert len(recording.vehicles) == recording.speed.shape[1] == recording.gap.shape[1] + 1
 
 
 # The real recordings
