@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME_GAP
+from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import MOVING, Mode, Recording, Window
 from accpinn.results.figures import style
 from accpinn.segment.quality import (
@@ -22,7 +23,7 @@ from accpinn.segment.quality import (
     STANDSTILL,
     Regimes,
 )
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 MISSING = "#c22f4f"
@@ -152,18 +153,23 @@ def _categories(strip: Sequence[style.Part]) -> style.Part:
     }  # fmt: skip
 
 
-def preview(segment: Segment) -> go.Figure:
-    """The speeds of a segment, to look at rather than to work with."""
-    time = segment.start + segment.time
-    lines = [
-        style.curve(time, speeds, points=600, connectgaps=False, name=html.escape(label),
-              line={"color": colour, "width": 2})
-        for label, colour, speeds in zip(
-            segment.labels, style.vehicle_colours(segment.vehicles), segment.measured_speeds.T,
-            strict=True,
-        )
-    ]  # fmt: skip
-    return style.composed(lines, 330, "preview", channels=(SPEED,))
+def motion(info: SegmentInfo, source: Trajectories) -> go.Figure:
+    """Gaps and speeds of a segment's vehicles, to look at rather than to work with."""
+    traces, time = list[style.Part](), info.window.start + source.time
+    pairs = zip(info.labels, style.vehicle_colours(info.vehicles), strict=True)
+    for k, (label, colour) in enumerate(pairs):
+        name = html.escape(label) + (" (leader)" if k == 0 else "")
+        drawn = [(2, source.speeds[:, k], SPEED)]
+        drawn += [(1, source.gaps[:, k - 1], GAP)] if k else []
+        traces += [
+            style.curve(
+                time, values, panel, name=name, legendgroup=name, showlegend=panel == 2,
+                line={"color": colour, "width": 1.8}, mode="lines", connectgaps=False,
+                hovertemplate=f"%{{y:.2f}} {channel.unit}",
+            )
+            for panel, values, channel in drawn
+        ]  # fmt: skip
+    return style.composed(traces, 460, "motion", grid=style.stack(0.5, 0.5), channels=(GAP, SPEED))
 
 
 def speeds_thumbnail(segment: Segment) -> go.Figure:
