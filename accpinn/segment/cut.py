@@ -169,14 +169,13 @@ class _Platoon:
     """(N, 2M+1) in m/s and m; NaN where a block could not be bridged."""
     missing: Mask
     """(N, 2M+1) True where nothing was measured, bridged or not."""
-    bridged: dict[str, list[Stretch]]
-    """The bridged blocks by column."""
 
     def bridged_among(self, rows: Stretch) -> list[Bridged]:
         """The finding of each column that has bridged samples among ``rows``."""
         findings = []
-        for column, bridged in self.bridged.items():
-            blocks = [b for b in bridged if b.last >= rows.first and b.first <= rows.last]
+        for column, bridged in zip(self.columns, self._bridged.T, strict=True):
+            spans = stretches(bridged)
+            blocks = [b for b in spans if b.last >= rows.first and b.first <= rows.last]
             if blocks:
                 windows = tuple(map(self.recording.window, blocks))
                 findings.append(Bridged(column, sum(map(len, blocks)), windows))
@@ -195,6 +194,10 @@ class _Platoon:
             share = sum(map(len, blocks)) / len(rows)
             findings.append(BlocksMissing(tuple(columns), share, windows))
         return findings
+
+    @property
+    def _bridged(self) -> Mask:
+        return self.missing & np.isfinite(self.values)
 
     def filled(self) -> FloatArray:
         """(N, 2M+1) the values, straight lines where they are missing."""
@@ -217,16 +220,15 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
     channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
     values = np.column_stack(list(channels.values()))
     missing: Mask = np.isnan(values)
-    time, bridged = recording.time, {column: list[Stretch]() for column in channels}
-    for column, series in zip(channels, values.T, strict=True):
+    time = recording.time
+    for series in values.T:
         for block in stretches(np.isnan(series)):
             enclosed = block.first > 0 and block.last < recording.samples - 1
             length = recording.window(block).duration + recording.sample_time
             if enclosed and length <= BRIDGE + SLACK:
                 ends = [block.first - 1, block.last + 1]
                 series[block.rows] = np.interp(time[block.rows], time[ends], series[ends])
-                bridged[column].append(block)
-    return _Platoon(recording, tuple(channels), values, missing, bridged)
+    return _Platoon(recording, tuple(channels), values, missing)
 
 
 def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
