@@ -8,6 +8,7 @@ from accpinn.findings import Finding, joined, probability
 from accpinn.inference import identifiability, intervals, model_adequacy, prediction
 from accpinn.methods import fit, maximum_likelihood
 from accpinn.platoon import simulation
+from accpinn.recordings import openacc
 from accpinn.recordings import recording as recordings
 from accpinn.recordings.recording import Window
 from accpinn.segment import quality
@@ -18,14 +19,14 @@ BLOCKS = (Window(1.0, 2.5), Window(4.0, 4.0))
 WIDE = intervals.ParameterInterval("α", 0.01, 0.2, 0.1, 0.05)
 OPEN = intervals.ParameterInterval("τ", 0.5, None)
 SAID = [
-    (recordings.MetadataMissing("ACC"), ["ACC"]),
-    (recordings.MetadataUnreadable("Date", "31, {2"), ["Date", "31, {2"]),
-    (recordings.NamesWithoutData((2, 3)), ["2 Audi", "3 BMW"]),
-    (recordings.VehiclesWithoutName((2, 3)), ["2 Audi", "3 BMW"]),
-    (recordings.VehicleCountMismatch(6, 11, 7), ["6", "11", "7"]),
-    (recordings.GapsUnused((1, 3)), ["IVS1", "IVS3"]),
-    (recordings.LineEndMissing(), []),
-    (recordings.ModesUnknown(2, 5, "Robot"), ["Driver2", "5", "Robot"]),
+    (openacc.MetadataMissing("ACC"), ["ACC"]),
+    (openacc.MetadataUnreadable("Date", "31, {2"), ["Date", "31, {2"]),
+    (openacc.NamesWithoutData((2, 3)), ["2 Audi", "3 BMW"]),
+    (openacc.VehiclesWithoutName((2, 3)), ["2 Audi", "3 BMW"]),
+    (openacc.VehicleCountMismatch(6, 11, 7), ["6", "11", "7"]),
+    (openacc.GapsUnused((1, 3)), ["IVS1", "IVS3"]),
+    (openacc.LineEndMissing(), []),
+    (openacc.ModesUnknown(2, 5, "Robot"), ["Driver2", "5", "Robot"]),
     (recordings.SamplesMissing("Speed", 2, 0.574, BLOCKS, 0), ["Speed2", "57 %", "1–2.5 s"]),
     (recordings.SamplesMissing("IVS", 2, 0.003, BLOCKS, 4), ["IVS2", "0.3 %", "4 shorter blocks"]),
     (recordings.GapContradictsSpeeds(2, 0.04), ["IVS2", "2 and 3", "0.04"]),
@@ -96,7 +97,7 @@ SAID = [
     (simulation.TransientLeft(3, 767.0), ["0.1 %", "767 s"]),
 ]  # fmt: skip
 BY_COLUMN = (
-    recordings.GapContradictsSpeeds, recordings.ModesUnknown, recordings.SamplesMissing,
+    recordings.GapContradictsSpeeds, openacc.ModesUnknown, recordings.SamplesMissing,
     recordings.ValuesOutOfRange,
 )  # fmt: skip
 """Findings that name a column of the file in place of the vehicle."""

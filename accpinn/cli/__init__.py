@@ -28,7 +28,7 @@ COMMANDS = {
     "simulate": ("vehicles", "a platoon behind a sinusoidal leader"),
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
-    "runs": ("runs", "results of earlier runs, searched by words"),
+    "runs": ("files", "results of earlier runs, searched by words"),
     "download": ("download", "runs of the OpenACC database from their publisher"),
     "export": ("files", "parameters of a snapshot for other programs"),
 }

@@ -18,13 +18,14 @@ from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.mapping import load_mapping
+from accpinn.results.messages.database import summary_line
 from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
 from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
-from accpinn.study.studies import FAILURES, RESULTS
+from accpinn.study.studies import FAILURES
 
 ALL = "all"
 KEYS = (
@@ -105,11 +106,7 @@ def _describe_batch(summary: BatchProgress, _out: str) -> dict[str, Any]:
 
 
 def _batch_text(summary: BatchProgress, out: str) -> str:
-    lines = [
-        f"{out}: {summary.recordings} recordings, {summary.windows} windows,"
-        f" {summary.followers} followers, {summary.rows} rows in {RESULTS}"
-        f" ({summary.reused} of them known before), {summary.seconds:.1f} s"
-    ]
+    lines = [f"{out}: {summary_line(summary)}"]
     if summary.refused or summary.failed:
         lines.append(
             f"Note: {summary.refused} files could not be read and {summary.failed} estimates"
@@ -118,8 +115,6 @@ def _batch_text(summary: BatchProgress, out: str) -> str:
     if summary.unknown_names:
         listed = ", ".join(summary.unknown_names)
         lines.append(f"Note: make and model stand as in the header for {listed}.")
-    if summary.stopped:
-        lines.append("Note: stopped before the end; the same call goes on from here.")
     return "\n".join(lines)
 
 

@@ -1,21 +1,28 @@
-"""`verify`, `report` and `export`: what the file of a snapshot holds."""
+"""`verify`, `report`, `export` and `runs`: what the file of a snapshot, and the cache, holds."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from accpinn.cli.options import add_refit_options, chosen_patience, fields
+from accpinn.channels import PARAMETERS, by_key
+from accpinn.cli.options import fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
+from accpinn.results.tables.table import Column, Table
 from accpinn.results.tables.verification import verification_table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
-from accpinn.study.verification import PATIENCE, PROMPT, Verification, verify
+from accpinn.study.store import Entry, Store
+from accpinn.study.verification import HOWEVER_LONG, PATIENCE, PROMPT, Verification, verify
 from accpinn.units import Seconds
+
+ID_DIGITS = 12
+"""Digits of a result's key that the table shows."""
 
 
 def add_verify_options(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +39,18 @@ def _add_snapshot(parser: argparse.ArgumentParser, use: str, usual: Seconds) -> 
     parser.add_argument(
         "--trajectory", metavar="ID", help="which one of a recording's table that holds several"
     )
-    add_refit_options(parser, usual)
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--refit",
+        action="store_true",
+        help=f"run the methods again on the data however long that takes (up to {usual:g} s)",
+    )
+    which.add_argument("--quick", action="store_true", help="run no method again")
+
+
+def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
+    """How long running the methods of a snapshot again may take."""
+    return HOWEVER_LONG if options.refit else 0.0 if options.quick else usual
 
 
 def _data_of(options: argparse.Namespace) -> Recording | None:
@@ -52,7 +70,7 @@ def run_verify(options: argparse.Namespace) -> int:
     verification = verify(
         snapshot,
         _data_of(options),
-        refit_within=chosen_patience(options, PATIENCE),
+        refit_within=_patience(options, PATIENCE),
         on_refit=lambda name, seconds: progress(f"Running {name} again, about {seconds:.0f} s …"),
     )
     show_result(options, _describe_verification, _verification_text, snapshot, verification)
@@ -112,7 +130,7 @@ def run_report(options: argparse.Namespace) -> int:
     real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = _data_of(options)
-    checked = verify(snapshot, recording, refit_within=chosen_patience(options, PROMPT))
+    checked = verify(snapshot, recording, refit_within=_patience(options, PROMPT))
     page = render_report(snapshot.found_in(recording), checked)
     write_file(page.encode(), real, "report")
     show(str(place))
@@ -158,3 +176,49 @@ def run_export(options: argparse.Namespace) -> int:
     else:
         show(str(options.sumo))
     return 0
+
+
+def add_runs_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `runs`."""
+    words = "each must stand in recording, vehicles, window, method, preset, name, note or date"
+    parser.add_argument("words", nargs="*", metavar="WORDS", help=f"{words} (all results)")
+    add_json_option(parser)
+
+
+def run_runs(options: argparse.Namespace) -> int:
+    """Print the results, the newest first."""
+    entries = Store().entries(" ".join(options.words))
+    readable = [entry for entry in entries if not entry.fault]
+    show_result(options, _describe_runs, _runs_text, readable)
+    return 0
+
+
+def _describe_runs(entries: Sequence[Entry]) -> dict[str, Any]:
+    """The list as one document; parameters have a row a follower."""
+    names = ("id", "created", "source", "sha256", "campaign", "window", "vehicles", "method",
+             "preset", "case", "name", "note")  # fmt: skip
+    return {
+        "runs": [
+            fields(entry, *names) | {"parameters": [by_key(row) for row in entry.parameters]}
+            for entry in entries
+        ]
+    }
+
+
+def _runs_text(entries: Sequence[Entry]) -> str:
+    if not entries:
+        return "No result is kept that has all of these words."
+    first = zip(*(entry.parameters[0] for entry in entries), strict=True)
+    columns = [
+        (Column("Result"), [entry.id[:ID_DIGITS] for entry in entries]),
+        (Column("Created"), [entry.created for entry in entries]),
+        (Column("Recording"), [entry.source for entry in entries]),
+        (Column("Window"), [entry.window for entry in entries]),
+        (Column("Vehicles"), ["–".join(map(str, entry.numbers[::len(entry.numbers) - 1]))
+                              for entry in entries]),
+        (Column("Method"), [" ".join(filter(None, (entry.method, entry.preset)))
+                            for entry in entries]),
+        *((Column.of(quantity, "First follower"), values)
+          for quantity, values in zip(PARAMETERS, first, strict=True)),
+    ]  # fmt: skip
+    return Table.of(f"Results: {len(entries)}", columns).to_text()

@@ -1,16 +1,14 @@
-"""Options that several commands share, and what they choose: a segment, or parameter sets."""
+"""The options of commands that estimate, what they choose, and parts of their documents."""
 
 import argparse
 from collections.abc import Callable, Iterable, Sequence
-from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS, by_key
-from accpinn.cli.output import complain, show_result
+from accpinn.channels import by_key
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
-from accpinn.errors import ConfigError, SegmentError
+from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop, closed_loop_findings
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
@@ -21,15 +19,7 @@ from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis, single_window
-from accpinn.study.result import Result
 from accpinn.study.store import Store
-from accpinn.units import Seconds
-
-if TYPE_CHECKING:
-    from accpinn.study.verification import Verification
-
-PROMPT: Seconds = 5.0
-"""How long running a method again may take that only comes before something else."""
 
 
 def add_segment_options(parser: argparse.ArgumentParser) -> None:
@@ -73,39 +63,6 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def add_parameter_options(parser: argparse.ArgumentParser) -> None:
-    """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    for parameter in PARAMETERS:
-        parser.add_argument(
-            f"--{parameter.key}",
-            type=float,
-            nargs="+",
-            metavar=parameter.key[0].upper(),
-            help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
-        )
-    parser.add_argument(
-        "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"
-    )
-    add_refit_options(parser, PROMPT)
-    add_json_option(parser)
-
-
-def add_refit_options(parser: argparse.ArgumentParser, usual: Seconds) -> None:
-    """Declare whether a snapshot's methods are run again on its data, usually for ``usual`` s."""
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument(
-        "--refit",
-        action="store_true",
-        help=f"run the methods again on the data however long that takes (up to {usual:g} s)",
-    )
-    which.add_argument("--quick", action="store_true", help="run no method again")
-
-
-def chosen_patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
-    """How long running the methods of a snapshot again may take."""
-    return inf if options.refit else 0.0 if options.quick else usual
-
-
 def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
     """A parser of texts as argparse wants it."""
 
@@ -141,77 +98,6 @@ def chosen_analysis(
 def chosen_store(options: argparse.Namespace) -> Store | None:
     """Where results are kept; None where the options want none."""
     return None if options.no_cache else Store()
-
-
-class Vehicles(NamedTuple):
-    """Vehicles given by their parameters, or by a snapshot."""
-
-    parameters: Parameters
-    """(V,)"""
-    snapshot: Result | None = None
-    verification: "Verification | None" = None
-    """Of the snapshot's parameters."""
-
-
-def chosen_vehicles(options: argparse.Namespace) -> Vehicles:
-    """The vehicles that the options give.
-
-    Raises:
-        ConfigError: when they are missing, given twice, or differ in number.
-        SnapshotError: when the snapshot cannot be read.
-    """
-    values = {name: getattr(options, name) for name in PARAMETER_KEYS if getattr(options, name)}
-    if options.snapshot:
-        if values:
-            raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
-        # Not needed for numbers given by hand.
-        from accpinn.study.snapshot import load
-        from accpinn.study.verification import verify
-
-        snapshot = load(options.snapshot)
-        within = chosen_patience(options, PROMPT)
-        checked = verify(snapshot, refit_within=within, parameters_only=True)
-        return Vehicles(snapshot.parameters, snapshot, checked)
-    missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
-    if missing:
-        listed = " and ".join(missing)
-        raise ConfigError(f"parameters: {listed} missing; give all three, or --snapshot FILE.")
-    counts = {name: len(given) for name, given in values.items()}
-    if len(set(counts.values())) > 1:
-        listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
-        raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
-    return Vehicles(Parameters(*values.values()))
-
-
-def show_vehicles(
-    options: argparse.Namespace,
-    vehicles: Vehicles,
-    describe: Callable[..., dict[str, Any]],
-    text: Callable[..., str],
-    *result: Any,
-) -> int:
-    """Print what follows from vehicles as `show_result` does, after what a snapshot rests on.
-
-    Returns:
-        The exit status: 1 where the snapshot does not agree with its own contents.
-    """
-    if vehicles.snapshot is None or vehicles.verification is None:
-        show_result(options, describe, text, *result)
-        return 0
-    checked = vehicles.verification
-    said = checked.sentence
-    if any(check.cure == "--refit" for check in checked.unchecked):
-        said += " It is checked with --refit."
-    rests = {"snapshot": {"id": vehicles.snapshot.id, "ok": checked.ok, "rests_on": said}}
-    show_result(
-        options,
-        lambda *found: describe(*found) | rests,
-        lambda *found: f"{said}\n\n{text(*found)}",
-        *result,
-    )
-    if not checked.ok:
-        complain(f"the snapshot does not agree with its own contents. {said}")
-    return 0 if checked.ok else 1
 
 
 def describe_segment(segment: Segment) -> dict[str, Any]:

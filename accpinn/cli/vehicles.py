@@ -4,8 +4,10 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
-from accpinn.channels import PARAMETER_KEYS
-from accpinn.cli.options import add_parameter_options, chosen_vehicles, fields, show_vehicles
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS
+from accpinn.cli.options import fields
+from accpinn.cli.output import show_result
+from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -17,27 +19,68 @@ from accpinn.results.tables.stability import amplitude_table, answer, stability_
 from accpinn.segment.segment import Segment
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
+from accpinn.study.result import Result
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MOST_VEHICLES = 100
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
 
-add_stability_options = add_parameter_options
+
+def add_stability_options(parser: argparse.ArgumentParser) -> None:
+    """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
+    for parameter in PARAMETERS:
+        parser.add_argument(
+            f"--{parameter.key}",
+            type=float,
+            nargs="+",
+            metavar=parameter.key[0].upper(),
+            help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
+        )
+    parser.add_argument(
+        "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"
+    )
+    add_json_option(parser)
+
+
+def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
+    """The parameters (V,) that the options give, and the snapshot that they are from.
+
+    Raises:
+        ConfigError: when they are missing, given twice, or differ in number.
+        SnapshotError: when the snapshot cannot be read.
+    """
+    values = {name: getattr(options, name) for name in PARAMETER_KEYS if getattr(options, name)}
+    if options.snapshot:
+        if values:
+            raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
+        from accpinn.study.snapshot import load  # not needed for numbers given by hand
+
+        snapshot = load(options.snapshot)
+        return snapshot.parameters, snapshot
+    missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
+    if missing:
+        listed = " and ".join(missing)
+        raise ConfigError(f"parameters: {listed} missing; give all three, or --snapshot FILE.")
+    counts = {name: len(given) for name, given in values.items()}
+    if len(set(counts.values())) > 1:
+        listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
+        raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
+    return Parameters(*values.values()), None
 
 
 def run_stability(options: argparse.Namespace) -> int:
     """Assess vehicles one by one and together, and print the verdicts."""
-    given = chosen_vehicles(options)
-    report, segment = stability_report(given.parameters), given.snapshot and given.snapshot.segment
-    result = (report, given.parameters, segment)
-    return show_vehicles(options, given, _describe_report, _report_text, *result)
+    parameters, snapshot = _chosen(options)
+    result = (stability_report(parameters), parameters, snapshot)
+    show_result(options, _describe_report, _report_text, *result)
+    return 0
 
 
 def _describe_report(
-    report: StabilityReport, _parameters: Parameters, segment: Segment | None
+    report: StabilityReport, _parameters: Parameters, snapshot: Result | None
 ) -> dict[str, Any]:
     """The report as the command-line contract has it."""
-    platoon = report.platoon
+    platoon, segment = report.platoon, snapshot.segment if snapshot else None
     return {
         "vehicles": [
             _describe_vehicle(vehicle) | {"measured": _measured(segment, k)}
@@ -81,7 +124,7 @@ def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[s
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, parameters: Parameters, _segment: Segment | None) -> str:
+def _report_text(report: StabilityReport, parameters: Parameters, _snapshot: Result | None) -> str:
     labels = tuple(f"Vehicle {k + 1}" for k in range(len(parameters)))
     table = stability_table(ParameterSet("parameters given", labels, parameters), report)
     lines = [table.to_text(), ""]
@@ -97,7 +140,7 @@ def _report_text(report: StabilityReport, parameters: Parameters, _segment: Segm
 
 def add_simulate_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `simulate`; their defaults are the paper's simulation."""
-    add_parameter_options(parser)
+    add_stability_options(parser)
     parser.add_argument(
         "--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated (8)"
     )
@@ -118,9 +161,10 @@ def run_simulate(options: argparse.Namespace) -> int:
     leader = Sinusoid(
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
-    given = chosen_vehicles(options)
-    result = simulate_platoon(_platoon(given.parameters, options.vehicles), leader)
-    return show_vehicles(options, given, _describe_run, _run_text, result)
+    parameters, _ = _chosen(options)
+    result = simulate_platoon(_platoon(parameters, options.vehicles), leader)
+    show_result(options, _describe_run, _run_text, result)
+    return 0
 
 
 def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:

@@ -15,7 +15,6 @@ from accpinn.cli.options import (
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods.fit import Fit
-from accpinn.methods.maximum_likelihood import KEY
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.tables.estimates import between_table, joint_table, windows_table
 from accpinn.results.tables.table import Table
@@ -33,40 +32,26 @@ def check_windows_options(options: argparse.Namespace) -> None:
     Raises:
         ConfigError: naming the option.
     """
-    if options.method != KEY:
-        raise ConfigError(
-            f"windows: only --method {KEY} estimates from several windows, {options.method} does"
-            " not; choose that method, or leave --windows out."
-        )
-    if options.out is not None:
-        raise ConfigError("out: a snapshot holds one window; leave --out or --windows out.")
     idle = [("start", 0.0)] + [("duration", DURATION)] * (options.windows != ALL)
     for name, default in idle:
         if getattr(options, name) != default:
             raise ConfigError(f"{name}: --windows says where windows lie; leave --{name} out.")
-    if options.windows != ALL and len(options.windows) < 2:
-        only = options.windows[0]
-        raise ConfigError(
-            f"windows: {only} is one window; give at least two, as 0-300,600-900, or use"
-            f" --start {only.start:g} --duration {only.duration:g}."
-        )
 
 
 def chosen_windows(options: argparse.Namespace, recording: Recording) -> Sequence[Window]:
     """The windows that --windows names.
 
     Raises:
-        SegmentError: where a recording has fewer than two complete ones.
+        SegmentError: where a recording has no complete one.
     """
     if options.windows != ALL:
         named: Sequence[Window] = options.windows
         return named
     windows = disjoint_windows(recording, options.duration, options.vehicles)
-    if len(windows) < 2:
+    if not windows:
         raise SegmentError(
-            f"{recording.source}: --windows {ALL} finds {len(windows) or 'no'}"
-            f" window{'s' * (not windows)} of {options.duration:g} s without missing samples, and"
-            " at least two are needed; choose a shorter --duration."
+            f"{recording.source}: --windows {ALL} finds no window of {options.duration:g} s without"
+            " missing samples; choose a shorter --duration."
         )
     return windows
 

@@ -100,19 +100,18 @@ class Answer:
 
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower, by its name in `Parameters`."""
-        return self._span(*(getattr(part, name) for part in self._parts), follower)
+        return self._span([getattr(part, name) for part in self._parts], follower)
 
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
         """The time gap of one follower in equilibrium at a speed, in s."""
-        return self._span(*(part.time_gap(speed) for part in self._parts), follower)
+        return self._span([part.time_gap(speed) for part in self._parts], follower)
 
     @property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
         return self.parameters, self.typical, self.further
 
-    def _span(
-        self, value: FloatArray, typical: FloatArray, further: FloatArray, follower: int
-    ) -> Span:
+    def _span(self, parts: Sequence[FloatArray], follower: int) -> Span:
+        value, typical, further = parts
         ends = [interval_ends(drawn[:, follower], self.level) for drawn in (typical, further)]
         return Span(float(value[follower]), *(float(end) for pair in ends for end in pair))
 

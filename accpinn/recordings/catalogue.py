@@ -1,18 +1,25 @@
-"""The runs of the OpenACC database that the Joint Research Centre publishes.
+"""The runs of the OpenACC database that the Joint Research Centre publishes, and their vehicles.
 
 `catalogue.csv` has the campaign and the name of each file, and the SHA-256 of those whose contents
 are known; it holds no recording.
+
+Headers name vehicles "Audi(A8)", "AUDI_E_TRON", "Mitsubishi(SpaceStar)", or by make or model alone:
+"Hyundai", "Rexton". `makes.csv` has each spelling without case, spaces and punctuation, and what it
+stands for. A name that it lacks keeps its spelling, but for a known make at its beginning.
 """
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
 from accpinn.errors import ConfigError
+
+_PARTS = re.compile(r"\s*([^()_]+?)\s*(?:\(([^()]*)\)|_(.+))\s*")
+"""Make and model apart, as "Audi(A8)" and "AUDI_A8"."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +45,7 @@ class Run:
 @cache
 def catalogue() -> tuple[Run, ...]:
     """All runs, by campaign and name; part10 follows part9."""
-    text = files("accpinn.recordings").joinpath("catalogue.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(text.splitlines())
+    rows = _rows("catalogue.csv")
     runs = [Run(row["campaign"], row["file"], row["sha256"] or None) for row in rows]
     return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))
 
@@ -75,3 +81,34 @@ def find(names: Sequence[str]) -> tuple[Run, ...]:
             raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {both}.')
         chosen |= dict.fromkeys(runs)
     return tuple(chosen)
+
+
+def make_and_model(name: str) -> tuple[str, str]:
+    """Make and model by the name in a header; the model is empty where it does not tell."""
+    listed = _makes().get(_key(name))
+    if listed:
+        return listed
+    parts = _PARTS.fullmatch(name)
+    if not parts:
+        return name.strip(), ""
+    make, model = parts[1], (parts[2] or parts[3]).strip()
+    return _makes().get(_key(make), (make, ""))[0], model
+
+
+def is_known(name: str) -> bool:
+    """Whether the table has a name."""
+    return _key(name) in _makes()
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[^0-9a-z]+", "", name.lower())
+
+
+@cache
+def _makes() -> dict[str, tuple[str, str]]:
+    return {row["spelling"]: (row["make"], row["model"]) for row in _rows("makes.csv")}
+
+
+def _rows(name: str) -> Iterator[dict[str, str]]:
+    text = files("accpinn.recordings").joinpath(name).read_text(encoding="utf-8")
+    return csv.DictReader(text.split("\n"))

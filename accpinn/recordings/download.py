@@ -1,15 +1,13 @@
 """Downloading runs of the catalogue, several at a time, with checksums.
 
 Pooch decides what has to be fetched, compares checksums, and starts again when a connection breaks
-off; urllib3 asks again when the server is busy. The checksum of a run whose contents are not in the
-catalogue is recorded when it is first downloaded, in the file `SHA256SUMS` of its folder.
+off or the server is busy. Where the catalogue has no checksum, the first row alone is checked.
 """
 
 import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -17,8 +15,6 @@ from urllib.parse import quote, urlsplit
 
 import pooch
 import requests
-from requests.adapters import HTTPAdapter
-from urllib3 import Retry
 
 from accpinn.channels import METADATA
 from accpinn.errors import RecordingError
@@ -28,14 +24,10 @@ from accpinn.storage import reason_of, reported
 from accpinn.units import Seconds
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
-CHECKSUMS = "SHA256SUMS"
-"""Checksums by file, as the program sha256sum writes and checks them."""
 CONNECTIONS = 4
 """Connections at a time, so as not to burden the publisher."""
 ATTEMPTS = 5
 """Attempts at a file that breaks off, and at a server that is busy."""
-LONGEST_PAUSE: Seconds = 30.0
-"""Longest pause between two attempts."""
 CONNECT: Seconds = 10.0
 """Time after which a server that does not answer counts as unreachable."""
 STALL: Seconds = 30.0
@@ -120,40 +112,24 @@ def download(
     with reported(lambda reason: RecordingError(f"{folder}: no folder can be made ({reason}).")):
         folder.mkdir(parents=True, exist_ok=True)
     pooch.get_logger().setLevel(logging.WARNING)
-    checksums = _Checksums(folder)
     fetcher = pooch.create(
         path=folder,
         base_url="",
-        registry={run.key: f"sha256:{s}" if (s := checksums.of(run)) else None for run in runs},
+        registry={run.key: f"sha256:{run.sha256}" if run.sha256 else None for run in runs},
         urls={run.key: f"{base.rstrip('/')}/{quote(run.key)}" for run in runs},
         retry_if_failed=ATTEMPTS - 1,
     )
-    with _session() as session, ThreadPoolExecutor(max(1, connections)) as pool:
-        host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
-        publisher = _Publisher(session, host, stall, stops, on_transfer, threading.Event())
+    host, stops = urlsplit(base).netloc, should_stop or (lambda: False)
+    publisher = _Publisher(host, stall, stops, on_transfer, threading.Event())
+    with ThreadPoolExecutor(max(1, connections)) as pool:
         futures: list[Future[Download]] = [
-            pool.submit(_fetch, fetcher, publisher, checksums, run) for run in runs
+            pool.submit(_fetch, fetcher, publisher, run) for run in runs
         ]
         for future in as_completed(futures):
             yield future.result()
 
 
-def _session() -> requests.Session:
-    """A session that asks a busy server again, after longer and longer pauses."""
-    session = requests.Session()
-    again = Retry(
-        total=None, connect=0, read=0, status=ATTEMPTS - 1, status_forcelist=BUSY,
-        backoff_factor=0.5, backoff_max=LONGEST_PAUSE, retry_after_max=int(LONGEST_PAUSE),
-        raise_on_status=False,
-    )  # fmt: skip
-    for scheme in ("https://", "http://"):
-        session.mount(scheme, HTTPAdapter(max_retries=again))
-    return session
-
-
-def _fetch(
-    fetcher: pooch.Pooch, publisher: "_Publisher", checksums: "_Checksums", run: Run
-) -> Download:
+def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
     """Download a run that is not there yet."""
     path, host = run.path(Path(fetcher.path)), publisher.host
 
@@ -161,14 +137,10 @@ def _fetch(
         return Download(run, path, DownloadState.FAILED, 0, reason)
 
     try:
-        known, is_present = checksums.of(run), path.is_file()
-        if is_present and known and pooch.file_hash(path) != known:
+        is_present = path.is_file()
+        if is_present and run.sha256 and pooch.file_hash(path) != run.sha256:
             return failed(f"{path}: this is not the published file; move it away to download it.")
-        fetcher.fetch(
-            run.key, downloader=lambda url, place, _: publisher.deliver(run, url, place, known)
-        )
-        if not known:
-            checksums.record(run, pooch.file_hash(path))
+        fetcher.fetch(run.key, downloader=lambda url, place, _: publisher.deliver(run, url, place))
         state = DownloadState.PRESENT if is_present else DownloadState.DOWNLOADED
         return Download(run, path, state, path.stat().st_size)
     except _Stopped:
@@ -180,9 +152,15 @@ def _fetch(
     except RecordingError as fault:
         return failed(str(fault))
     except requests.RequestException as fault:
-        is_stalled = "timed out" in str(fault)
-        reason = f"nothing arrives for {publisher.stall:g} s" if is_stalled else "it breaks off"
-        return failed(str(publisher.undelivered(run, reason)))
+        reason = "it breaks off"
+        if isinstance(fault, requests.HTTPError):
+            reason = f"status {_status(fault)}"
+        elif "timed out" in str(fault):
+            reason = f"nothing arrives for {publisher.stall:g} s"
+        return failed(
+            f"{run.key}: {host} does not deliver the file ({reason}, {ATTEMPTS} attempts); try"
+            " again later."
+        )
     except OSError as fault:
         return failed(f"{run.key}: the file cannot be written ({reason_of(fault)}).")
 
@@ -191,7 +169,6 @@ def _fetch(
 class _Publisher:
     """The server that has the files; it delivers them to Pooch."""
 
-    session: requests.Session
     host: str
     stall: Seconds
     should_stop: Callable[[], bool]
@@ -199,7 +176,7 @@ class _Publisher:
     is_down: threading.Event
     """Set once the server cannot be reached, so that other runs need not wait for it."""
 
-    def deliver(self, run: Run, url: str, place: str, known: str | None) -> None:
+    def deliver(self, run: Run, url: str, place: str) -> None:
         """Transfer a file to a place, and check that it is the right one.
 
         Raises:
@@ -210,55 +187,64 @@ class _Publisher:
             raise _Unreachable
         if self.should_stop():
             raise _Stopped
-        headers = {"Accept-Encoding": "identity"}  # so that lengths are those of the file
-        timeout = (CONNECT, self.stall)
+        Path(place).unlink()  # Pooch's file could be read by its owner alone
+        transfer = pooch.HTTPDownloader(
+            progressbar=_Progress(self, run),
+            chunk_size=_CHUNK,
+            timeout=(CONNECT, self.stall),
+            headers={"Accept-Encoding": "identity"},  # so that lengths are those of the file
+        )
         try:
-            with self.session.get(url, headers=headers, stream=True, timeout=timeout) as answer:
-                self._require_file(run, answer.status_code)
-                self._receive(run, answer, Path(place))
+            transfer(url, place, None)
+        except requests.HTTPError as fault:
+            status = _status(fault)
+            if status in BUSY:
+                raise
+            missing = "it is not there" if status in (404, 410) else "it is refused"
+            raise RecordingError(
+                f"{run.key}: {missing} on {self.host} (status {status})."
+            ) from None
         except requests.ConnectionError as fault:
             is_timeout = isinstance(fault, requests.ConnectTimeout)
             if is_timeout or "NewConnectionError" in repr(fault) or "NameReso" in repr(fault):
                 self.is_down.set()
                 raise _Unreachable from None
             raise
-        if known is None:
+        if run.sha256 is None:
             _require_run(run, Path(place))
-        elif pooch.file_hash(place) != known:
+        elif pooch.file_hash(place) != run.sha256:
             raise RecordingError(
                 f"{run.key}: what {self.host} sends is not the published file (its SHA-256"
                 " differs); it was not kept."
             )
 
-    def undelivered(self, run: Run, reason: str) -> RecordingError:
-        """The sentence about a file of which no attempt succeeded."""
-        return RecordingError(
-            f"{run.key}: {self.host} does not deliver the file ({reason}, {ATTEMPTS} attempts);"
-            " try again later."
-        )
 
-    def _require_file(self, run: Run, status: int) -> None:
-        if status in BUSY:
-            raise self.undelivered(run, f"status {status}")
-        if status != 200:
-            missing = "it is not there" if status in (404, 410) else "it is refused"
-            raise RecordingError(f"{run.key}: {missing} on {self.host} (status {status}).")
+def _status(fault: requests.HTTPError) -> int:
+    return fault.response.status_code if fault.response is not None else 0
 
-    def _receive(self, run: Run, answer: requests.Response, place: Path) -> None:
-        length = answer.headers.get("Content-Length", "")
-        size = int(length) if length.isdigit() else None
-        received = 0
-        place.unlink(missing_ok=True)  # Pooch's file could be read by its owner alone
-        with place.open("xb") as file:
-            for chunk in answer.iter_content(_CHUNK):
-                file.write(chunk)
-                received += len(chunk)
-                if received > LIMIT_BYTES:
-                    raise RecordingError(f"{run.key}: the file is far too large for a recording.")
-                if self.on_transfer:
-                    self.on_transfer(Transfer(run, received, size))
-                if self.should_stop():
-                    raise _Stopped
+
+class _Progress:
+    """The progress of a transfer as Pooch counts it; ends one that is stopped or far too large."""
+
+    def __init__(self, publisher: _Publisher, run: Run) -> None:
+        self._publisher, self._run = publisher, run
+        self.total = self.received = 0
+
+    def update(self, size: int) -> None:
+        self.received += size
+        if self.received > LIMIT_BYTES:
+            raise RecordingError(f"{self._run.key}: the file is far too large for a recording.")
+        if self._publisher.on_transfer:
+            known = self.total or None
+            self._publisher.on_transfer(Transfer(self._run, self.received, known))
+        if self._publisher.should_stop():
+            raise _Stopped
+
+    def reset(self) -> None:
+        self.received = 0
+
+    def close(self) -> None:
+        """Nothing is open."""
 
 
 def _require_run(run: Run, place: Path) -> None:
@@ -269,25 +255,3 @@ def _require_run(run: Run, place: Path) -> None:
         raise RecordingError(
             f"{run.key}: what the server sends is no OpenACC run; it was not kept."
         )
-
-
-class _Checksums:
-    """Checksums of the catalogue, and those recorded when a file was first downloaded."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file, self._lock = folder / CHECKSUMS, threading.Lock()
-        self._known: dict[str, str] = {}
-        with suppress(OSError):
-            for line in self._file.read_text(encoding="utf-8").splitlines():
-                digest, _, key = line.partition("  ")
-                if len(digest) == 64 and key:
-                    self._known[key] = digest
-
-    def of(self, run: Run) -> str | None:
-        return run.sha256 or self._known.get(run.key)
-
-    def record(self, run: Run, digest: str) -> None:
-        with self._lock:
-            self._known[run.key] = digest
-            with self._file.open("a", encoding="utf-8") as file:
-                file.write(f"{digest}  {run.key}\n")

@@ -17,20 +17,9 @@ from numpy.typing import NDArray
 
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
-from accpinn.findings import Finding
-from accpinn.recordings.recording import (
-    GapsUnused,
-    LineEndMissing,
-    MetadataMissing,
-    MetadataUnreadable,
-    Mode,
-    ModesUnknown,
-    NamesWithoutData,
-    Recording,
-    VehicleCountMismatch,
-    VehiclesWithoutName,
-    completed,
-)
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.recordings.catalogue import catalogue
+from accpinn.recordings.recording import Mode, Recording, completed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
 from accpinn.units import FloatArray
@@ -43,33 +32,80 @@ _CHOOSE_RUN = "choose the CSV file of a run"
 _TABLE_NAMES = re.compile(r"veh_specifications|^Long setting vehs", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class Campaign:
-    """A campaign: its folder, how it names its files, and the days it took place."""
+class MetadataMissing(Finding, frozen=True):
+    """A row above the column names is missing."""
 
-    folder: str
-    files: str
-    """Regular expression of how the names of its files begin."""
-    days: tuple[str, ...]
-    """Days of the campaign, as 2019-07-04."""
-    unique: bool = True
-    """Whether no other campaign names its files like this."""
+    text = "The metadata row {key} is missing."
+
+    key: str
 
 
-_PART = r"part\d+(_\d+)?\b"
+class MetadataUnreadable(Finding, frozen=True):
+    """A row above the column names holds something that its key does not allow; it is ignored."""
 
-CAMPAIGNS = (
-    Campaign("AstaZero", r"ASta_\d{6}_platoon\d+", ("2019-07-04", "2019-07-05")),
-    Campaign("Casale", _PART, ("2020-10-27",), unique=False),
-    Campaign("Cherasco", r"(JRC-Cher|Cher-JRC)_", ("2018-08-30", "2018-09-24")),
-    Campaign("JRC low speed", _PART, ("2020-09-30",), unique=False),
-    Campaign("Vicolungo", r"(JRC-VC|VC-JRC)_", ("2019-02-26", "2019-02-27", "2019-02-28")),
-    Campaign(
-        "ZalaZone",
-        r"(handling|dynamic)_part\d+",
-        ("2019-10-06", "2019-10-07", "2019-10-08", "2019-10-09"),
-    ),
-)
+    text = 'The metadata row {key} cannot be read and is ignored: "{content}".'
+
+    key: str
+    content: str
+
+
+class NamesWithoutData(Finding, frozen=True):
+    """The header names vehicles that have no speed column."""
+
+    text = "The header names vehicles without data: {vehicles}."
+
+    vehicles: tuple[int, ...]
+
+
+class VehiclesWithoutName(Finding, frozen=True):
+    """Vehicles with a speed column have no name in the header."""
+
+    text = "The header gives no name for {vehicles}."
+
+    vehicles: tuple[int, ...]
+
+
+class VehicleCountMismatch(Finding, frozen=True):
+    """Number_of_vehicles, the list of names and the speed columns disagree."""
+
+    text = (
+        "The header states {stated} vehicles and names {named}, and the columns hold {recorded}; a"
+        " name may belong to another vehicle."
+    )
+
+    stated: int
+    named: int
+    recorded: int
+
+
+class GapsUnused(Finding, frozen=True):
+    """Space-gaps (numbered by the vehicle ahead) beside a vehicle without a speed column."""
+
+    text = "{columns} cannot be used: one of the two vehicles has no speed column."
+
+    gaps: tuple[int, ...]
+
+    def _words(self, about: Labelled) -> Words:
+        return {"columns": tuple(map(GAP.of, self.gaps))}
+
+
+class LineEndMissing(Finding, frozen=True):
+    """The last row has no line end, so its last number may be cut short."""
+
+    text = "The last row has no line end; if the file was cut short, its last number is wrong."
+
+
+class ModesUnknown(Finding, frozen=True):
+    """Cells of a Driver column hold neither ACC nor Human."""
+
+    text = '{column} holds neither ACC nor Human in {samples} samples (as "{example}").'
+
+    vehicle: int
+    samples: int
+    example: str
+
+    def _words(self, about: Labelled) -> Words:
+        return {"column": DRIVER.of(self.vehicle)}
 
 
 @dataclass(frozen=True)
@@ -111,7 +147,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     recording = Recording(
         source=source_file.name,
         sha256=source_file.sha256(),
-        campaign=_campaign(source_file, day),
+        campaign=_campaign(source_file),
         date=day,
         acc_flag=acc_flag,
         distance_setting=distance_setting,
@@ -183,21 +219,21 @@ def _check_names(
         yield GapsUnused(gaps=orphans)
 
 
-def _campaign(source_file: SourceFile, day: date | None) -> str | None:
-    """The campaign of a file, or None where it is uncertain.
+def _campaign(source_file: SourceFile) -> str | None:
+    """The campaign of a published run, by its content, folder and name, or its name alone.
 
-    Folder or file name must point to it and the date must not contradict; file names that two
-    campaigns share (part7.csv) need the date as well.
+    None where these leave it open, as for part7.csv, which two campaigns have.
     """
-    folder = (source_file.folder or "").strip().lower()
-    campaigns = [
-        campaign.folder
-        for campaign in CAMPAIGNS
-        if day is None or day.isoformat() in campaign.days
-        if folder == campaign.folder.lower()
-        or (re.match(campaign.files, source_file.name) and (campaign.unique or day is not None))
-    ]
-    return campaigns[0] if len(campaigns) == 1 else None
+    sha256, folder = source_file.sha256(), (source_file.folder or "").strip().lower()
+    named = [run for run in catalogue() if run.file == source_file.name]
+    for runs in (
+        [run for run in catalogue() if run.sha256 == sha256],
+        [run for run in named if run.campaign.lower() == folder],
+        named,
+    ):
+        if len(runs) == 1:
+            return runs[0].campaign
+    return None
 
 
 Metadata = dict[str, tuple[str, ...]]

@@ -12,7 +12,7 @@ from typing import TypedDict, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import DRIVER, GAP, RECORDED, SPEED, Quantity
+from accpinn.channels import GAP, RECORDED, SPEED, Quantity
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
@@ -78,82 +78,6 @@ def longest(windows: Sequence[Window], unlisted: int = 0) -> str:
     text = ", ".join(map(str, sorted(listed, key=lambda window: window.start)))
     others = len(windows) - len(listed) + unlisted
     return text + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
-
-
-class MetadataMissing(Finding, frozen=True):
-    """A row above the column names is missing."""
-
-    text = "The metadata row {key} is missing."
-
-    key: str
-
-
-class MetadataUnreadable(Finding, frozen=True):
-    """A row above the column names holds something that its key does not allow; it is ignored."""
-
-    text = 'The metadata row {key} cannot be read and is ignored: "{content}".'
-
-    key: str
-    content: str
-
-
-class NamesWithoutData(Finding, frozen=True):
-    """The header names vehicles that have no speed column."""
-
-    text = "The header names vehicles without data: {vehicles}."
-
-    vehicles: tuple[int, ...]
-
-
-class VehiclesWithoutName(Finding, frozen=True):
-    """Vehicles with a speed column have no name in the header."""
-
-    text = "The header gives no name for {vehicles}."
-
-    vehicles: tuple[int, ...]
-
-
-class VehicleCountMismatch(Finding, frozen=True):
-    """Number_of_vehicles, the list of names and the speed columns disagree."""
-
-    text = (
-        "The header states {stated} vehicles and names {named}, and the columns hold {recorded}; a"
-        " name may belong to another vehicle."
-    )
-
-    stated: int
-    named: int
-    recorded: int
-
-
-class GapsUnused(Finding, frozen=True):
-    """Space-gaps (numbered by the vehicle ahead) beside a vehicle without a speed column."""
-
-    text = "{columns} cannot be used: one of the two vehicles has no speed column."
-
-    gaps: tuple[int, ...]
-
-    def _words(self, about: Labelled) -> Words:
-        return {"columns": tuple(map(GAP.of, self.gaps))}
-
-
-class LineEndMissing(Finding, frozen=True):
-    """The last row has no line end, so its last number may be cut short."""
-
-    text = "The last row has no line end; if the file was cut short, its last number is wrong."
-
-
-class ModesUnknown(Finding, frozen=True):
-    """Cells of a Driver column hold neither ACC nor Human."""
-
-    text = '{column} holds neither ACC nor Human in {samples} samples (as "{example}").'
-
-    vehicle: int
-    samples: int
-    example: str
-
-    def _words(self, about: Labelled) -> Words:
-        return {"column": DRIVER.of(self.vehicle)}
 
 
 class SamplesMissing(Finding, frozen=True):

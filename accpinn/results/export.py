@@ -23,7 +23,7 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.makes import make_and_model
+from accpinn.recordings.catalogue import make_and_model
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
 

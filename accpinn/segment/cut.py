@@ -62,7 +62,6 @@ def cut(
     start: Seconds = 0.0,
     duration: Seconds = DURATION,
     vehicles: Sequence[int] | None = None,
-    bridge: Seconds = BRIDGE,
     allow_missing: bool = False,
 ) -> Segment:
     """Cut the window [start, start + duration] of the chosen vehicles.
@@ -73,9 +72,8 @@ def cut(
         duration: seconds; 300 s at 0.1 s are 3001 samples, as both ends are in. A window that
             reaches past the end is shortened, which is among the findings.
         vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
-        bridge: missing blocks up to this many seconds are bridged linearly, which is among the
-            findings.
-        allow_missing: whether longer blocks may be missing, which is among the findings.
+        allow_missing: whether blocks may be missing that are too long to bridge, which is among
+            the findings.
 
     Raises:
         IncompleteWindow: where they are missing and may not be.
@@ -86,7 +84,7 @@ def cut(
     )
     findings: list[SegmentFinding] = []
     window = _fit_window(recording, start, duration, findings)
-    platoon = _platoon(recording, chosen, bridge)
+    platoon = _platoon(recording, chosen)
     source = _source_rows(recording, window)
     if not allow_missing:
         _refuse_missing(platoon, source)
@@ -129,7 +127,7 @@ def complete_windows(recording: Recording, vehicles: Sequence[int]) -> tuple[Win
     Raises:
         SegmentError: when the vehicles are no platoon.
     """
-    return _platoon(recording, check_vehicles(recording, vehicles), BRIDGE).complete()
+    return _platoon(recording, check_vehicles(recording, vehicles)).complete()
 
 
 def disjoint_windows(
@@ -171,15 +169,13 @@ class _Platoon:
     """(N, 2M+1) in m/s and m; NaN where a block could not be bridged."""
     missing: Mask
     """(N, 2M+1) True where nothing was measured, bridged or not."""
-    bridged: dict[str, list[Stretch]]
-    """The bridged blocks by column."""
-    bridge: Seconds
 
     def bridged_among(self, rows: Stretch) -> list[Bridged]:
         """The finding of each column that has bridged samples among ``rows``."""
         findings = []
-        for column, bridged in self.bridged.items():
-            blocks = [b for b in bridged if b.last >= rows.first and b.first <= rows.last]
+        for column, bridged in zip(self.columns, self._bridged.T, strict=True):
+            spans = stretches(bridged)
+            blocks = [b for b in spans if b.last >= rows.first and b.first <= rows.last]
             if blocks:
                 windows = tuple(map(self.recording.window, blocks))
                 findings.append(Bridged(column, sum(map(len, blocks)), windows))
@@ -199,6 +195,10 @@ class _Platoon:
             findings.append(BlocksMissing(tuple(columns), share, windows))
         return findings
 
+    @property
+    def _bridged(self) -> Mask:
+        return self.missing & np.isfinite(self.values)
+
     def filled(self) -> FloatArray:
         """(N, 2M+1) the values, straight lines where they are missing."""
         time, filled = self.recording.time, self.values.copy()
@@ -214,24 +214,21 @@ class _Platoon:
         return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
 
 
-def _platoon(recording: Recording, vehicles: tuple[int, ...], bridge: Seconds) -> _Platoon:
-    """Speeds and gaps of the vehicles, blocks of up to ``bridge`` seconds filled linearly."""
-    if not (math.isfinite(bridge) and bridge >= 0):
-        raise SegmentError(f"The limit for bridging cannot be {bridge:g} s; give 0 s or more.")
+def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
+    """Speeds and gaps of the vehicles, short blocks filled linearly."""
     channels = {SPEED.of(number): recording.speed_of(number) for number in vehicles}
     channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
     values = np.column_stack(list(channels.values()))
     missing: Mask = np.isnan(values)
-    time, bridged = recording.time, {column: list[Stretch]() for column in channels}
-    for column, series in zip(channels, values.T, strict=True):
+    time = recording.time
+    for series in values.T:
         for block in stretches(np.isnan(series)):
             enclosed = block.first > 0 and block.last < recording.samples - 1
             length = recording.window(block).duration + recording.sample_time
-            if enclosed and length <= bridge + SLACK:
+            if enclosed and length <= BRIDGE + SLACK:
                 ends = [block.first - 1, block.last + 1]
                 series[block.rows] = np.interp(time[block.rows], time[ends], series[ends])
-                bridged[column].append(block)
-    return _Platoon(recording, tuple(channels), values, missing, bridged, bridge)
+    return _Platoon(recording, tuple(channels), values, missing)
 
 
 def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
@@ -248,7 +245,7 @@ def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
     elif block.last == recording.samples - 1:
         reason = "where no later sample helps"
     else:
-        reason = f"too long to bridge (limit {platoon.bridge:g} s)"
+        reason = f"too long to bridge (limit {BRIDGE:g} s)"
     middle = float(recording.time[(rows.first + rows.last) // 2])
     nearest = sorted(
         platoon.complete(),

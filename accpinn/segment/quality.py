@@ -372,10 +372,6 @@ class Rating:
     grade: Grade
     findings: tuple[Finding, ...] = ()
     """Findings that say why it is not good."""
-    values: tuple[float, ...] = ()
-    """Figures behind the grade: the share of samples missing; each follower's condition number;
-    each follower's share of car-following; the largest share driven by hand; each gap's
-    correlation with the speeds, nan where it is not known."""
 
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
@@ -391,22 +387,20 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
 
 def _complete(segment: Segment) -> Rating:
     findings = _of(segment.findings, BlocksMissing | Bridged)
-    share = 0.0 if segment.missing is None else float(segment.missing.any(axis=1).mean())
     grade = Grade.FAIR if findings else Grade.GOOD
-    return Rating("complete", Grade.POOR if segment.blocks_missing else grade, findings, (share,))
+    return Rating("complete", Grade.POOR if segment.blocks_missing else grade, findings)
 
 
 def _excited(quality: Quality) -> Rating:
     findings = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
     is_near = any(isinstance(finding, NearEquilibrium) for finding in findings)
     grade = Grade.POOR if is_near else Grade.FAIR if findings else Grade.GOOD
-    return Rating("excited", grade, findings, quality.condition)
+    return Rating("excited", grade, findings)
 
 
 def _following(quality: Quality) -> Rating:
     findings = _of(quality.findings, LittleCarFollowing)
-    grade = Grade.POOR if findings else Grade.GOOD
-    return Rating("following", grade, findings, quality.car_following)
+    return Rating("following", Grade.POOR if findings else Grade.GOOD, findings)
 
 
 def _driver(segment: Segment, recording: Recording) -> Rating:
@@ -417,12 +411,9 @@ def _driver(segment: Segment, recording: Recording) -> Rating:
     if (modes == Mode.UNKNOWN).all():
         by_flag = recording.acc_flag == HUMAN_FLAG
         return Rating("driver", Grade.POOR if by_flag else Grade.UNKNOWN, findings)
-    share = float((modes == Mode.HUMAN).mean(axis=0).max())
-    if findings or share:
-        return Rating("driver", Grade.POOR if findings else Grade.FAIR, findings, (share,))
-    if (modes == Mode.UNKNOWN).any():
-        return Rating("driver", Grade.UNKNOWN)
-    return Rating("driver", Grade.GOOD, values=(share,))
+    if findings or (modes == Mode.HUMAN).any():
+        return Rating("driver", Grade.POOR if findings else Grade.FAIR, findings)
+    return Rating("driver", Grade.UNKNOWN if (modes == Mode.UNKNOWN).any() else Grade.GOOD)
 
 
 def _consistent(segment: Segment, recording: Recording, quality: Quality) -> Rating:
@@ -433,10 +424,9 @@ def _consistent(segment: Segment, recording: Recording, quality: Quality) -> Rat
         *(finding for finding in contradicting if finding.vehicle in ahead),
         *_of(quality.findings, GapsNegative),
     )
-    correlations = [agreement(recording, number) for number in ahead]
-    values = tuple(np.nan if value is None else value for value in correlations)
-    grade = Grade.UNKNOWN if None in correlations else Grade.GOOD
-    return Rating("consistent", Grade.POOR if findings else grade, findings, values)
+    is_unknown = any(agreement(recording, number) is None for number in ahead)
+    grade = Grade.UNKNOWN if is_unknown else Grade.GOOD
+    return Rating("consistent", Grade.POOR if findings else grade, findings)
 
 
 def _of(findings: Iterable[Finding], kind: object) -> tuple[Finding, ...]:

@@ -58,7 +58,8 @@ def polynomials(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     upper, inertia, control = (_padded(part) for part in (upper, inertia, control))
     lower = inertia + control
     bare = (alpha == 0)[:, None]  # without α both have a root at zero
-    return tuple(np.where(bare, np.roll(part, -1, axis=1), part) for part in (upper, lower))
+    upper, lower = (np.where(bare, np.roll(part, -1, axis=1), part) for part in (upper, lower))
+    return upper, lower
 
 
 def _product(left: FloatArray, right: FloatArray) -> FloatArray:

@@ -25,8 +25,8 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
+from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import mapping_of, read_all
-from accpinn.recordings.makes import is_known
 from accpinn.recordings.mapping import CsvMapping, write_mapping
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION

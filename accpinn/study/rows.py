@@ -11,7 +11,7 @@ from accpinn.channels import PARAMETER_KEYS, PARAMETERS, by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.makes import make_and_model
+from accpinn.recordings.catalogue import make_and_model
 from accpinn.recordings.recording import unnamed
 from accpinn.stability.report import stability_report
 from accpinn.study.result import Result

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.__main__ import Run
-from tests.fuzz.campaign import attempt
+from tests.fuzz.campaign import Run, attempt
 from tests.fuzz.kinds import KINDS, Kind
 
 EXAMPLES = {

@@ -2,7 +2,7 @@
 
 import pytest
 
-from accpinn.recordings.makes import is_known, make_and_model
+from accpinn.recordings.catalogue import is_known, make_and_model
 
 
 @pytest.mark.parametrize(

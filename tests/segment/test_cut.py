@@ -124,16 +124,10 @@ def test_a_short_block_is_bridged_and_marked() -> None:
 
 
 def test_the_limit_of_bridging_is_what_it_says() -> None:
-    for bridge in (-1.0, float("nan"), float("inf")):
-        with pytest.raises(SegmentError, match="bridging"):
-            cut(recording(), bridge=bridge)
     ten, eleven = (recording(without(slice(100, last), "Speed2")) for last in (109, 110))
     assert cut(ten, duration=30.0).findings
     with pytest.raises(SegmentError, match="too long to bridge"):
         cut(eleven, duration=30.0)
-    assert cut(eleven, duration=30.0, bridge=1.1).findings
-    with pytest.raises(SegmentError):
-        cut(ten, duration=30.0, bridge=0.0)
 
 
 def test_a_long_block_is_refused_unless_it_may_be_missing() -> None:
@@ -328,14 +322,13 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
     st.one_of(ANY, st.floats(0, 40)),
     st.one_of(ANY, st.floats(0, 60)),
     st.one_of(st.none(), st.lists(st.integers(-1, 5), max_size=4)),
-    st.one_of(ANY, st.floats(0, 6)),
     st.booleans(),
 )
 def test_any_choice_gives_a_segment_or_a_sentence(
-    start: float, duration: float, vehicles: list[int] | None, bridge: float, missing: bool
+    start: float, duration: float, vehicles: list[int] | None, missing: bool
 ) -> None:
     try:
-        made = cut(HOLES, start, duration, vehicles, bridge, missing)
+        made = cut(HOLES, start, duration, vehicles, missing)
     except AccpinnError as error:
         text = str(error)
     else:

@@ -122,7 +122,7 @@ def rated(recording: Recording, **choice: object) -> dict[Question, Rating]:
     ratings = rate(segment, recording, assess_quality(segment))
     for rating in ratings:  # each has its words
         assert rating_label(rating)
-        assert all(rating_reasons(rating, segment))
+        assert len(rating_reasons(rating, segment)) == len(rating.findings)
     return {rating.question: rating for rating in ratings}
 
 
@@ -134,7 +134,6 @@ def sound() -> Recording:
 def test_sound_data_are_good_throughout(sound: Recording) -> None:
     ratings = rated(sound)
     assert {rating.grade for rating in ratings.values()} == {Grade.GOOD}
-    assert ratings["consistent"].values == pytest.approx((1.0,), abs=0.1)
     assert set(ratings) == set(WORDS) == set(MEANING)
 
 

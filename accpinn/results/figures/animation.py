@@ -9,16 +9,8 @@ from numpy.typing import NDArray
 
 from accpinn.channels import SPEED
 from accpinn.platoon.simulation import PlatoonRun
+from accpinn.results.figures import style
 from accpinn.results.figures.platoon import CAR_LENGTH, Cast, close_up, samples
-from accpinn.results.figures.style import (
-    CLEAR,
-    LEADER,
-    across,
-    axes_of,
-    composed,
-    stack,
-    titled,
-)
 from accpinn.units import FloatArray
 
 FRAMES = 60
@@ -44,14 +36,14 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     look = {"color": cast.colours, "line": {"width": 0}}
     road, track = pictures[0]
     traces = [
-        {**road, **axes_of(1), "mode": "markers", "text": cast.names,
+        {**road, **style.axes_of(1), "mode": "markers", "text": cast.names,
          "marker": {**look, "symbol": "square", "size": 13},
          "hovertemplate": "%{text}<br>%{x:.1f} m<extra></extra>"},
-        {**track, **axes_of(2), "mode": "lines+markers", "text": cast.names,
-         "line": {"color": LEADER, "width": 1.2}, "marker": {**look, "size": 10},
+        {**track, **style.axes_of(2), "mode": "lines+markers", "text": cast.names,
+         "line": {"color": style.LEADER, "width": 1.2}, "marker": {**look, "size": 10},
          "hovertemplate": "%{text}<br>%{y:.2f} m/s<extra></extra>"},
         *(  # for `with_legend`
-            {"x": [None], "y": [None], **axes_of(1), "mode": "markers", "name": name,
+            {"x": [None], "y": [None], **style.axes_of(1), "mode": "markers", "name": name,
              "hoverinfo": "skip", "marker": {"symbol": "square", "size": 13, "color": colour}}
             for name, colour in zip(cast.names, cast.colours, strict=True)
         ),
@@ -63,14 +55,14 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     rim = 0.1 * (high - low) + 0.05
     axes = {
         "y": {"visible": False, "range": [-1, 1]},
-        "y2": titled(SPEED.axis) | {"range": [low - rim, high + rim]},
-        "x2": titled("Position behind the leader [m], driving to the right"),
+        "y2": style.titled(SPEED.axis) | {"range": [low - rim, high + rim]},
+        "x2": style.titled("Position behind the leader [m], driving to the right"),
     }
-    figure = composed(
+    figure = style.composed(
         traces, 490, "platoon-wave", axes, {"x": {"range": [rear - margin, margin]}},
-        stack(0.2, 0.8, spacing=0.04), hovermode="closest", updatemenus=[_buttons()],
+        style.stack(0.2, 0.8, spacing=0.04), hovermode="closest", updatemenus=[_buttons()],
         sliders=[_slider(moments)], margin={"l": 62, "r": 14, "t": 10, "b": 156},
-        shapes=[across("y", -0.55, line={"color": LEADER, "width": 1})],
+        shapes=[style.across("y", -0.55, line={"color": style.LEADER, "width": 1})],
     )  # fmt: skip
     figure.frames = [
         go.Frame(name=moment, data=list(picture), traces=[0, 1])
@@ -108,8 +100,8 @@ def _slider(moments: Sequence[str]) -> dict[str, Any]:
     ]
     return {
         "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},
-        "ticklen": 0, "minorticklen": 0, "bordercolor": CLEAR,
-        "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": CLEAR},
+        "ticklen": 0, "minorticklen": 0, "bordercolor": style.CLEAR,
+        "bgcolor": "rgba(128, 140, 155, 0.35)", "font": {"color": style.CLEAR},
         "currentvalue": {"prefix": "t = ", "suffix": " s", "xanchor": "right",
-                         "font": {"color": LEADER}},
+                         "font": {"color": style.LEADER}},
     }  # fmt: skip

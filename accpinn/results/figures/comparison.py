@@ -13,24 +13,7 @@ from accpinn.inference.identifiability import INCREASE, Profile
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import Parameters
-from accpinn.results.figures.style import (
-    LEADER,
-    SERIES,
-    TRUTH,
-    Part,
-    across,
-    axes_of,
-    band,
-    composed,
-    curve,
-    limits,
-    named_value,
-    row,
-    stack,
-    ticks,
-    titled,
-    with_legend,
-)
+from accpinn.results.figures import style
 from accpinn.units import FloatArray, Seconds
 
 BAND = "rgba(128, 140, 155, 0.20)"
@@ -71,13 +54,13 @@ def estimates(
     }  # fmt: skip
     values = np.array([row.values for row in rows])
     traces = [
-        {"x": column, "y": names, "mode": "markers", "marker": marker, **axes_of(which + 1),
-         "hovertemplate": f"%{{y}}<br>{named_value(quantity, 'x')}<extra></extra>"}
+        {"x": column, "y": names, "mode": "markers", "marker": marker, **style.axes_of(which + 1),
+         "hovertemplate": f"%{{y}}<br>{style.named_value(quantity, 'x')}<extra></extra>"}
         for which, (quantity, column) in enumerate(zip(PARAMETERS, values.T, strict=True))
     ]  # fmt: skip
     lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
     others = [[*column, *true[k : k + 1]] for k, column in enumerate(values.T)]
-    lines = [across(axes_of(k + 1)["xaxis"], value, line=TRUTH | {"width": 2})
+    lines = [style.across(style.axes_of(k + 1)["xaxis"], value, line=style.TRUTH | {"width": 2})
              for k, value in enumerate(true)]  # fmt: skip
     categories = {"categoryorder": "array", "categoryarray": names[::-1], "showgrid": True,
                   "automargin": True}  # fmt: skip
@@ -101,11 +84,11 @@ def tracks(
         start: the segment's start, in s from the recording's first sample.
     """
     true = truth.values.tolist() if truth else []
-    traces, axes = list[Part](), dict[str, Part]()
+    traces, axes = list[style.Part](), dict[str, style.Part]()
     for which, quantity in enumerate(PARAMETERS):
-        panel = axes_of(which + 1)
+        panel = style.axes_of(which + 1)
         late = [np.array(true[which : which + 1])]
-        for (title, track), colour, dash in zip(followed, cycle(SERIES), cycle(DASHES)):
+        for (title, track), colour, dash in zip(followed, cycle(style.SERIES), cycle(DASHES)):
             name = html.escape(title)
             values = track.parameters.values[:, follower, which]
             late.append(values[int(EARLY * len(values)) :])
@@ -115,18 +98,25 @@ def tracks(
                 known = np.flatnonzero(np.isfinite(values) & np.isfinite(around))
                 known = known[:: max(1, len(known) // BAND_POINTS)]
                 low, high = (values + around * np.array([[-1], [1]]))[:, known]
-                traces.append(band(start + track.time[known], low, high, colour, 0.10, **panel))
-            traces.append(curve(
+                traces.append(
+                    style.band(start + track.time[known], low, high, colour, 0.10, **panel)
+                )
+            traces.append(style.curve(
                 start + track.time, values, name=name, legendgroup=name, showlegend=which == 0,
                 line={"color": colour, "width": 2, "dash": dash}, **panel,
-                hovertemplate=f"{named_value(quantity, 'y')}<extra>{name}</extra>",
+                hovertemplate=f"{style.named_value(quantity, 'y')}<extra>{name}</extra>",
             ))  # fmt: skip
-        shown = limits(np.concatenate(late)) or None
-        axes[panel["yaxis"]] = titled(quantity.heading) | {"range": shown}
-    shapes = [across(axes_of(k + 1)["yaxis"], value, line=TRUTH) for k, value in enumerate(true)]
-    axes["x3"] = titled(TIME.axis)
-    return with_legend(
-        composed(traces, 560, "compare-tracks", axes, grid=stack(1, 1, 1), shapes=shapes)
+        shown = style.limits(np.concatenate(late)) or None
+        axes[panel["yaxis"]] = style.titled(quantity.heading) | {"range": shown}
+    shapes = [
+        style.across(style.axes_of(k + 1)["yaxis"], value, line=style.TRUTH)
+        for k, value in enumerate(true)
+    ]
+    axes["x3"] = style.titled(TIME.axis)
+    return style.with_legend(
+        style.composed(
+            traces, 560, "compare-tracks", axes, grid=style.stack(1, 1, 1), shapes=shapes
+        )
     )
 
 
@@ -139,13 +129,16 @@ def profiles(
     ends, which may be infinite.
     """
     traces = [
-        {"x": profile.values, "y": 100 * profile.increase, "mode": "lines", **axes_of(which + 1),
-         "line": {"color": colour, "width": 2.5},
-         "hovertemplate": f"{named_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"}
+        {"x": profile.values, "y": 100 * profile.increase, "mode": "lines",
+         "line": {"color": colour, "width": 2.5}, **style.axes_of(which + 1),
+         "hovertemplate": f"{style.named_value(quantity, 'x')}: %{{y:.2f}} % worse<extra></extra>"}
         for which, (profile, quantity) in enumerate(zip(profiled, PARAMETERS, strict=True))
     ]  # fmt: skip
-    limit = {"color": LEADER, "width": 1, "dash": "dash"}
-    lines = [across(axes_of(panel)["yaxis"], 100 * INCREASE, line=limit) for panel in (1, 2, 3)]
+    limit = {"color": style.LEADER, "width": 1, "dash": "dash"}
+    lines = [
+        style.across(style.axes_of(panel)["yaxis"], 100 * INCREASE, line=limit)
+        for panel in (1, 2, 3)
+    ]
     ends = [profile.values[[0, -1]] for profile in profiled]
     figure = _beside_each_other(
         traces, 240, "compare-profiles", lower, upper, ends, lines, {"range": [0, 200 * INCREASE]}
@@ -154,20 +147,26 @@ def profiles(
 
 
 def _beside_each_other(
-    traces: Sequence[Part], height: int, revision: str, lower: FloatArray, upper: FloatArray,
-    others: Sequence[Sequence[float] | FloatArray], lines: Sequence[Part], vertical: Part,
+    traces: Sequence[style.Part], height: int, revision: str, lower: FloatArray, upper: FloatArray,
+    others: Sequence[Sequence[float] | FloatArray], lines: Sequence[style.Part],
+    vertical: style.Part,
 ) -> go.Figure:  # fmt: skip
     """A panel for each of α, β, τ: its interval, on an axis that holds that and the others."""
-    axes, areas = dict[str, Part](), list[Part]()
+    axes, areas = dict[str, style.Part](), list[style.Part]()
     for which, quantity in enumerate(PARAMETERS):
         ends = float(lower[which]), float(upper[which])
-        shown = limits(np.array([*ends, *others[which]])) or [0.0, 1.0]
-        panel = axes_of(which + 1)
+        shown = style.limits(np.array([*ends, *others[which]])) or [0.0, 1.0]
+        panel = style.axes_of(which + 1)
         if np.isfinite(ends[0]):
-            areas.append(across(panel["xaxis"], ends[0], min(ends[1], shown[1]), fillcolor=BAND,
-                                line={"width": 0}, layer="below"))  # fmt: skip
-        axes[panel["xaxis"]] = titled(quantity.heading) | {"range": shown, **ticks(shown)}
-    return composed(
-        traces, height, revision, axes, {"x": {"tickangle": 0}, "y": vertical}, row(3, 0.03),
+            areas.append(style.across(
+                panel["xaxis"], ends[0], min(ends[1], shown[1]), fillcolor=BAND, line={"width": 0},
+                layer="below",
+            ))  # fmt: skip
+        axes[panel["xaxis"]] = style.titled(quantity.heading) | {
+            "range": shown,
+            **style.ticks(shown),
+        }
+    return style.composed(
+        traces, height, revision, axes, {"x": {"tickangle": 0}, "y": vertical}, style.row(3, 0.03),
         shapes=[*areas, *lines], hovermode="closest", dragmode=False,
     )  # fmt: skip

@@ -15,18 +15,8 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, PARAMETERS, SPEED, TAU, TIME_GAP, Quantity
+from accpinn.results.figures import style
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.figures.style import (
-    FOLLOWERS,
-    LEADER,
-    Part,
-    axes_of,
-    composed,
-    corner,
-    limits,
-    row,
-    titled,
-)
 from accpinn.results.tables.table import ABSENT
 from accpinn.stability.criteria import smallest_beta_exact, smallest_beta_l2
 from accpinn.study.groups import Groups
@@ -41,9 +31,9 @@ APART = 0.25
 """Share of a logarithmic axis between two labels, so that they do not touch on a narrow screen."""
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 OTHERS = "others"
-MOST_NAMED = len(FOLLOWERS)
+MOST_NAMED = len(style.FOLLOWERS)
 """Groups with a colour of their own."""
-STABLE, UNSTABLE = FOLLOWERS[0], FOLLOWERS[1]
+STABLE, UNSTABLE = style.FOLLOWERS[0], style.FOLLOWERS[1]
 INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
@@ -70,7 +60,7 @@ def forest(grouped: Groups) -> go.Figure:
     groups = sorted(largest, key=lambda group: (not np.isnan(group.tau.median), -group.tau.median))
     names = [html.escape(label_of(group.values)) for group in groups]
     places = np.arange(len(groups))
-    traces, axes = list[Part](), dict[str, Part]()
+    traces, axes = list[style.Part](), dict[str, style.Part]()
     for panel, which in enumerate((2, 0, 1), 1):  # τ, α, β
         quantity, typical = PARAMETERS[which], [group.parameters[which] for group in groups]
         on_log_axis = quantity is not TAU
@@ -79,15 +69,15 @@ def forest(grouped: Groups) -> go.Figure:
         middle, ends = np.clip(values[:, 0], low, high), np.clip(values[:, 1:], low, high)
         traces.append({
             "x": middle, "y": places, "mode": "markers", "name": quantity.symbol,
-            "showlegend": False, "cliponaxis": False, **axes_of(panel),
+            "showlegend": False, "cliponaxis": False, **style.axes_of(panel),
             "marker": {
-                "color": FOLLOWERS[0],
+                "color": style.FOLLOWERS[0],
                 "size": [_size(group.windows) for group in groups],
                 "symbol": ["triangle-left" if edge else "circle" for edge in values[:, 0] <= low],
             },
             "error_x": {
                 "array": ends[:, 1] - middle, "arrayminus": middle - ends[:, 0],
-                "color": FOLLOWERS[0], "thickness": 1.6, "width": 3,
+                "color": style.FOLLOWERS[0], "thickness": 1.6, "width": 3,
             },
             "customdata": [
                 (names[k], *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row),
@@ -100,13 +90,15 @@ def forest(grouped: Groups) -> go.Figure:
             ),
         })  # fmt: skip
         scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
-        axes[axes_of(panel)["xaxis"]] = titled(quantity.heading) | scale
+        axes[style.axes_of(panel)["xaxis"]] = style.titled(quantity.heading) | scale
     # The groups' names may be long.
     axes["y"] = {"tickvals": places, "ticktext": names, "automargin": True}
     every = {"y": {"range": [-0.7, len(groups) - 0.3], "showgrid": True}}
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
-    return composed(traces, height, "forest", axes, every, row(3, 0.025), hovermode="closest")
+    return style.composed(
+        traces, height, "forest", axes, every, style.row(3, 0.025), hovermode="closest"
+    )
 
 
 def _size(windows: int) -> float:
@@ -127,7 +119,7 @@ def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
     return float(low), float(min(known.max() + 1.0, max(known.max(), ends.max(initial=0)) + 0.1))
 
 
-def _decades(low: float, high: float) -> Part:
+def _decades(low: float, high: float) -> style.Part:
     """A logarithmic axis with few round values, as there is little room."""
     chosen: list[float] = []
     for digits in ((1,), (1, 5), (1, 2, 5)):
@@ -147,8 +139,8 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
     """Colour and symbol of each label, those that occur most first; others share one."""
     counts = pd.Series(list(labels), dtype=str).value_counts()
     named = list(counts.index[:MOST_NAMED])
-    looks = dict(zip(named, zip(FOLLOWERS, cycle(SYMBOLS)), strict=False))
-    return looks | ({OTHERS: (LEADER, "circle-open")} if len(counts) > len(named) else {})
+    looks = dict(zip(named, zip(style.FOLLOWERS, cycle(SYMBOLS)), strict=False))
+    return looks | ({OTHERS: (style.LEADER, "circle-open")} if len(counts) > len(named) else {})
 
 
 def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
@@ -181,12 +173,13 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     ]  # fmt: skip
     quantities = UNITS_OF_TAU.values() if in_units_of_tau else (ALPHA, BETA)
     axes = {
-        name: titled(f"{quantity.symbol}, {_lower(quantity.axis)}") | {"range": [-0.02 * end, end]}
+        name: style.titled(f"{quantity.symbol}, {_lower(quantity.axis)}")
+        | {"range": [-0.02 * end, end]}
         for name, quantity, end in zip("xy", quantities, (right, top), strict=True)
     }
-    return composed(
+    return style.composed(
         traces, 430, f"plane-{in_units_of_tau}", axes, hovermode="closest",
-        annotations=[corner("string stable", 0.995, 0.985)],
+        annotations=[style.corner("string stable", 0.995, 0.985)],
     )  # fmt: skip
 
 
@@ -210,16 +203,16 @@ def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
         places = np.flatnonzero(part & np.isfinite(x + y))
         traces.append(_points(rows, x, y, places, label, colour, symbol))
     axes = {
-        "x": titled(f"Mean {_lower(SPEED.axis)}") | {"rangemode": "tozero"},
-        "y": titled(f"Mean {_lower(TIME_GAP.axis)}") | {"range": limits(y)},
+        "x": style.titled(f"Mean {_lower(SPEED.axis)}") | {"rangemode": "tozero"},
+        "y": style.titled(f"Mean {_lower(TIME_GAP.axis)}") | {"range": style.limits(y)},
     }
-    return composed(traces, 430, "gap", axes, hovermode="closest")
+    return style.composed(traces, 430, "gap", axes, hovermode="closest")
 
 
 def _points(
     rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: NDArray[np.intp],
     name: str, colour: str, symbol: str,
-) -> Part:  # fmt: skip
+) -> style.Part:  # fmt: skip
     """The points at some places among the rows; each tells its window while they are few."""
     few, escaped = len(rows) <= HOVERED, html.escape(name)
     points = {

@@ -17,22 +17,8 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
-from accpinn.results.figures.style import (
-    CLEAR,
-    FOLLOWERS,
-    LEADER,
-    LEGEND,
-    MODEL,
-    Part,
-    across,
-    axes_of,
-    composed,
-    curve,
-    stack,
-    titled,
-    vehicle_colours,
-)
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
 
@@ -57,11 +43,11 @@ PERIODS = 3
 WATCHED: Seconds = 120.0
 """Length of a close-up of any other planned disturbance, in s."""
 PLACE = "Follower (0 = leader)"
-SLOWER, FASTER = FOLLOWERS[1], FOLLOWERS[0]
+SLOWER, FASTER = style.FOLLOWERS[1], style.FOLLOWERS[0]
 SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
 TRACK_SCALE = [[0.0, SLOWER], [0.5, "#9aa2ac"], [1.0, FASTER]]
 """The same on lines, which must be seen at any speed."""
-END = {"symbol": "x", "size": 9, "color": MODEL}
+END = {"symbol": "x", "size": 9, "color": style.MODEL}
 """Where a vehicle's motion ends with a collision."""
 MEASURED_OPACITY = 0.65
 LIGHTEST, DARKEST = 0.70, 0.42
@@ -103,7 +89,7 @@ def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
     in_order = is_in_order(vehicles, order)
     total, seen = Counter(order), Counter[int]()
     recorded = in_order and vehicles.numbered
-    names, paints, numbers = ["Leader"], [LEADER], ["L" if recorded else "0"]
+    names, paints, numbers = ["Leader"], [style.LEADER], ["L" if recorded else "0"]
     for place, k in enumerate(order, 1):
         label = vehicles.labels[k]
         names.append(label if in_order else f"Follower {place}: {label}")
@@ -164,9 +150,9 @@ def profiles(
         traces.append(line_of(driven.time[rows], driven.speeds[rows, k], cast, k))
         if k:
             traces.append(line_of(driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2))
-    shapes, words = list[Part](), list[Part]()
+    shapes, words = list[style.Part](), list[style.Part]()
     if np.nanmin(driven.gaps[rows]) < CLOSE:
-        shapes.append(across("y2", 0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}))
+        shapes.append(style.across("y2", 0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}))
     if ends := _collisions(run, span):
         traces += ends
         first, shown_end = run.contacts[0].time, min(span[1] if span else np.inf, driven.time[-1])
@@ -175,10 +161,10 @@ def profiles(
             "xanchor": "left" if first < 0.8 * shown_end else "right", "yanchor": "top",
             "showarrow": False,
         })  # fmt: skip
-        dotted = {"color": MODEL, "width": 1, "dash": "dot"}
-        shapes += [across(axis, first, line=dotted) for axis in ("x", "x2")]
-    return composed(
-        traces, height, "platoon-profiles", grid=stack(0.58, 0.42, spacing=0.06),
+        dotted = {"color": style.MODEL, "width": 1, "dash": "dot"}
+        shapes += [style.across(axis, first, line=dotted) for axis in ("x", "x2")]
+    return style.composed(
+        traces, height, "platoon-profiles", grid=style.stack(0.58, 0.42, spacing=0.06),
         channels=(SPEED, GAP), shapes=shapes, annotations=words,
     )  # fmt: skip
 
@@ -192,7 +178,7 @@ def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
 
 def line_of(
     time: FloatArray, values: FloatArray, cast: Cast, k: int, panel: int = 1, points: int = POINTS
-) -> Part:
+) -> style.Part:
     """A vehicle's line in a panel, and in the legend if that is the first."""
     return _line(
         time, values, panel, points, name=cast.names[k], legendrank=k,
@@ -202,16 +188,16 @@ def line_of(
 
 def _line(
     time: FloatArray, values: FloatArray, panel: int, points: int = POINTS, **look: Any
-) -> Part:
+) -> style.Part:
     """A line in half the bytes, as there are many."""
-    line = curve(time, values, panel, points, mode="lines", hovertemplate="%{y:.2f}",
+    line = style.curve(time, values, panel, points, mode="lines", hovertemplate="%{y:.2f}",
                  showlegend=panel == 1, **look)  # fmt: skip
     return line | {axis: line[axis].astype(np.float32) for axis in "xy"}
 
 
-def _measured(segment: Segment) -> Iterator[Part]:
+def _measured(segment: Segment) -> Iterator[style.Part]:
     """Speeds and gaps of the recorded followers."""
-    time, colours_of = segment.start + segment.time, vehicle_colours(segment.vehicles)
+    time, colours_of = segment.start + segment.time, style.vehicle_colours(segment.vehicles)
     for k, label in enumerate(segment.labels[1:]):
         channels = segment.measured_speeds[:, k + 1], segment.measured_gaps[:, k]
         for panel, values in enumerate(channels, 1):
@@ -222,7 +208,7 @@ def _measured(segment: Segment) -> Iterator[Part]:
             )  # fmt: skip
 
 
-def _collisions(run: PlatoonRun, span: Span | None) -> list[Part]:
+def _collisions(run: PlatoonRun, span: Span | None) -> list[style.Part]:
     """A cross where a vehicle's motion ends; nothing where none ends in sight."""
     driven = run.valid
     start, end = span or (-np.inf, np.inf)
@@ -232,14 +218,14 @@ def _collisions(run: PlatoonRun, span: Span | None) -> list[Part]:
     ended, at = ended[shown], at[shown]
     return [
         _ends(driven.time[at], values)
-        | axes_of(panel)
+        | style.axes_of(panel)
         | {"showlegend": panel == 1, "legendrank": 90}
         for panel, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1]))
         if len(ended)
     ]
 
 
-def _ends(time: FloatArray, values: FloatArray | list[float]) -> Part:
+def _ends(time: FloatArray, values: FloatArray | list[float]) -> style.Part:
     """Crosses where vehicles collide."""
     words = "ends with a collision"
     return {"x": time, "y": values, "mode": "markers", "marker": END, "name": words,
@@ -279,7 +265,8 @@ def time_space(
             "x": np.tile(np.append(time, np.nan), len(cast.names)).astype(np.float32),
             "y": _with_gaps(places).astype(np.float32), "mode": "lines", "name": TRACKS,
             "customdata": _with_gaps(speeds).round(3).astype(np.float32), "showlegend": False,
-            "text": np.repeat(cast.numbers, len(time) + 1), "line": {"color": CLEAR, "width": 8},
+            "line": {"color": style.CLEAR, "width": 8},
+            "text": np.repeat(cast.numbers, len(time) + 1),
             "hovertemplate": "%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
         },
         *_coloured_tracks(time, places, (speeds - middle) / limit),
@@ -295,9 +282,10 @@ def time_space(
     bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
     seen = {"road": "on the road", "leader": "seen from leader",
             "observer": f"seen at {mean:.1f} m/s"}  # fmt: skip
-    return composed(
+    return style.composed(
         traces, height, f"platoon-time-space-{view}",
-        {"x": titled(TIME.axis), "y": titled(f"Position {seen[view]} [m]")}, hovermode="closest",
+        {"x": style.titled(TIME.axis), "y": style.titled(f"Position {seen[view]} [m]")},
+        hovermode="closest",
         coloraxis={"colorscale": TRACK_SCALE, "cmin": scale[0], "cmax": scale[1], "colorbar": bar},
     )  # fmt: skip
 
@@ -307,7 +295,9 @@ def _with_gaps(values: FloatArray) -> FloatArray:
     return np.append(values, np.full((1, values.shape[1]), np.nan), axis=0).T.ravel()
 
 
-def _coloured_tracks(time: FloatArray, places: FloatArray, levels: FloatArray) -> Iterator[Part]:
+def _coloured_tracks(
+    time: FloatArray, places: FloatArray, levels: FloatArray
+) -> Iterator[style.Part]:
     """Lines of one colour each, which browsers draw far faster than a dot for each instant.
 
     Args:
@@ -340,11 +330,11 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     measured = wave.measured if wave else run.largest_deviation
     places = np.arange(len(cast.names))
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
-    traces = list[Part]()
+    traces = list[style.Part]()
     if wave:
         traces.append({
             "x": places, "y": scaled(wave.predicted), "name": "Predicted by |H(jω)|",
-            "mode": "lines", "line": {"color": LEADER, "width": 2.5},
+            "mode": "lines", "line": {"color": style.LEADER, "width": 2.5},
             "hovertemplate": f"predicted %{{y:.3f}} {unit}<extra></extra>",
         })  # fmt: skip
     for name, values, part, symbol in (
@@ -355,26 +345,26 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
         if len(places[part]):
             traces.append({
                 "x": places[part], "y": scaled(values)[part], "name": name,
-                "text": cast.names[part], "line": {"color": LEADER, "width": 1.5},
+                "text": cast.names[part], "line": {"color": style.LEADER, "width": 1.5},
                 "mode": "markers" if wave or part.start else "lines+markers",
                 "marker": {"size": 10, "color": cast.colours[part], "symbol": symbol,
                            "line": {"width": 2}},
                 "hovertemplate": f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
             })  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
-    vertical = titled(f"{what} [{'dB re leader' if in_db else unit}]")
-    return composed(
+    vertical = style.titled(f"{what} [{'dB re leader' if in_db else unit}]")
+    return style.composed(
         traces, 380, "platoon-amplitude", top=40, hovermode="closest", showlegend=len(traces) > 1,
         axes={"x": _vehicle_axis(cast),
               "y": vertical | {"rangemode": "normal" if in_db else "tozero"}},
-        legend=LEGEND | {"y": 1.0},
+        legend=style.LEGEND | {"y": 1.0},
     )  # fmt: skip
 
 
-def _vehicle_axis(cast: Cast) -> Part:
+def _vehicle_axis(cast: Cast) -> style.Part:
     """An axis with a tick for each vehicle."""
     title = PLACE if cast.numbers[0] == "0" else "Vehicle (L = leader)"
-    return titled(title) | {"tickvals": np.arange(len(cast.names)), "ticktext": cast.numbers}
+    return style.titled(title) | {"tickvals": np.arange(len(cast.names)), "ticktext": cast.numbers}
 
 
 def _decibels(values: FloatArray) -> FloatArray:
@@ -396,8 +386,8 @@ def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
         "colorbar": {"title": {"text": "Δ speed [m/s]", "side": "right"}, "thickness": 12},
         "hovertemplate": "vehicle %{y} at %{x:.0f} s: %{z:+.2f} m/s<extra></extra>",
     }  # fmt: skip
-    axes = {"x": titled(TIME.axis), "y": _vehicle_axis(cast) | {"autorange": "reversed"}}
-    return composed([heat], 380, "platoon-map", axes, hovermode="closest")
+    axes = {"x": style.titled(TIME.axis), "y": _vehicle_axis(cast) | {"autorange": "reversed"}}
+    return style.composed([heat], 380, "platoon-map", axes, hovermode="closest")
 
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
@@ -438,7 +428,7 @@ def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
             for vehicle in [*range(1, PANEL_FOLLOWERS + 1), 0]
         ]
         axes = {"y": {"range": [run.leader.speed - reach[k], run.leader.speed + reach[k]]}}
-        figure = composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
+        figure = style.composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
         title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
         panels.append((title, figure))
     return tuple(panels)

@@ -12,21 +12,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME_GAP
+from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import MOVING, Mode, Recording, Window
-from accpinn.results.figures.style import (
-    FOLLOWERS,
-    LEADER,
-    POINTS,
-    Part,
-    across,
-    axes_of,
-    composed,
-    curve,
-    stack,
-    thumbnail,
-    vehicle_colour,
-    vehicle_colours,
-)
+from accpinn.results.figures import style
 from accpinn.segment.quality import (
     CAR_FOLLOWING,
     CATCHING_UP,
@@ -35,7 +23,7 @@ from accpinn.segment.quality import (
     STANDSTILL,
     Regimes,
 )
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 MISSING = "#c22f4f"
@@ -59,7 +47,7 @@ DRIVERS = {
 View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
 """What each view of a recording draws, a panel each."""
-DOTTED = {"color": LEADER, "width": 1, "dash": "dot"}
+DOTTED = {"color": style.LEADER, "width": 1, "dash": "dot"}
 LEVELS: dict[View, float] = {"relative": 0.0, "time gap": CAR_FOLLOWING}
 """The value at which a view has a dotted line."""
 PANELS = 270
@@ -80,7 +68,7 @@ def overview(
     recording: Recording,
     vehicles: Sequence[int],
     window: Window,
-    ribbons: Sequence[Sequence[Part]] = (),
+    ribbons: Sequence[Sequence[style.Part]] = (),
     view: View = "motion",
     highlight: int = 0,
 ) -> go.Figure:
@@ -102,35 +90,35 @@ def overview(
     pixels += [max(24, ROW * len({bars["y"][0] for bars in traces})) for traces in strips]
     strong = {highlight} if highlight else {*vehicles[1:]}
     ahead = {number - 1 for number in strong}
-    points = max(400, min(POINTS, TOTAL_POINTS // max(1, len(drawn))))
-    traces = list[Part]()
+    points = max(400, min(style.POINTS, TOTAL_POINTS // max(1, len(drawn))))
+    traces = list[style.Part]()
     for panel, number, values in drawn:
         label = html.escape(recording.label(number))
         shown = number in strong or (number in ahead and view == "motion" and panel == 1)
-        traces.append(curve(
+        traces.append(style.curve(
             recording.time, values, panel, points, name=label, mode="lines", connectgaps=False,
-            line={"color": vehicle_colour(number, vehicles[0]), "width": 1.8 if shown else 1},
+            line={"color": style.vehicle_colour(number, vehicles[0]), "width": 1.8 if shown else 1},
             opacity=1 if shown else FAINT, legendgroup=label, showlegend=panel == 1,
         ))  # fmt: skip
-    axes: dict[str, Part] = {}
+    axes: dict[str, style.Part] = {}
     for panel, strip in enumerate(strips, len(shares) + 1):
-        traces += [bars | axes_of(panel) | {"showlegend": False} for bars in strip]
+        traces += [bars | style.axes_of(panel) | {"showlegend": False} for bars in strip]
         axes[f"y{panel}"] = _categories(strip)
     if view == "time gap":
         axes["y"] = {"range": [0, HIGHEST_TIME_GAP]}
-    every: dict[str, Part] = {"x": {"range": [0, recording.duration]},
+    every: dict[str, style.Part] = {"x": {"range": [0, recording.duration]},
              "y": {"fixedrange": True, "title_standoff": 6}}  # fmt: skip
     shapes = [
         {"type": "rect", "xref": "x", "yref": "paper", "x0": window.start, "x1": window.end,
-         "y0": 0, "y1": 1, "fillcolor": WINDOW, "line": {"color": FOLLOWERS[0], "width": 1.5},
+         "y0": 0, "y1": 1, "fillcolor": WINDOW, "line": {"color": style.FOLLOWERS[0], "width": 1.5},
          "layer": "below"}
     ]  # fmt: skip
     if view in LEVELS:
-        shapes.append(across("y", LEVELS[view], line=DOTTED))
+        shapes.append(style.across("y", LEVELS[view], line=DOTTED))
     # The margins are these, so that the handles below can stand under the axis.
-    return composed(
+    return style.composed(
         traces, round(sum(pixels)) + 50, f"overview-{recording.sha256}", axes,
-        every, stack(*pixels, spacing=0.03), CHANNELS[view], shapes=shapes, dragmode="select",
+        every, style.stack(*pixels, spacing=0.03), CHANNELS[view], shapes=shapes, dragmode="select",
         selectdirection="h", margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44},
     )  # fmt: skip
 
@@ -156,7 +144,7 @@ def _curves(
     return drawn
 
 
-def _categories(strip: Sequence[Part]) -> Part:
+def _categories(strip: Sequence[style.Part]) -> style.Part:
     """The vertical axis of a strip: the vehicles' numbers from the top down."""
     numbers = sorted({bars["y"][0] for bars in strip}, key=int, reverse=True)
     return {
@@ -165,30 +153,35 @@ def _categories(strip: Sequence[Part]) -> Part:
     }  # fmt: skip
 
 
-def preview(segment: Segment) -> go.Figure:
-    """The speeds of a segment, to look at rather than to work with."""
-    time = segment.start + segment.time
-    lines = [
-        curve(time, speeds, points=600, connectgaps=False, name=html.escape(label),
-              line={"color": colour, "width": 2})
-        for label, colour, speeds in zip(
-            segment.labels, vehicle_colours(segment.vehicles), segment.measured_speeds.T,
-            strict=True,
-        )
-    ]  # fmt: skip
-    return composed(lines, 330, "preview", channels=(SPEED,))
+def motion(info: SegmentInfo, source: Trajectories) -> go.Figure:
+    """Gaps and speeds of a segment's vehicles, to look at rather than to work with."""
+    traces, time = list[style.Part](), info.window.start + source.time
+    pairs = zip(info.labels, style.vehicle_colours(info.vehicles), strict=True)
+    for k, (label, colour) in enumerate(pairs):
+        name = html.escape(label) + (" (leader)" if k == 0 else "")
+        drawn = [(2, source.speeds[:, k], SPEED)]
+        drawn += [(1, source.gaps[:, k - 1], GAP)] if k else []
+        traces += [
+            style.curve(
+                time, values, panel, name=name, legendgroup=name, showlegend=panel == 2,
+                line={"color": colour, "width": 1.8}, mode="lines", connectgaps=False,
+                hovertemplate=f"%{{y:.2f}} {channel.unit}",
+            )
+            for panel, values, channel in drawn
+        ]  # fmt: skip
+    return style.composed(traces, 460, "motion", grid=style.stack(0.5, 0.5), channels=(GAP, SPEED))
 
 
 def speeds_thumbnail(segment: Segment) -> go.Figure:
     """The speeds of a segment's vehicles over time, small and without axes."""
-    colours = vehicle_colours(segment.vehicles)
-    return thumbnail(
-        curve(segment.time, speeds, points=150, line={"color": colour, "width": 1.4})
+    colours = style.vehicle_colours(segment.vehicles)
+    return style.thumbnail(
+        style.curve(segment.time, speeds, points=150, line={"color": colour, "width": 1.4})
         for colour, speeds in zip(colours, segment.measured_speeds.T, strict=True)
     )
 
 
-def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[Part]:
+def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[style.Part]:
     """Who drives each of the vehicles; nothing where no driver is known to drive."""
     modes = recording.mode[:, np.array(vehicles) - 1].T
     if not (modes == Mode.HUMAN).any():
@@ -206,10 +199,10 @@ def driver_key() -> list[tuple[str, str]]:
     return [(name, colour) for name, (_, colour, _) in DRIVERS.items()]
 
 
-def regime_ribbons(segment: Segment, regimes: Regimes) -> list[Part]:
+def regime_ribbons(segment: Segment, regimes: Regimes) -> list[style.Part]:
     """A trace for each follower and regime that occurs, over the recording's time."""
     time, step = segment.window.start + segment.time, segment.sample_time
-    ribbons: list[Part] = []
+    ribbons: list[style.Part] = []
     for k, number in enumerate(segment.vehicles[1:]):
         measured = _measured(regimes)[:, k]
         for code, name in enumerate(regimes.names):
@@ -236,7 +229,7 @@ def regime_key(regimes: Regimes) -> list[tuple[str, str]]:
 def _bars(
     number: int, name: str, mask: NDArray[np.bool_], time: FloatArray, colour: str, width: float,
     step: Seconds = 0.0,
-) -> list[Part]:  # fmt: skip
+) -> list[style.Part]:  # fmt: skip
     """One trace with a bar a run of instants, each of which stands for the ``step`` around it."""
     x: list[float | None] = []
     for run in stretches(mask):

@@ -13,23 +13,7 @@ from accpinn.channels import ALPHA, BETA, MAGNITUDE, TAU
 from accpinn.inference.intervals import Uncertainty, gain_band, interval_ends
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.results.figures.style import (
-    CLEAR,
-    LEADER,
-    MODEL,
-    SERIES,
-    Part,
-    across,
-    axes_of,
-    band,
-    composed,
-    corner,
-    stack,
-    thumbnail,
-    titled,
-    translucent,
-    vehicle_colours,
-)
+from accpinn.results.figures import style
 from accpinn.stability.criteria import (
     response,
     smallest_headway_exact,
@@ -43,12 +27,12 @@ from accpinn.units import FloatArray
 Plane = Literal["beta", "alpha"]
 """The parameter on a map's horizontal axis; τ is on the vertical one."""
 
-L2, PAPER, EXACT = SERIES[0], LEADER, MODEL
+L2, PAPER, EXACT = style.SERIES[0], style.LEADER, style.MODEL
 """Colours of the three criteria; vehicles have others."""
 L2_UNSTABLE = "rgba(194, 47, 79, 0.10)"
 ONLY_LINF_UNSTABLE = "rgba(214, 140, 40, 0.14)"
 STABLE = "rgba(85, 144, 15, 0.12)"
-LIMIT = {"color": LEADER, "width": 1.2}
+LIMIT = {"color": style.LEADER, "width": 1.2}
 """The line between amplified and damped."""
 
 BOUNDARIES = {
@@ -96,7 +80,7 @@ LOWEST = -60.0
 
 def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     """Each follower's colour, the same on every page."""
-    return tuple(vehicle_colours(vehicles.vehicles)[1:])
+    return tuple(style.vehicle_colours(vehicles.vehicles)[1:])
 
 
 def bode(
@@ -116,22 +100,22 @@ def bode(
         line = {"color": colour, "width": 2.2}
         traces.append(_clickable(omega, gains[k], k, html.escape(label), line))
     if len(vehicles) > 1:
-        line = {"color": LEADER, "width": 2, "dash": "dash"}
+        line = {"color": style.LEADER, "width": 2, "dash": "dash"}
         whole = gains.prod(axis=0)
         traces.append(_clickable(omega, whole, -1, "Leader to last follower", line))
     traces += _peaks(vehicles, report)
     tops = [vehicle.peak.db for vehicle in report.vehicles] + [report.platoon.peaks[-1].db]
     top = min(max(*tops, 1.0) * 1.12 + 0.4, CEILING)
-    amplified = across("y", 0, top, fillcolor=L2_UNSTABLE, line={"width": 0}, layer="below")
+    amplified = style.across("y", 0, top, fillcolor=L2_UNSTABLE, line={"width": 0}, layer="below")
     ends = np.log10(omega[[0, -1]]).tolist()
     axes = {
-        "x": titled("Frequency ω [rad/s]") | {"type": "log", "range": ends, **TICKS},
-        "y": titled(f"{MAGNITUDE.name} {MAGNITUDE.heading}") | {"range": [FLOOR - FOOT, top]},
+        "x": style.titled("Frequency ω [rad/s]") | {"type": "log", "range": ends, **TICKS},
+        "y": style.titled(f"{MAGNITUDE.name} {MAGNITUDE.heading}") | {"range": [FLOOR - FOOT, top]},
     }
-    return composed(
+    return style.composed(
         traces, height, "bode", axes, hovermode="closest", hoverdistance=200,
-        clickmode="event+select", annotations=[corner("amplified", 0.995, 0.995)],
-        shapes=[amplified, across("y", 0, line=LIMIT, layer="below")],
+        clickmode="event+select", annotations=[style.corner("amplified", 0.995, 0.995)],
+        shapes=[amplified, style.across("y", 0, line=LIMIT, layer="below")],
     )  # fmt: skip
 
 
@@ -148,7 +132,7 @@ def _frequencies(report: StabilityReport) -> FloatArray:
 
 def _clickable(
     omega: FloatArray, gain: FloatArray, which: int, name: str, line: Mapping[str, Any]
-) -> Part:
+) -> style.Part:
     """A curve of |H|. Only markers can be clicked, so it has some that are not seen."""
     return {
         "x": omega, "y": decibels(gain), "name": name, "mode": "lines+markers", "line": line,
@@ -159,7 +143,9 @@ def _clickable(
     }  # fmt: skip
 
 
-def _bands(vehicles: ParameterSet, uncertainty: Uncertainty, omega: FloatArray) -> Iterator[Part]:
+def _bands(
+    vehicles: ParameterSet, uncertainty: Uncertainty, omega: FloatArray
+) -> Iterator[style.Part]:
     """The interval of |H| at the uncertainty's level, for each vehicle that has one."""
     omega = np.geomspace(omega[0], omega[-1], BAND_POINTS)
     for k, colour in enumerate(colours(vehicles)):
@@ -169,7 +155,7 @@ def _bands(vehicles: ParameterSet, uncertainty: Uncertainty, omega: FloatArray) 
                 np.clip(decibels(end), LOWEST, 2 * CEILING).round(3)
                 for end in (gain.lower, gain.upper)
             )
-            yield band(omega, lower, upper, colour, BAND_OPACITY, f"band {k}")
+            yield style.band(omega, lower, upper, colour, BAND_OPACITY, f"band {k}")
 
 
 def decibels(gain: FloatArray) -> FloatArray:
@@ -177,7 +163,7 @@ def decibels(gain: FloatArray) -> FloatArray:
     return np.asarray(20 * np.log10(np.clip(gain, 1e-6, 1e6)))
 
 
-def _peaks(vehicles: ParameterSet, report: StabilityReport) -> Iterator[Part]:
+def _peaks(vehicles: ParameterSet, report: StabilityReport) -> Iterator[style.Part]:
     """A diamond on the peak and a ring on the crossover of each vehicle that amplifies."""
     shown = [k for k, vehicle in enumerate(report.vehicles) if vehicle.crossover]
     amplifying, paints = [report.vehicles[k] for k in shown], colours(vehicles)
@@ -202,7 +188,7 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     rows, platoon = report.vehicles, report.platoon
     places = list(range(1, len(vehicles) + 1))
     traces = [
-        {"x": places, "y": values, "name": name, "mode": "lines+markers", **axes_of(panel),
+        {"x": places, "y": values, "name": name, "mode": "lines+markers", **style.axes_of(panel),
          "line": {"color": colour, "width": 2,
                   "dash": "dot" if symbol.endswith("-open") else "solid"},
          "marker": {"symbol": symbol, "size": 8, "color": colour},
@@ -222,10 +208,16 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
         "range": [0.7, len(vehicles) + 0.3],
         "automargin": True,  # long names are turned where there is no room
     }  # fmt: skip
-    axes = {"y": titled("Criterion [1/s²]"), "y2": titled("Gain")}
-    limits = [across("y", 0, line=LIMIT), across("y2", 1, line=LIMIT)]
-    return composed(
-        traces, 400, "criteria", axes, {"x": vehicle_axis}, stack(1, 1, spacing=0.1), shapes=limits
+    axes = {"y": style.titled("Criterion [1/s²]"), "y2": style.titled("Gain")}
+    limits = [style.across("y", 0, line=LIMIT), style.across("y2", 1, line=LIMIT)]
+    return style.composed(
+        traces,
+        400,
+        "criteria",
+        axes,
+        {"x": vehicle_axis},
+        style.stack(1, 1, spacing=0.1),
+        shapes=limits,
     )
 
 
@@ -268,15 +260,15 @@ def stability_map(
     })  # fmt: skip
     horizontal = BETA if along_beta else ALPHA
     axes = {
-        name: titled(f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]")
+        name: style.titled(f"{quantity.symbol}, {quantity.name.lower()} [{quantity.unit}]")
         | {"range": [0, end]}
         for name, quantity, end in (("x", horizontal, right), ("y", TAU, top))
     }
     words = [
-        corner("L₂ unstable", 0.015 if along_beta else 0.985, 0.015),  # beside the hatching
-        corner("L∞ stable", 0.985, 0.985),
+        style.corner("L₂ unstable", 0.015 if along_beta else 0.985, 0.015),  # beside the hatching
+        style.corner("L∞ stable", 0.985, 0.985),
     ]
-    return composed(
+    return style.composed(
         traces, 400, f"map-{plane}-{held}", axes, hovermode="closest", annotations=words
     )
 
@@ -289,20 +281,28 @@ def _highest(vehicles: ParameterSet, report: StabilityReport, held: int) -> floa
     return float(min(1.2 * max(wanted), max([12.0, *(1.2 * tau for tau in taus)])))
 
 
-def _regions(along: FloatArray, edges: Mapping[str, FloatArray], top: float) -> Iterator[Part]:
+def _regions(
+    along: FloatArray, edges: Mapping[str, FloatArray], top: float
+) -> Iterator[style.Part]:
     """Areas from below: L₂ unstable, only L∞ unstable, stable; hatched where the paper differs."""
     l2, paper, exact = edges.values()
     exact = np.minimum(exact, 2 * top)
     paper = np.minimum(paper, exact)
-    layers: list[tuple[FloatArray, Part]] = [
+    layers: list[tuple[FloatArray, style.Part]] = [
         (np.zeros_like(exact), {}),
         (np.minimum(l2, 2 * top), {"fillcolor": L2_UNSTABLE}),
         (exact, {"fillcolor": ONLY_LINF_UNSTABLE}),
         (np.maximum(exact, 2 * top), {"fillcolor": STABLE}),
     ]
     if (paper < exact).any():
-        hatching = {"shape": "/", "fgcolor": PAPER, "bgcolor": CLEAR, "size": 9, "solidity": 0.12}
-        layers += [(paper, {}), (exact, {"fillcolor": CLEAR, "fillpattern": hatching})]
+        hatching = {
+            "shape": "/",
+            "fgcolor": PAPER,
+            "bgcolor": style.CLEAR,
+            "size": 9,
+            "solidity": 0.12,
+        }
+        layers += [(paper, {}), (exact, {"fillcolor": style.CLEAR, "fillpattern": hatching})]
     for values, look in layers:
         yield {
             "x": along, "y": values, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip",
@@ -310,7 +310,7 @@ def _regions(along: FloatArray, edges: Mapping[str, FloatArray], top: float) -> 
         }  # fmt: skip
 
 
-def _clouds(vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane) -> Iterator[Part]:
+def _clouds(vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane) -> Iterator[style.Part]:
     """A dot for each of some posterior samples of every vehicle."""
     for k, colour in enumerate(colours(vehicles)):
         draws = uncertainty.draws.values[:, k]
@@ -318,7 +318,7 @@ def _clouds(vehicles: ParameterSet, uncertainty: Uncertainty, plane: Plane) -> I
         draws = draws[np.isfinite(draws).all(axis=1)]
         yield {
             "x": draws[:, ACROSS[plane]].round(5), "y": draws[:, 2].round(4), "mode": "markers",
-            "marker": {"size": 3.5, "color": translucent(colour, DOT_OPACITY)},
+            "marker": {"size": 3.5, "color": style.translucent(colour, DOT_OPACITY)},
             "hoverinfo": "skip", "name": f"cloud {k}", "showlegend": False,
         }  # fmt: skip
 
@@ -342,8 +342,8 @@ def gains_thumbnail(vehicles: ParameterSet) -> go.Figure:
         for gain, colour in zip(gains, colours(vehicles), strict=True)
     ]
     top = max(LEAST_PEAK, 1.1 * float(gains.max()))
-    return thumbnail(curves, {"x": {"type": "log"}, "y": {"range": [-6, top]}},
-                     [across("y", 0, line=LIMIT, layer="below")])  # fmt: skip
+    return style.thumbnail(curves, {"x": {"type": "log"}, "y": {"range": [-6, top]}},
+                     [style.across("y", 0, line=LIMIT, layer="below")])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,41 +375,41 @@ def measured_bode(
         gain = f"{html.escape(name)}, {words}"
         points = {
             "x": measured.omega[part], "mode": "markers", "opacity": opacity,
-            "marker": {"color": LEADER, "size": 7, "symbol": symbol},
+            "marker": {"color": style.LEADER, "size": 7, "symbol": symbol},
             "hovertemplate": "%{y:.2f} at %{x:.3f} rad/s",
         }  # fmt: skip
         traces += [
-            points | axes_of(1) | {"y": levels[part], "name": gain, "showlegend": True}
+            points | style.axes_of(1) | {"y": levels[part], "name": gain, "showlegend": True}
             | ({"error_y": bars} if symbol == "circle" else {}),
-            points | axes_of(2) | {"y": measured.coherence[part], "name": f"coherence, {gain}",
-                                   "showlegend": False},
+            points | style.axes_of(2)
+            | {"y": measured.coherence[part], "name": f"coherence, {gain}", "showlegend": False},
         ]  # fmt: skip
     top = float(np.max((levels + bounds[0])[measured.coherent], initial=3.0))
     every = {"x": {"type": "log", "range": np.log10([low, high]).tolist(), **TICKS}}
     axes = {
-        "x2": titled("Frequency ω [rad/s]"),
-        "y": titled("Gain [dB]") | {"range": [2 * FLOOR, min(top, CEILING) + 1.0]},
-        "y2": titled("Coherence") | {"range": [0, 1.03]},
+        "x2": style.titled("Frequency ω [rad/s]"),
+        "y": style.titled("Gain [dB]") | {"range": [2 * FLOOR, min(top, CEILING) + 1.0]},
+        "y2": style.titled("Coherence") | {"range": [0, 1.03]},
     }
-    return composed(
-        traces, 440, "measured-gain", axes, every, stack(0.7, 0.3, spacing=0.07),
-        hovermode="closest", shapes=[across("y", 0, line=LIMIT)],
+    return style.composed(
+        traces, 440, "measured-gain", axes, every, style.stack(0.7, 0.3, spacing=0.07),
+        hovermode="closest", shapes=[style.across("y", 0, line=LIMIT)],
     )  # fmt: skip
 
 
 def _model_curve(
     model: Model, low: float, high: float, colour: str, at_level: float
-) -> Iterator[Part]:
+) -> Iterator[style.Part]:
     """The model's Bode magnitude between two frequencies in rad/s, over its band."""
     if model.draws is not None:
         omega = np.geomspace(low, high, BAND_POINTS)
         gains = np.abs(response(model.draws, omega))
         lower, upper = (decibels(end) for end in interval_ends(gains, at_level))
-        yield band(omega, lower, upper, colour, BAND_OPACITY, panel=1)
+        yield style.band(omega, lower, upper, colour, BAND_OPACITY, panel=1)
     omega = np.geomspace(low, high, FREQUENCIES)
     gain = np.abs(response(Parameters.stack([model.parameters]), omega))[0]
     yield {
         "x": omega, "y": decibels(gain), "mode": "lines", "line": {"color": colour, "width": 2.2},
-        "name": f"{html.escape(model.name)}, model", **axes_of(1),
+        "name": f"{html.escape(model.name)}, model", **style.axes_of(1),
         "hovertemplate": "%{y:.2f} dB at %{x:.3f} rad/s",
     }  # fmt: skip

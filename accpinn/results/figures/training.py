@@ -16,30 +16,12 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.results.figures.style import (
-    GRID,
-    LEADER,
-    MODEL,
-    POINTS,
-    SERIES,
-    SHARED,
-    TRUTH,
-    Part,
-    across,
-    band,
-    composed,
-    curve,
-    limits,
-    stack,
-    titled,
-    vehicle_colours,
-    with_legend,
-)
+from accpinn.results.figures import style
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
-SOLVED = TRUTH | {"dash": "dot"}
+SOLVED = style.TRUTH | {"dash": "dot"}
 """The line at the value of least squares."""
 NORMAL_90 = 1.645
 """Standard errors to each end of a 90 % interval."""
@@ -66,10 +48,10 @@ def thinned_history(history: History, points: int) -> History:
 def loss_history(history: History) -> go.Figure:
     """The loss terms over iterations, on logarithmic axes."""
     terms = (
-        ("Ψ", "total", history.total, LEADER, 3.0),
-        ("Ψ<sub>D</sub>", "data", history.data, SERIES[0], 1.5),
-        ("Ψ<sub>F</sub>", "physics", history.physics, SERIES[1], 1.5),
-        ("Ψ<sub>R</sub>", "start", history.initial, SERIES[2], 1.5),
+        ("Ψ", "total", history.total, style.LEADER, 3.0),
+        ("Ψ<sub>D</sub>", "data", history.data, style.SERIES[0], 1.5),
+        ("Ψ<sub>F</sub>", "physics", history.physics, style.SERIES[1], 1.5),
+        ("Ψ<sub>R</sub>", "start", history.initial, style.SERIES[2], 1.5),
     )
     used = [term for term in terms if term[2].any()]
     # The title names the lines, each in its colour, so the legend does not.
@@ -79,14 +61,14 @@ def loss_history(history: History) -> go.Figure:
         for symbol, name, values, colour, width in used
     ]  # fmt: skip
     names = [(name, colour) for _, name, _, colour, _ in used]
-    axes = {"y": {"type": "log", **titled("Loss"), **_decades([term[2] for term in used])}}
+    axes = {"y": {"type": "log", **style.titled("Loss"), **_decades([term[2] for term in used])}}
     if history.evidence is not None:
-        line = {"color": MODEL, "width": 2, "dash": "dash"}
+        line = {"color": style.MODEL, "width": 2, "dash": "dash"}
         traces.append(_line(history, history.evidence, "log evidence", line, yaxis="y2",
                             showlegend=False))  # fmt: skip
         axes["y2"] = {"overlaying": "y", "side": "right", "showgrid": False,
-                          **titled("Log evidence")}  # fmt: skip
-        names.append(("log evidence", MODEL))
+                          **style.titled("Log evidence")}  # fmt: skip
+        names.append(("log evidence", style.MODEL))
     spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
     return _over_iterations(traces, f"Loss: {spans}", "loss", axes)
 
@@ -109,32 +91,32 @@ def parameter_history(
     """
     quantity, values = PARAMETERS[which], history.parameters.values[:, :, which]
     sets = values.shape[1]
-    names, colours = segment.labels[1:], vehicle_colours(segment.vehicles)[1:]
+    names, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
-        names, colours = (EVERY_FOLLOWER,), [SHARED]
-    ends, traces = _interval(history, which), list[Part]()
+        names, colours = (EVERY_FOLLOWER,), [style.SHARED]
+    ends, traces = _interval(history, which), list[style.Part]()
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
             low, high = (end[:, k] for end in ends)
-            traces.append(band(_counted(history), low, high, colour, 0.125))
+            traces.append(style.band(_counted(history), low, high, colour, 0.125))
         traces.append(
             _line(history, values[:, k], html.escape(name), {"color": colour, "width": 2})
         )
     compared = [
         (float(value), look | {"color": colour})
-        for reference, look in ((truth, TRUTH), (solved, SOLVED)) if reference
+        for reference, look in ((truth, style.TRUTH), (solved, SOLVED)) if reference
         for value, colour in zip(reference.values[:sets, which], colours, strict=False)
     ]  # fmt: skip
     seen = [values.ravel(), np.array([value for value, _ in compared])]
     seen += [end[-1] for end in ends or ()]
-    axis = titled(quantity.heading) | {"range": limits(np.concatenate(seen)) or None}
-    shapes = [across("y", value, line=look) for value, look in compared]
+    axis = style.titled(quantity.heading) | {"range": style.limits(np.concatenate(seen)) or None}
+    shapes = [style.across("y", value, line=look) for value, look in compared]
     return _over_iterations(traces, quantity.name, f"parameter-{which}", {"y": axis}, shapes=shapes)
 
 
 def _line(
     history: History, values: FloatArray, name: str, line: Mapping[str, Any], **look: Any
-) -> Part:
+) -> style.Part:
     """(K,) values over the iterations; few of them are marked."""
     mode = "lines+markers" if len(values) <= FEW else "lines"
     return {"x": _counted(history), "y": values, "name": name, "line": line, "mode": mode,
@@ -156,12 +138,12 @@ def _counted(history: History) -> FloatArray:
 
 
 def _over_iterations(
-    traces: list[Part], title: str, revision: str, axes: dict[str, Any], **layout: Any
+    traces: list[style.Part], title: str, revision: str, axes: dict[str, Any], **layout: Any
 ) -> go.Figure:
     """A small panel over iterations."""
-    axes["x"] = titled("Iteration") | {"type": "log", "dtick": 1}
+    axes["x"] = style.titled("Iteration") | {"type": "log", "dtick": 1}
     head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-    return composed(traces, HISTORY_HEIGHT, revision, axes, top=34, title=head, **layout)
+    return style.composed(traces, HISTORY_HEIGHT, revision, axes, top=34, title=head, **layout)
 
 
 def _decades(series: list[FloatArray]) -> dict[str, Any]:
@@ -185,7 +167,7 @@ def tracking(
     predicted: GapBand | None = None,
     disturbance: FloatArray | None = None,
     height: int | None = None,
-    points: int = POINTS,
+    points: int = style.POINTS,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
@@ -205,12 +187,17 @@ def tracking(
     measured = data.measured if data else None
     rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
     moved, start = len(rows), segment.window.start
-    colour = vehicle_colours(segment.vehicles)[follower + 1]
+    colour = style.vehicle_colours(segment.vehicles)[follower + 1]
     own_line = {"color": colour, "width": 1.5}
     sources = (
         ("data", measured, own_line | {"width": 3.5}, 0.45),
         (html.escape(own), surrogate, own_line, 1.0),
-        ("closed-loop simulation", closed_loop, {"color": MODEL, "width": 1.5, "dash": "dot"}, 1.0),
+        (
+            "closed-loop simulation",
+            closed_loop,
+            {"color": style.MODEL, "width": 1.5, "dash": "dot"},
+            1.0,
+        ),
     )
     traces = list(_bands(predicted, follower, start)) if predicted else []
     for name, source, line, opacity in sources:
@@ -220,9 +207,11 @@ def tracking(
         if measured and source is not measured:
             drawn.append((source.gaps - measured.gaps)[:, follower])
         traces += [
-            curve(start + source.time, values, row, points, name=name, line=line, opacity=opacity,
-                  legendgroup=name, showlegend=row == 1,
-                  hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>")
+            style.curve(
+                start + source.time, values, row, points, name=name, line=line, opacity=opacity,
+                legendgroup=name, showlegend=row == 1,
+                hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
+            )
             for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1)
         ]  # fmt: skip
     shapes = []
@@ -230,42 +219,43 @@ def tracking(
         findings = closed_loop_findings(data, closed_loop)
         collision = float(collision_times(findings, data.vehicles)[follower])
         if not np.isnan(collision):
-            shapes.append(across("y", 0, line={"color": LEADER, "width": 1.5}))
+            shapes.append(style.across("y", 0, line={"color": style.LEADER, "width": 1.5}))
             traces.append(_cross(collision))
     if disturbance is not None:
         rows.append(DISTURBANCE)
         time = start + np.linspace(0, segment.window.duration, len(disturbance))
-        traces.append(curve(
+        traces.append(style.curve(
             time, disturbance[:, follower], len(rows), points, name="disturbance", line=own_line,
             hovertemplate=f"%{{y:.2f}} {DISTURBANCE.unit}<extra>disturbance</extra>",
             showlegend=False,
         ))  # fmt: skip
     shapes += [
-        across(f"y{row}", 0, line={"color": GRID, "width": 1.5}) for row in range(3, len(rows) + 1)
+        style.across(f"y{row}", 0, line={"color": style.GRID, "width": 1.5})
+        for row in range(3, len(rows) + 1)
     ]
-    figure = composed(
+    figure = style.composed(
         traces, height or 140 + 160 * len(rows), f"tracking-{segment.vehicles[follower + 1]}",
-        grid=stack(*HEIGHTS[len(rows)]), channels=rows, shapes=shapes,
+        grid=style.stack(*HEIGHTS[len(rows)]), channels=rows, shapes=shapes,
     )  # fmt: skip
-    return with_legend(figure)
+    return style.with_legend(figure)
 
 
-def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[Part]:
+def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[style.Part]:
     """The band, one area for each stretch of time that has one; the first stands in the legend."""
     lower, upper = predicted.lower[:, follower], predicted.upper[:, follower]
     for at, stretch in enumerate(stretches(np.isfinite(lower))):
         rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
         name = f"{100 * predicted.level:.0f} % band"
-        yield band(
-            start + predicted.time[rows], lower[rows], upper[rows], MODEL, 0.2, name, panel=1,
+        yield style.band(
+            start + predicted.time[rows], lower[rows], upper[rows], style.MODEL, 0.2, name, panel=1,
             showlegend=at == 0, legendgroup=name,
         )  # fmt: skip
 
 
-def _cross(when: Seconds) -> Part:
+def _cross(when: Seconds) -> style.Part:
     """The closed-loop simulation's first collision, at gap zero."""
     return {
         "x": [when], "y": [0.0], "xaxis": "x", "yaxis": "y", "name": "collision", "mode": "markers",
-        "marker": {"symbol": "x", "size": 11, "color": MODEL},
+        "marker": {"symbol": "x", "size": 11, "color": style.MODEL},
         "hovertemplate": f"{when:.1f} s<extra>collision</extra>",
     }  # fmt: skip

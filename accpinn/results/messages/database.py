@@ -83,10 +83,11 @@ def progress_line(now: BatchProgress) -> str:
 def summary_line(summary: BatchProgress) -> str:
     """The result of a batch."""
     if summary.stopped:
-        return f"Stopped; what is finished is kept: {_counted(summary.rows, 'row')}."
+        kept = _counted(summary.rows, "row")
+        return f"Stopped; what is finished is kept, and the same batch goes on from there: {kept}."
     counts = (
         f"{_counted(summary.recordings, 'recording')}, {_counted(summary.windows, 'window')},"
-        f" {_counted(summary.rows, 'row')}"
+        f" {_counted(summary.followers, 'follower')}, {_counted(summary.rows, 'row')}"
     )
     reused = f", {summary.reused:,} of them known before" if summary.reused else ""
     return f"Done: {counts}{reused}."

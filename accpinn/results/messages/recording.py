@@ -73,31 +73,8 @@ def rating_label(rating: Rating) -> str:
 
 
 def rating_reasons(rating: Rating, about: Labelled) -> tuple[str, ...]:
-    """The figure that a grade rests on, and the findings."""
-    figure = _figure(rating)
-    return (*((figure,) if figure else ()), *messages(rating.findings, about))
-
-
-def _figure(rating: Rating) -> str:
-    values = [value for value in rating.values if value == value]
-    if not values:
-        return ""
-    low, high = min(values), max(values)
-    match rating.question:
-        case "complete":
-            return f"Missing or bridged: {percent(high)} of the instants."
-        case "excited":
-            return f"Condition number: {_span(f'{low:.0f}', f'{high:.0f}')}."
-        case "following":
-            return f"In car-following: {_span(percent(low), percent(high))} of the time."
-        case "driver":
-            return f"Driven by hand: at most {percent(high)} of the time."
-        case "consistent":
-            return f"Correlation: {_span(f'{low:.2f}', f'{high:.2f}')}."
-
-
-def _span(low: str, high: str) -> str:
-    return low if low == high else f"{low} to {high}"
+    """The findings that a grade rests on."""
+    return messages(rating.findings, about)
 
 
 def suggestion_reasons(

@@ -7,7 +7,6 @@ of the report, the snapshot, all tables, and the curves as numbers.
 
 import base64
 import hashlib
-import html
 import io
 import json
 import re
@@ -35,14 +34,8 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
-from accpinn.results.figures.style import (
-    composed,
-    curve,
-    stack,
-    thinned,
-    vehicle_colours,
-    with_legend,
-)
+from accpinn.results.figures.recording import motion
+from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
@@ -262,27 +255,12 @@ def motion_picture(snapshot: Result) -> Picture | None:
     source = snapshot.segment.measured if snapshot.segment else snapshot.fit.surrogate
     if source is None:
         return None
-    info, traces = snapshot.info, []
-    time = info.window.start + source.time
-    for k, (label, colour) in enumerate(
-        zip(info.labels, vehicle_colours(info.vehicles), strict=True)
-    ):
-        name = html.escape(label) + (" (leader)" if k == 0 else "")
-        drawn = [(2, source.speeds[:, k], SPEED)]
-        drawn += [(1, source.gaps[:, k - 1], GAP)] if k else []
-        traces += [
-            curve(time, values, panel, name=name, legendgroup=name, showlegend=panel == 2,
-                  line={"color": colour, "width": 1.8}, mode="lines",
-                  hovertemplate=f"%{{y:.2f}} {channel.unit}")
-            for panel, values, channel in drawn
-        ]  # fmt: skip
     words = (
         "Measured space-gaps and speeds."
         if snapshot.segment
         else "The data are not part of this report: these are the method's own trajectories."
     )
-    figure = composed(traces, 460, "motion", grid=stack(0.5, 0.5), channels=(GAP, SPEED))
-    return Picture("motion", with_legend(figure), words)
+    return Picture("motion", with_legend(motion(snapshot.info, source)), words)
 
 
 def fit_pictures(snapshot: Result) -> Iterator[Picture]:

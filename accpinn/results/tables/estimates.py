@@ -24,11 +24,9 @@ from accpinn.results.tables.table import (
     Column,
     Estimate,
     Filled,
-    Range,
     Table,
     estimate_cells,
     percent_cells,
-    range_cells,
     supported_digits,
 )
 from accpinn.segment.segment import SegmentInfo
@@ -157,9 +155,13 @@ def _estimate_cells(
     parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate"
 ) -> Iterator[Filled]:
     """α, β and τ of (M,) followers, each with its interval."""
-    group = f"{kind} ({100 * uncertainty.level:.0f} % interval)"
-    parts = (part.values.T for part in (parameters, uncertainty.lower, uncertainty.upper))
-    for column, *numbers in zip(PARAMETER_COLUMNS, *parts, strict=True):
+    return _with_ends(kind, uncertainty.level, parameters, uncertainty.lower, uncertainty.upper)
+
+
+def _with_ends(kind: str, level: float, *sets: Parameters) -> Iterator[Filled]:
+    """α, β and τ of (K,) parameter sets with the lower and upper ends of their intervals."""
+    group = f"{kind} ({100 * level:.0f} % interval)"
+    for column, *numbers in zip(PARAMETER_COLUMNS, *(part.values.T for part in sets), strict=True):
         yield replace(column, group=group), estimate_cells(*numbers)
 
 
@@ -367,14 +369,6 @@ def parameter_cells(
         yield replace(column, group=group, key="" if group else column.key), [*values]
 
 
-def interval_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
-    """The intervals of α, β and τ as three columns."""
-    percent = f"{100 * uncertainty.level:.0f} % interval"
-    ends = uncertainty.lower.values.T, uncertainty.upper.values.T
-    for column, low, high in zip(PARAMETER_COLUMNS, *ends, strict=True):
-        yield replace(column, group=percent), range_cells(low, high)
-
-
 def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
     """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another."""
     source = "" if info.source == other.source else f"{other.source}, "
@@ -403,28 +397,23 @@ def joint_table(result: Result) -> Table:
         f" {seconds:g} s together{case}",
         [
             (Column("Vehicle"), info.labels[1:]),
-            *parameter_cells(result.parameters),
-            *interval_cells(result.uncertainty),
+            *_estimate_cells(result.parameters, result.uncertainty),
         ],
     )
 
 
 def windows_table(result: Result, follower: int) -> Table:
     """One row a window for one follower (0 for the first); the joint estimate in the last."""
-    rows = [*result.windows, result]
-    known = [row.uncertainty for row in rows]
+    parts = [
+        (row.parameters[follower], row.uncertainty.lower[follower], row.uncertainty.upper[follower])
+        for row in (*result.windows, result)
+    ]
+    sets = (Parameters.stack(column) for column in zip(*parts, strict=True))
     return Table.of(
         result.info.labels[follower + 1],
         [
             (Column("Window"), [*(str(info.window) for info in result.infos), TOGETHER]),
-            *parameter_cells(Parameters.stack(row.parameters[follower] for row in rows)),
-            *interval_cells(
-                replace(
-                    result.uncertainty,
-                    lower=Parameters.stack(intervals.lower[follower] for intervals in known),
-                    upper=Parameters.stack(intervals.upper[follower] for intervals in known),
-                )
-            ),
+            *_with_ends("Estimate", result.uncertainty.level, *sets),
         ],
     )
 
@@ -441,9 +430,8 @@ def between_table(result: Result, between: BetweenWindows) -> Table:
             (Column("Median"), [_text(quantity, effect.typical) for quantity, effect in pairs]),
             (Column("further window", group=percent),
              [_text(quantity, *effect.further) for quantity, effect in pairs]),
-            (Column("Deviation", "%", 0), percent_cells([e.deviation for e in effects])),
             (Column("Deviation", "%", 0, percent),
-             [Range(100.0 * effect.lower, 100.0 * effect.upper) for effect in effects]),
+             [Estimate(*(100 * v for v in (e.deviation, e.lower, e.upper))) for e in effects]),
             (Column("Q", "", 1), [effect.q for effect in effects]),
             (Column("Probability", "", 3), [effect.probability for effect in effects]),
             (Column("I²", "%", 0), percent_cells([effect.i_squared for effect in effects])),

@@ -184,11 +184,6 @@ def estimate_cells(values: Values, low: Values, high: Values) -> list[Cell]:
     return [*map(Estimate, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
 
 
-def range_cells(low: Values, high: Values) -> list[Cell]:
-    """(K,) intervals."""
-    return [*map(Range, *(np.asarray(part, float).tolist() for part in (low, high)))]
-
-
 def percent_cells(shares: Values) -> list[Cell]:
     """(K,) shares in percent."""
     return [100 * float(share) for share in shares]

@@ -17,7 +17,7 @@ from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case, Parameters
 from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
-from accpinn.results.figures.recording import preview
+from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.summary import BAND, about_curves, conditional
@@ -300,4 +300,4 @@ def show_data(workspace: Workspace) -> None:
         return
     st.caption("These curves are the snapshot's; the whole recording is not part of it.")
     show.vehicle_key(segment)
-    show.chart(preview(segment), "snapshots_data")
+    show.chart(motion(segment.info, segment.measured), "snapshots_data")

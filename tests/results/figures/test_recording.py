@@ -6,8 +6,8 @@ import pytest
 from accpinn.recordings.recording import Window
 from accpinn.results.figures.recording import (
     driver_ribbons,
+    motion,
     overview,
-    preview,
     regime_key,
     regime_ribbons,
     speeds_thumbnail,
@@ -77,8 +77,8 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
 
 def test_small_pictures_have_every_vehicle() -> None:
     segment = cut(recording(), 5.0, 30.0)
-    figure = preview(segment)
-    assert names(figure) == ["1 A", "2 B", "3 C"]
+    figure = motion(segment.info, segment.measured)
+    assert names(figure) == ["1 A (leader)", "2 B", "2 B", "3 C", "3 C"]
     assert {(trace.x[0], trace.x[-1]) for trace in figure.data} == {(5.0, 35.0)}, "its own time"
     figure = speeds_thumbnail(segment)
     assert len(figure.data) == 3
@@ -87,6 +87,8 @@ def test_small_pictures_have_every_vehicle() -> None:
 
 def test_names_from_files_are_not_read_as_html() -> None:
     run = recording(names=["<script>alert(1)</script>", "B<b>", "C"])
-    for figure in (overview(run, (1, 2), Window(0.0, 20.0)), preview(cut(run, 0.0, 30.0))):
+    segment = cut(run, 0.0, 30.0)
+    drawn = (overview(run, (1, 2), Window(0.0, 20.0)), motion(segment.info, segment.measured))
+    for figure in drawn:
         assert "<" not in "".join(names(figure))
         assert "2 B&lt;b&gt;" in names(figure)
