@@ -90,7 +90,7 @@ def sampled_population(
         scatter = scale + np.einsum("cki,ckj->cij", away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)
         precision = root @ root.transpose(0, 2, 1)
-        covariance: FloatArray = np.asarray(np.linalg.inv(count * precision + between_cars))
+        covariance = np.asarray(np.linalg.inv(count * precision + between_cars), float)
         pulled = np.einsum("cij,cj->ci", precision, chosen.sum(axis=1))
         mean = np.einsum("cij,cj->ci", covariance, pulled) + _normal(covariance, rng)
         log = (squares @ _coefficients(mean, precision).T).reshape(count, size, CHAINS)
