@@ -7,19 +7,22 @@ accpinn.save(result, "result.accpinn.zip")
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from accpinn.errors import ConfigError
 from accpinn.methods.method import TaskContext
+from accpinn.methods.pinn.config import DEFAULT
 from accpinn.methods.pinn.config import preset as named_config
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
+from accpinn.model.models import BEST
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, parse_windows
 from accpinn.study import comparison, snapshot, verification
 from accpinn.study.analysis import Analysis, single_window
+from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.store import Store
@@ -37,8 +40,10 @@ def analyse(
     *,
     windows: str | Sequence[tuple[Seconds, Seconds]] = (),
     case: Case = "II",
+    model: str = BEST,
+    hold: Mapping[str, float] | None = None,
     method: str = "pinn",
-    preset: str = "fast",
+    preset: str = DEFAULT,
     seed: int = 0,
     exclude: str | Sequence[str] = (),
 ) -> Analysis:
@@ -48,7 +53,9 @@ def analyse(
         AccpinnError: one sentence that names what is not allowed.
     """
     chosen: Sequence[Window] = single_window(start, duration)
-    if isinstance(windows, str):
+    if windows == AUTO:
+        chosen = car_following(recording, vehicles)
+    elif isinstance(windows, str):
         chosen = parse_windows(windows)
     elif windows:
         chosen = [Window(float(first), float(last)) for first, last in windows]
@@ -56,8 +63,9 @@ def analyse(
         raise ConfigError(f"seed: {repr(seed)[:40]} is not allowed; choose a whole number, as 0.")
     settings = named_config(preset, seed=seed) if method_of(method).settings else None
     return Analysis.of(
-        recording, chosen, vehicles, case=case, excluded=exclude, method=method, settings=settings
-    )
+        recording, chosen, vehicles, case=case, excluded=exclude, model=model, held=hold,
+        method=method, settings=settings,
+    )  # fmt: skip
 
 
 def fit(
@@ -68,8 +76,10 @@ def fit(
     *,
     windows: str | Sequence[tuple[Seconds, Seconds]] = (),
     case: Case = "II",
+    model: str = BEST,
+    hold: Mapping[str, float] | None = None,
     method: str = "pinn",
-    preset: str = "fast",
+    preset: str = DEFAULT,
     seed: int = 0,
     exclude: str | Sequence[str] = (),
     store: Store | None = None,
@@ -83,11 +93,15 @@ def fit(
         duration: length of the window, in s.
         vehicles: consecutive numbers, leader first, also as "1-5"; by default the longest run of
             vehicles with data from the first one on.
-        windows: several windows under one likelihood in place of one, as "0-300,600-900" or as
-            pairs of start and end in s; the method is then "maximum-likelihood".
+        windows: several windows in place of one, as "0-300,600-900" or as pairs of start and end in
+            s, or "auto" for all in car-following under ACC. Methods are then "maximum-likelihood"
+            and the preset "calibrated".
         case: "I" for one parameter set, "II" for one per follower.
+        model: of `result.answer`, as "cthp", "cthp-s0" or "cthp-s0-delay".
+        hold: terms of that model that keep their values, as {"s0": 4.0}.
         method: a key of `METHODS`; with "maximum-likelihood" samples may be missing.
-        preset: "fast", "calibrated" or "paper", for a method with presets.
+        preset: "calibrated", "fast" or "paper", for a method with presets; the latter two are the
+            paper's estimates, which are biased if disturbances last.
         seed: seed of a method with presets.
         exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
         store: where results and checkpoints are kept; None keeps nothing.
@@ -98,8 +112,8 @@ def fit(
     """
     source = _recording(recording)
     analysis = analyse(
-        source, start, duration, vehicles, windows=windows, case=case, method=method,
-        preset=preset, seed=seed, exclude=exclude,
+        source, start, duration, vehicles, windows=windows, case=case, model=model, hold=hold,
+        method=method, preset=preset, seed=seed, exclude=exclude,
     )  # fmt: skip
     return run(analysis, source, store=store, context=TaskContext(threads=threads))
 

@@ -17,11 +17,13 @@ from tqdm import tqdm
 
 from accpinn.channels import PARAMETER_KEYS, by_key
 from accpinn.cli.options import (
+    add_model_options,
     add_run_options,
     add_segment_options,
     add_windows_option,
     chosen_analysis,
     chosen_store,
+    describe_answer,
     describe_errors,
     describe_intervals,
     describe_parameters,
@@ -46,13 +48,14 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.method import TaskContext
-from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig, preset
+from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages import messages
+from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     intervals_table,
     methods_table,
@@ -101,10 +104,11 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `fit`."""
     add_segment_options(parser)
     add_windows_option(parser)
+    add_model_options(parser)
     add_method_help(parser)
     option = parser.add_argument
     option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
-    option("--preset", choices=list(PRESETS), help="of the PiNN: seconds, or minutes (fast)")
+    option("--preset", choices=list(PRESETS), help=f"of the PiNN ({DEFAULT}); fast, paper: biased")
     option("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
     option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
     option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
@@ -156,7 +160,7 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
         "seed": options.seed,
     }
     changes = {name: value for name, value in given.items() if value is not None}
-    settings = preset(options.preset or "fast", **changes)
+    settings = preset(options.preset or DEFAULT, **changes)
     if METHODS[options.method].settings:
         return settings
     idle = [f"--{name}" for name in _SETTINGS if getattr(options, name) is not None]
@@ -236,7 +240,9 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
             "duration": round(sum(info.window.duration for info in result.infos), 6),
             "samples": sum(samples),
         },
+        "model": "cthp",
         "parameters": describe_parameters(segment, fit.parameters),
+        "answer": describe_answer(segment, result.answer),
         "unconstrained": describe_parameters(segment, fit.unconstrained),
         "active_bounds": fit.active_bounds,
         "mae": _mean_errors(result, surrogate_errors),
@@ -286,6 +292,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{fit.outcome.value} ({effort})", *_incidents(result)]
     notes = [f"Note: {note}" for note in _notes(result, uncertainty, between)]
+    tables.insert(0, answer_table(result.info, result.answer))
     return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
 
 
@@ -299,13 +306,14 @@ def _notes(
     findings += fit.findings
     findings += () if between else disturbance_sizes(result.info.vehicles, fit)
     findings += uncertainty.findings if uncertainty else ()
-    findings += differing_windows(between, fit.case)
+    findings += [*differing_windows(between, fit.case), *result.answer.findings]
     return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `compare`."""
     add_segment_options(parser)
+    add_model_options(parser)
     add_method_help(parser)
     parser.add_argument(
         "--methods", default="all", metavar="all | A,B", help="some of those below (all)"
@@ -343,6 +351,7 @@ def _describe_comparison(
     adequacy, segment = results[0].adequacy, results[0].segments[0]
     return {
         "segment": describe_segment(segment),
+        "answer": describe_answer(segment, results[0].answer),
         "rows": [_describe_result(segment, result) for result in results],
         "refused": [{"method": one.method, "reason": str(one.fault)} for one in refused],
         "warnings": _warnings(segment, results[0], duration),
@@ -409,6 +418,7 @@ def _comparison_text(
     stability, adequacy = results[0].stability, results[0].adequacy
     each = range(segment.followers)
     tables = [
+        answer_table(info, results[0].answer),
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, uncertainty),
         *([verdict_table(followers, stability, uncertainty)] if stability else ()),

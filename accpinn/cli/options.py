@@ -10,15 +10,18 @@ from accpinn.channels import by_key
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop, closed_loop_findings
+from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import BEST, MODELS
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
 from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis, single_window
+from accpinn.study.plan import AUTO
 from accpinn.study.store import Store
 
 
@@ -49,11 +52,65 @@ def add_windows_option(parser: argparse.ArgumentParser) -> None:
     """Declare that several windows may share one estimate."""
     parser.add_argument(
         "--windows",
-        type=_parsed(lambda text: text if text == "all" else parse_windows(text)),
-        metavar="0-300,600-900 | all",
-        help="one estimate from several windows, by maximum likelihood, and how far they differ;"
-        " all: complete stretches in pieces of --duration",
+        type=_parsed(lambda text: text if text in ("all", AUTO) else parse_windows(text)),
+        metavar="auto | 0-300,600-900 | all",
+        help="several windows in place of one; auto: all in car-following under ACC; all: complete"
+        " stretches in pieces of --duration",
     )
+
+
+def add_model_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the model of the answer."""
+    parser.add_argument(
+        "--model", choices=list(MODELS), default=BEST, metavar="NAME",
+        help=f"of the answer: {', '.join(MODELS)} ({BEST})",
+    )  # fmt: skip
+    parser.add_argument(
+        "--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",
+        help="a term of the model that keeps its value, as s0=4",
+    )  # fmt: skip
+
+
+def _held(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    try:
+        return name.strip(), float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'"{text[:40]}" holds nothing; write a name and a number as s0=4.'
+        ) from None
+
+
+def describe_answer(segment: Segment, answer: Answer) -> list[dict[str, Any]]:
+    """The answer as the command-line contract has it, one entry a follower."""
+    rows = []
+    for k, (vehicle, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
+        spans = {parameter: answer.span(parameter, k) for parameter in answer.names}
+        gaps = {f"{speed * 3.6:.0f}": answer.time_gap(speed, k) for speed in SPEEDS}
+        median = float(answer.speeds[k])
+        gaps["median"] = answer.time_gap(median, k)
+        rows.append(
+            {
+                "vehicle": vehicle,
+                "name": name,
+                "model": answer.model,
+                "parameters": {key: span.value for key, span in spans.items()},
+                "intervals": {key: [span.lower, span.upper] for key, span in spans.items()},
+                "further_window": {
+                    key: [span.further_lower, span.further_upper] for key, span in spans.items()
+                },
+                "time_gap": {key: span.value for key, span in gaps.items()},
+                "time_gap_intervals": {key: [s.lower, s.upper] for key, s in gaps.items()},
+                "time_gap_further_window": {
+                    key: [s.further_lower, s.further_upper] for key, s in gaps.items()
+                },
+                "median_speed": median,
+                "windows": len(answer.windows),
+                "windows_differ_p": float(answer.differ[k]),
+                "level": answer.level,
+            }
+        )
+    return rows
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -89,6 +146,8 @@ def chosen_analysis(
         options.vehicles,
         case=options.case,
         excluded=options.leave_out,
+        model=getattr(options, "model", BEST),
+        held=dict(getattr(options, "hold", ())),
         method=method,
         settings=settings,
     )

@@ -19,6 +19,7 @@ from accpinn.recordings.recording import Recording, Window
 from accpinn.results.tables.estimates import between_table, joint_table, windows_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION, disjoint_windows
+from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.windows import BetweenWindows, RandomEffects, log_errors
 
@@ -44,6 +45,8 @@ def chosen_windows(options: argparse.Namespace, recording: Recording) -> Sequenc
     Raises:
         SegmentError: where a recording has no complete one.
     """
+    if options.windows == AUTO:
+        return car_following(recording, options.vehicles)
     if options.windows != ALL:
         named: Sequence[Window] = options.windows
         return named
@@ -77,7 +80,7 @@ def _describe_window(window: Result, together: Fit) -> dict[str, Any]:
         "parameters": describe_parameters(segment, window.parameters),
         "standard_errors": of_followers(segment, log_errors(window).tolist()),
         "intervals": describe_intervals(segment, window.uncertainty),
-        "log_likelihood": window.fit.loss["log_likelihood"],
+        "log_likelihood": window.fit.loss.get("log_likelihood"),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, together)),
         "incidents": incidents(segment, together),
         "outcome": window.fit.outcome.name.lower(),

@@ -12,8 +12,9 @@ while τ and s₀ may trade off against each other.
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from scipy.special import chdtrc
@@ -37,6 +38,8 @@ STAGES = (150, 150, 500)
 """Draws in each stage of a window's posterior."""
 DRAWS = 400
 """Draws of equal weight that stand for a window's posterior."""
+EVERY = 2
+"""Draws of the typical value of which one is kept."""
 SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 """Speeds at which the time gap is stated, beside the median speed."""
 SIGNIFICANCE = 0.05
@@ -106,6 +109,15 @@ class Answer:
         """The time gap of one follower in equilibrium at a speed, in s."""
         return self._span([part.time_gap(speed) for part in self._parts], follower)
 
+    def without_draws(self) -> Self:
+        """The same with the ends of its intervals in place of draws, as for a comparison."""
+        ends = (
+            Parameters.of(np.array(interval_ends(drawn.complete, self.level)))
+            for drawn in (self.typical, self.further)
+        )
+        typical, further = ends
+        return replace(self, typical=typical, further=further)
+
     @property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
         return self.parameters, self.typical, self.further
@@ -133,18 +145,16 @@ def answer(
     Raises:
         ConfigError: for a term that the model does not have.
     """
-    fixed = tuple(sorted((held or {}).items()))
-    check_held(model, fixed)
-    return _answer(tuple(segments), case, model, fixed)
+    return _answer(tuple(segments), case, model, checked_held(model, held or {}))
 
 
-def check_held(model: Model, held: Held) -> None:
-    """Refuse what cannot be held.
+def checked_held(model: Model, held: Mapping[str, float]) -> Held:
+    """The terms that keep their values, in the order of their names.
 
     Raises:
-        ConfigError: naming what can.
+        ConfigError: for a term that the model does not have, or a value outside its range.
     """
-    for name, value in held:
+    for name, value in held.items():
         if name not in terms_of(model):
             known = ", ".join(terms_of(model)) or "no term"
             raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
@@ -152,6 +162,7 @@ def check_held(model: Model, held: Held) -> None:
         if not least <= value <= most:
             allowed = f"{least:g} to {most:g}"
             raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")
+    return tuple(sorted((name, float(value)) for name, value in held.items()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +239,7 @@ def _typical(drawn: FloatArray, model: Model, held: Held) -> tuple[FloatArray, F
         held: terms that keep their values.
     """
     drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
-    size = CHAINS * KEPT
+    size = CHAINS * KEPT // EVERY
     if not len(drawn):
         nothing = np.full((size, 3 + len(terms_of(model))), np.nan)
         return nothing, nothing
@@ -237,7 +248,7 @@ def _typical(drawn: FloatArray, model: Model, held: Held) -> tuple[FloatArray, F
     prior = log_prior_of_features(model, drawn)
     sampled = sampled_population(drawn[..., free], prior, POPULATIONS[model].of(free))
     value, further = np.tile(drawn[0, 0], (2, size, 1))
-    value[:, free], further[:, free] = sampled.value, sampled.further
+    value[:, free], further[:, free] = sampled.value[::EVERY], sampled.further[::EVERY]
     return value, further
 
 

@@ -20,9 +20,10 @@ Gelman, Carlin, Stern, Dunson, Vehtari and Rubin, Bayesian Data Analysis, 3rd ed
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.model.models import Model
 from accpinn.units import FloatArray, Mask
@@ -90,7 +91,7 @@ def sampled_population(
         scatter = scale + np.einsum("cki,ckj->cij", away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)
         precision = root @ root.transpose(0, 2, 1)
-        covariance = np.asarray(np.linalg.inv(count * precision + between_cars), float)
+        covariance = np.linalg.inv(count * precision + between_cars)
         pulled = np.einsum("cij,cj->ci", precision, chosen.sum(axis=1))
         mean = np.einsum("cij,cj->ci", covariance, pulled) + _normal(covariance, rng)
         log = (squares @ _coefficients(mean, precision).T).reshape(count, size, CHAINS)
@@ -134,7 +135,7 @@ def _wishart_root(scale: FloatArray, freedom: int, rng: np.random.Generator) -> 
     return np.asarray(np.linalg.cholesky(scale) @ lower)
 
 
-def _normal(covariance: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _normal(covariance: NDArray[Any], rng: np.random.Generator) -> FloatArray:
     """(C, p) a draw of each normal distribution about zero with covariance (C, p, p)."""
     normal = rng.standard_normal(covariance.shape[:2])
     return np.asarray(np.einsum("cij,cj->ci", np.linalg.cholesky(covariance), normal))

@@ -135,7 +135,9 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     return fit_among((segment,), segment, case)
 
 
-def fit_among(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fit:
+def fit_among(
+    segments: tuple[Segment, ...], segment: Segment, case: Case, _settings: None = None
+) -> Fit:
     """The fit of one of several segments by the maxima of all of them together.
 
     Args:
@@ -225,5 +227,6 @@ def _at_instants(
 
 METHOD = direct(
     KEY, "Maximum likelihood", fit, typical_seconds=0.9, tolerance=1e-3, allows_missing=True,
+    among=fit_among,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

@@ -6,16 +6,18 @@ regimes, the model, the method with its version, and the settings. A renamed fil
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import sha256
 from numbers import Integral, Real
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.inference.answer import checked_held
 from accpinn.methods.registry import METHODS, method_of, segment_for
 from accpinn.model.cthp import Case
+from accpinn.model.models import BEST, Model, model_of
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
@@ -25,7 +27,6 @@ from accpinn.units import Seconds
 FORMAT = 1
 """Raised whenever equal analyses would have other answers for a reason that no method's version
 tells, as a change in how windows are cut."""
-Model = Literal["cthp"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,10 @@ class Analysis:
     case: Case = "II"
     excluded: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation."""
-    model: Model = "cthp"
+    model: Model = BEST
+    """The model of the answer; methods estimate the CTHP."""
+    held: tuple[tuple[str, float], ...] = ()
+    """Terms of that model that keep their values, by name."""
     method: str = "pinn"
     """Key of the method in `METHODS`."""
     settings: dict[str, Any] = field(default_factory=dict)
@@ -77,6 +81,8 @@ class Analysis:
         *,
         case: Case = "II",
         excluded: str | Sequence[str] = (),
+        model: str = BEST,
+        held: Mapping[str, float] | None = None,
         method: str = "pinn",
         settings: Any = None,
     ) -> Self:
@@ -89,6 +95,8 @@ class Analysis:
                 of vehicles with data from the first one on.
             case: "I" for one parameter set, "II" for one per follower.
             excluded: regimes, as `parse_regimes` takes them.
+            model: key of the answer's model.
+            held: terms of it that keep their values, as {"s0": 4.0}.
             method: key of a method.
             settings: an object of the method's own type, or its JSON; None for the defaults.
 
@@ -111,6 +119,8 @@ class Analysis:
             tuple(windows) or (Window(0.0, DURATION),),
             case,
             tuple(regime for regime in EXCLUDABLE if regime in named),
+            model_of(model),
+            checked_held(model_of(model), held or {}),
             method=method,
             settings=settings,
         )
@@ -150,6 +160,7 @@ class Analysis:
             "case": self.case,
             "excluded": self.excluded,
             "model": self.model,
+            "held": self.held,
             "method": self.method,
             "version": METHODS[self.method].version,
             "settings": settings,
@@ -209,6 +220,7 @@ def _asked(analysis: Analysis) -> dict[str, Any]:
         "vehicles": ", ".join(map(str, analysis.vehicles)),
         "excluded": ", ".join(analysis.excluded) or "nothing",
         "case": analysis.case,
+        "model": " ".join([analysis.model, *(f"{name}={v:g}" for name, v in analysis.held)]),
         "method": analysis.method,
     }
 

@@ -24,12 +24,21 @@ from pathlib import Path
 
 import numpy as np
 
-from accpinn.errors import AccpinnError, RecordingError
+from accpinn.errors import AccpinnError, RecordingError, SegmentError
 from accpinn.methods.method import FURTHER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read_all
 from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
-from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, SLACK, chains, complete_windows
+from accpinn.segment.cut import (
+    DURATION,
+    MAX_FOLLOWERS,
+    MINIMUM_DURATION,
+    SLACK,
+    chains,
+    complete_windows,
+    default_vehicles,
+    parse_vehicles,
+)
 from accpinn.segment.quality import CAR_FOLLOWING
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
@@ -51,6 +60,8 @@ TYPICAL: Seconds = 300.0
 """Length of the windows that the typical seconds of methods are of."""
 WITHOUT_BLOCKS = 1 / 3
 """Share of a method's typical seconds that is left where no blocks are held out."""
+AUTO = "auto"
+"""Names these windows where windows are asked for."""
 ACC_FLAG = 1
 ENDINGS = (".csv", ".txt")
 Sources = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -89,6 +100,35 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
             windows = _windows(recording, alone, longest)
             planned += [_planned(recording, pair, window) for window in windows]
     return tuple(planned)
+
+
+def car_following(
+    recording: Recording, vehicles: str | Sequence[int] | None = None, longest: Seconds = DURATION
+) -> tuple[Window, ...]:
+    """The windows in which all chosen followers are in car-following under ACC, with all channels.
+
+    Args:
+        recording: what to cut.
+        vehicles: consecutive numbers, leader first, also as "1-5"; by default see
+            `default_vehicles`.
+        longest: of a window, in s.
+
+    Raises:
+        SegmentError: where there is none.
+    """
+    if vehicles is None:
+        vehicles = default_vehicles(recording)
+    elif isinstance(vehicles, str):
+        vehicles = parse_vehicles(vehicles)
+    allowed = np.column_stack([qualifies(recording, number) for number in vehicles[1:]])
+    windows = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
+    if not windows:
+        raise SegmentError(
+            f"{recording.source}: no {LEAST:g} s are found in which all followers are in"
+            " car-following under ACC; choose fewer vehicles, or a window by --start and"
+            " --duration."
+        )
+    return tuple(windows)
 
 
 def _short_chains(recording: Recording) -> Iterator[tuple[int, ...]]:

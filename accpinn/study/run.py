@@ -5,8 +5,8 @@ from dataclasses import replace
 from hashlib import sha256
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import CacheProblem, Fit
-from accpinn.methods.maximum_likelihood import KEY, fit_among
+from accpinn.methods.fit import CacheProblem
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
@@ -109,22 +109,22 @@ def _together(
     analysis: Analysis, segments: tuple[Segment, ...], recording: Recording | None
 ) -> Result:
     """Several windows under one likelihood, and each by itself."""
-    if analysis.method != KEY:
+    among, config = METHODS[analysis.method].among, analysis.config
+    if not among:
+        able = " and ".join(key for key, method in METHODS.items() if method.among)
         raise ConfigError(
-            f"windows: only the method {KEY} estimates from several windows, {analysis.method} does"
-            " not; choose that method, or one window."
+            f"windows: only {able} estimate from several windows, {analysis.method} does not;"
+            " choose one of them, or one window."
         )
     check_windows(segments, analysis.case)
     windows = tuple(
         result_of(
             replace(analysis, windows=(asked,)),
             (segment,),
-            (fit_among((segment,), segment, analysis.case),),
+            (among((segment,), segment, analysis.case, config),),
             recording,
         )
         for asked, segment in zip(analysis.windows, segments, strict=True)
     )
-    fits: tuple[Fit, ...] = tuple(
-        fit_among(segments, segment, analysis.case) for segment in segments
-    )
+    fits = tuple(among(segments, segment, analysis.case, config) for segment in segments)
     return result_of(analysis, segments, fits, recording, windows)

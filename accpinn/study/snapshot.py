@@ -32,6 +32,7 @@ from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.whiteness import Whiteness
+from accpinn.inference.answer import Answer
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
@@ -144,6 +145,8 @@ SHAPES: dict[type, dict[str, str]] = {
     TrackingErrors: {"gap_mae": "M", "gap_rmse": "M", "speed_mae": "V", "speed_rmse": "V"},
     Whiteness: dict.fromkeys(
         ("deviation", "correlation", "memory", "independent", "probability"), "M"),
+    Answer: {"parameters": "M3", "typical": "DM3", "further": "DM3", "windows": "KM3",
+             "windows_lower": "KM3", "windows_upper": "KM3", "speeds": "M", "differ": "M"},
     ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "aic": "M", "holdout": "M"},
 }  # fmt: skip
 """Lengths of arrays and tuples by type and field; a field may be None.

@@ -56,9 +56,11 @@ CURVES = 1e-4
 """Largest difference, in m and m/s, of curves from those that the weights give."""
 TOLERANCES = {
     "fit": (SOLVED, ABSOLUTE), "curves": (RELATIVE, CURVES), "uncertainty": (SOLVED, ABSOLUTE),
-    "adequacy": (SLACK, DRAWN),
+    "adequacy": (SLACK, DRAWN), "answer": (SLACK, DRAWN),
 }  # fmt: skip
 """Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
+PARTS = ("answer", "quality", "uncertainty", "evaluation", "adequacy")
+"""Parts that follow from fit and data."""
 INSTANTS = 300
 """Instants at which curves are compared."""
 FAULTS = (AccpinnError, ValueError, ArithmeticError)
@@ -75,7 +77,7 @@ FEATURED = {
 """Values that differ, in words by their places."""
 TITLES = {
     "fit": "Estimate", "curves": "Network's curves", "quality": "Data quality",
-    "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
+    "answer": "Answer", "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
     "adequacy": "Forms of the model", "info": "Window and names", "facts": "Facts of the recording",
     "data": "Data",
 }  # fmt: skip
@@ -202,7 +204,7 @@ def verify(
                 left -= seconds
                 if on_refit:
                     on_refit(METHODS[subject.analysis.method].title, seconds)
-            parts = () if parameters_only else ("quality", "uncertainty", "evaluation", "adequacy")
+            parts = () if parameters_only else PARTS
             checks += _of_subject(subject, name, parts, may_refit)
     if recording is None and not parameters_only and result.analysis.source.sha256:
         digest = result.analysis.source.sha256
@@ -321,6 +323,8 @@ def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
         # On another processor draws differ, and the ends of intervals a little.
         drawn = from_draws(stored.centre, stored.draws, stored.level)
         anew = judged(drawn, fresh.segments[0], fresh.fit)
+    if part == "answer":
+        stored, anew = (side.without_draws() for side in (stored, anew))
     if part == "evaluation":
         unknown = ["blocks"]  # they follow from the method alone
         if fresh.fit.surrogate is None:

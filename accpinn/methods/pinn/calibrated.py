@@ -10,13 +10,21 @@ curvature. Rounds and Adam iterations are counted alike.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from accpinn.methods.fit import Outcome
-from accpinn.methods.likelihood import Ascending, Maximum, log_errors, natural, vanishing
-from accpinn.methods.maximum_likelihood import maxima_of
+from accpinn.methods.likelihood import (
+    Ascending,
+    Maximum,
+    end_of,
+    log_errors,
+    natural,
+    vanishing,
+)
+from accpinn.methods.maximum_likelihood import joint_maxima, maxima_of
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
@@ -28,6 +36,41 @@ from accpinn.units import FloatArray, frozen
 
 if TYPE_CHECKING:
     from accpinn.methods.pinn.fast import FastTraining
+
+
+@lru_cache(maxsize=16)
+def evidence_maxima(segments: tuple[Segment, ...], case: Case) -> tuple[Maximum, ...]:
+    """The maximum of each group's evidence over several windows, whose logarithms add up."""
+    evidence = Evidence(series_of(segments, case))
+    return tuple(end_of(climb(evidence, joint_maxima(segments, case))))
+
+
+def solution_of(coordinates: FloatArray, followers: int) -> Solution:
+    """The parameters at coordinates (G, P), as a solution for all followers."""
+    everyone = np.broadcast_to(coordinates, (followers, coordinates.shape[1]))
+    theta, free = vanishing("cthp", everyone), natural("cthp", everyone)[:, :3]
+    return Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
+
+
+def drawn_among(
+    segments: tuple[Segment, ...], segment: Segment, case: Case, config: PinnConfig
+) -> tuple["FastTraining", float]:
+    """The trained network of one window under the parameters of all of them, and their evidence.
+
+    Args:
+        segments: (K,) windows of the same vehicles.
+        segment: the window that is drawn.
+        case: "I" or "II".
+        config: of the preset.
+    """
+    maxima = evidence_maxima(segments, case)
+    z = np.array([maximum.coordinates for maximum in maxima])
+    from accpinn.methods.pinn.fast import FastTraining
+
+    network = FastTraining(segment, case, config, 1, solution_of(z, segment.followers))
+    while network.outcome is None:
+        network.advance()
+    return network, sum(maximum.criterion for maximum in maxima)
 
 
 class CalibratedTraining(Training):
@@ -80,9 +123,7 @@ class CalibratedTraining(Training):
     def _note(self) -> None:
         """Look at the present moment, and see if it ends."""
         z = self._at.coordinates
-        everyone = np.broadcast_to(z, (self.followers, z.shape[1]))
-        theta, free = vanishing("cthp", everyone), natural("cthp", everyone)[:, :3]
-        self._solution = Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
+        self._solution = solution_of(z, self.followers)
         deviations = np.array([log_errors(curvature) for curvature in self._at.curvature])
         evidence, iteration = float(self._at.value.sum()), self._iteration
         if self._network:

@@ -186,6 +186,8 @@ PAPER = PinnConfig(
 )
 """Raw time in, full batch, double precision, everything by Adam, as in the paper's section V.B."""
 
+DEFAULT: PresetName = "calibrated"
+"""The preset of whoever names none, in Python, on the command line and on pages."""
 PRESETS: dict[str, PinnConfig] = {"fast": FAST, "calibrated": CALIBRATED, "paper": PAPER}
 
 

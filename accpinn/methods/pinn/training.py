@@ -211,6 +211,44 @@ def training(
     )
 
 
+@_needing_torch()
+def _among(
+    segments: tuple[Segment, ...], segment: Segment, case: Case, settings: PinnConfig | None
+) -> Fit:
+    """The fit of one of several windows, whose evidences add up; of the preset `calibrated` alone.
+
+    Raises:
+        ConfigError: for another preset.
+    """
+    from accpinn.methods.pinn.calibrated import drawn_among
+
+    config = settings or CALIBRATED
+    if config.preset != "calibrated":
+        raise ConfigError(
+            f"windows: the preset {config.preset} takes one window, as in the paper; choose the"
+            " preset calibrated, maximum-likelihood, or one window."
+        )
+    started = time.perf_counter()
+    require_memory(segment, config)
+    network, evidence = drawn_among(segments, segment, case, config)
+    learned = network.learned()
+    return Fit.of(
+        "pinn",
+        segment,
+        case,
+        learned.solution,
+        surrogate=_motion(segment.time, learned.outputs),
+        outcome=network.outcome or Outcome.FINISHED,
+        seconds=time.perf_counter() - started,
+        config=config.to_json(),
+        loss=learned.loss | {"evidence": evidence},
+        iterations=network.progress.iteration,
+        network_weights=learned.network_weights,
+        arrays=learned.arrays,
+        findings=list(learned.findings),
+    )
+
+
 def _kind(preset: PresetName) -> type[Training]:
     """The preset's training, imported only now; the search of `calibrated` needs no PyTorch."""
     if preset == "calibrated":
@@ -315,4 +353,5 @@ METHOD = Method(
     is_iterative=True,
     duration=typical_seconds,
     redraw=redraw,
+    among=_among,
 )
