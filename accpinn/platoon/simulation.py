@@ -200,18 +200,19 @@ def simulate_platoon(
     Raises:
         ParameterError: for parameters or settings that cannot be simulated.
     """
-    parameters = _with_equilibrium(Parameters.of(parameters.values.reshape(-1, 3)))
+    parameters = _with_equilibrium(Parameters.of(parameters.complete.reshape(-1, 6)))
     if isinstance(leader, Recorded):
         still, time = np.zeros(len(parameters)), leader.time
         deviations = leader.speeds - leader.speed
-        moved = cthp.simulate(parameters, time - time[0], deviations, still, still)
+        about = Parameters.of(parameters.complete * [1, 1, 1, 0, 1, 1])  # deviations have no s₀
+        moved = cthp.simulate(about, time - time[0], deviations, still, still)
     else:
         time = _instants(leader, sample_time)
         moved = _deviations(parameters, leader, time)
     driven = Trajectories(
         frozen(time),
         frozen(moved.speeds + leader.speed),
-        frozen(moved.gaps + leader.speed * parameters.tau),
+        frozen(moved.gaps + leader.speed * parameters.tau + parameters.s0),
     )
     wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
@@ -250,7 +251,7 @@ def _with_equilibrium(parameters: Parameters) -> Parameters:
             f"Parameter set {k + 1}: it reacts within a microsecond, which cannot be simulated;"
             " give α in 1/s², β in 1/s and τ in s."
         )
-    return Parameters(clean.alpha, clean.beta, tau)
+    return Parameters(clean.alpha, clean.beta, tau, *clean.complete[:, 3:].T)
 
 
 def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
@@ -274,9 +275,9 @@ def _instants(leader: Planned, sample_time: Seconds | None) -> FloatArray:
 
 def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Trajectories:
     """Deviations from the equilibrium, in which the platoon starts; ``time`` (N,) in s."""
-    size, phases = 2 * len(parameters), leader.phases()
+    size, phases = len(motion_matrix(parameters)), leader.phases()
     step = (time[-1] - time[0]) / (len(time) - 1)
-    result = np.zeros((len(time), size + 1))  # p_1, v_1, .., p_M, v_M and the leader's speed
+    result = np.zeros((len(time), size + 1))  # p_1, v_1, .., p_M, v_M, .. and the leader's speed
     followers = np.zeros(size)
     starts = [phase.start for phase in phases] + [np.inf]
     edges = np.searchsorted(time, np.array(starts) - SLACK)
@@ -293,15 +294,16 @@ def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Tr
             result[first:last, size] = states[:, size] + states[:, size + 2]
         if np.isfinite(end):
             followers = (expm(generator * (end - start)) @ state)[:size]
-    speeds = np.column_stack([result[:, -1], result[:, 1:-1:2]])
-    return Trajectories(time, speeds, result[:, 0:-1:2])
+    moving = 2 * len(parameters)
+    speeds = np.column_stack([result[:, -1], result[:, 1:moving:2]])
+    return Trajectories(time, speeds, result[:, 0:moving:2])
 
 
 def _generator(parameters: Parameters, frequency: float) -> FloatArray:
-    """(2M+4, 2M+4): G."""
-    size = 2 * len(parameters)
-    level, slope, sine, cosine = range(size, size + 4)
+    """(K+4, K+4): G."""
     matrix = motion_matrix(parameters)
+    size = len(matrix)
+    level, slope, sine, cosine = range(size, size + 4)
     generator = np.zeros((size + 4, size + 4))
     generator[:size, :size] = matrix[:, :size]
     generator[:size, level] = generator[:size, sine] = matrix[:, size]
@@ -382,14 +384,14 @@ def _settled(
     rates = [rate for rate in rates[:count] if rate]
     if not rates:
         return settled
-    system = motion_matrix(parameters[:count])[:, :-1]
-    chain = np.cumprod(single[:count])
-    ahead = np.concatenate([[1.0], chain[:-1]])
-    start = -np.stack([(ahead - chain) / (1j * leader.frequency), chain], axis=1).imag.ravel()
+    matrix = motion_matrix(parameters[:count])
+    system, chain = matrix[:, :-1], np.cumprod(single[:count])
+    turning = 1j * leader.frequency * np.eye(len(system))
+    start = np.asarray(-np.linalg.solve(turning - system, matrix[:, -1]).imag, float)
     horizon: Seconds = FIRST_HORIZON / min(rates)
     for _ in range(HORIZONS):
         step = horizon / INSTANTS
-        speeds = orbit(expm(system * step), start, INSTANTS)[:, 1::2]
+        speeds = orbit(expm(system * step), start, INSTANTS)[:, 1 : 2 * count : 2]
         above = np.abs(speeds) > SETTLED * np.abs(chain)
         until = np.where(above.any(axis=0), INSTANTS - np.argmax(above[::-1], axis=0), 0)
         if until.max() <= INSTANTS / 2:

@@ -58,13 +58,23 @@ import numpy as np
 
 from accpinn.channels import COMPUTABLE, PARAMETERS
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Parameters, motion_matrix
+from accpinn.model.models import TERMS
+from accpinn.stability.lagged import (
+    is_lagged,
+    lagged_response,
+    lagged_stability,
+    rational,
+    step_gain,
+)
 from accpinn.units import FloatArray, PerSecond
 
 if TYPE_CHECKING:
     from control import TransferFunction
     from numpy.typing import NDArray
 
+RESOLVED = 2e-4
+"""Excess of ‖h‖₁ over 1 that the sampled response of a vehicle with a lag or delay resolves."""
 MARGINAL = 1e-9
 """A criterion this close to its boundary, relatively, or a gain this little above 1, is marginal.
 
@@ -81,7 +91,8 @@ def checked(parameters: Parameters) -> Parameters:
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    values = parameters.values.reshape(-1, 3).copy()
+    complete = parameters.complete.reshape(-1, 6).copy()
+    values = complete[:, :3]
     if not values.size:
         raise ParameterError("There is no vehicle; give at least one set of α, β and τ.")
     with np.errstate(over="ignore"):
@@ -90,7 +101,19 @@ def checked(parameters: Parameters) -> Parameters:
         fault = _fault(PARAMETERS[column].symbol, values[row, column])
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")
     values[values * COMPUTABLE < 1.0] = 0.0
-    return Parameters.of(values.reshape(parameters.values.shape))
+    for row, column in np.argwhere(~(np.isfinite(complete) & (complete[:, 3:].min() >= -1e6)))[:1]:
+        raise ParameterError(f"Parameter set {row + 1}: {TERMS[column - 3]} is no number.")
+    return Parameters.of(complete.reshape(parameters.complete.shape))
+
+
+def _flat(parameters: Parameters) -> Parameters:
+    """(..) vehicles in one row."""
+    return Parameters.of(parameters.complete.reshape(-1, 6))
+
+
+def _each(parameters: Parameters, values: FloatArray) -> FloatArray:
+    """Values of `_flat` vehicles in the shape of the parameters."""
+    return np.asarray(values.reshape(parameters.complete.shape[:-1]))
 
 
 def _fault(name: str, value: float) -> str:
@@ -115,7 +138,9 @@ def l2_criterion(parameters: Parameters) -> FloatArray:
 
 
 def l2_margin(parameters: Parameters) -> FloatArray:
-    """κ / 2α, free of units; where α = 0 its limit."""
+    """κ / 2α, free of units; where α = 0 its limit. With a lag or a delay, see `lagged`."""
+    if is_lagged(parameters):
+        return _each(parameters, lagged_stability(_flat(parameters)).margin)
     at = parameters.alpha * parameters.tau
     return np.asarray(parameters.tau * (at / 2.0 + parameters.beta) - 1.0)
 
@@ -136,7 +161,13 @@ def paper_margin(parameters: Parameters) -> FloatArray:
 
 
 def exact_margin(parameters: Parameters) -> FloatArray:
-    """Relative excess of τ over the smallest exactly L∞ stable one; inf where α = 0."""
+    """Relative excess of τ over the smallest exactly L∞ stable one; inf where α = 0.
+
+    With a lag or a delay: 1 - ‖h‖₁, where that is more than can be resolved.
+    """
+    if is_lagged(parameters):
+        excess = step_metrics(parameters).gain - 1.0
+        return np.where(excess > RESOLVED, -excess, 0.0)
     beyond = parameters.tau / smallest_headway_exact(parameters) - 1.0
     return np.where(parameters.alpha > 0, beyond, np.inf)
 
@@ -188,6 +219,8 @@ class StepMetrics:
 
 def step_metrics(parameters: Parameters) -> StepMetrics:
     """Overshoot and exact L∞ (peak-to-peak) gain."""
+    if is_lagged(parameters):
+        return StepMetrics(*(_each(parameters, part) for part in step_gain(_flat(parameters))))
     root = np.sqrt(spacing_gain(parameters))
     zeta = (parameters.alpha * parameters.tau + parameters.beta) / root / 2.0
     delta = (parameters.beta - parameters.alpha * parameters.tau) / root / 2.0
@@ -237,6 +270,9 @@ class Peak:
 
 def peaks(parameters: Parameters) -> Peak:
     """The largest gain over all frequencies, and where it is."""
+    if is_lagged(parameters):
+        of = lagged_stability(_flat(parameters))
+        return Peak.of(*(_each(parameters, part) for part in (np.log(of.peak), of.omega)))
     beta_squared = parameters.beta**2 / spacing_gain(parameters)
     reduced = np.where(parameters.alpha > 0, np.minimum(2.0 * l2_margin(parameters), 0.0), 0.0)
     root = np.sqrt(1.0 - beta_squared * reduced)
@@ -253,6 +289,8 @@ def peaks(parameters: Parameters) -> Peak:
 
 def crossovers(parameters: Parameters) -> FloatArray:
     """ω_c in rad/s, below which frequencies are amplified; nan where none is."""
+    if is_lagged(parameters):
+        return _each(parameters, lagged_stability(_flat(parameters)).crossover)
     kappa = l2_criterion(parameters)
     return np.sqrt(np.where((kappa < 0) & (parameters.alpha > 0), -kappa, np.nan))
 
@@ -268,6 +306,8 @@ def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex12
         (V, K), infinite where an undamped vehicle is in resonance.
     """
     parameters = checked(parameters)
+    if is_lagged(parameters):
+        return lagged_response(parameters, omega)
     alpha, beta = parameters.alpha[:, None], parameters.beta[:, None]
     s = 1j * np.asarray(omega, float)[None, :]
     # Without α the pole and the zero at s = 0 cancel: H = β / (s + β).
@@ -278,8 +318,14 @@ def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex12
     return np.where((alpha == 0) & (beta == 0), 0.0, result)
 
 
-def poles(parameters: Parameters) -> tuple[complex, complex]:
-    """A vehicle's slow and fast pole, or the pair with the positive imaginary part first."""
+def poles(parameters: Parameters) -> tuple[complex, ...]:
+    """A vehicle's slow and fast pole, or the pair with the positive imaginary part first.
+
+    With a lag or a delay, all poles of its motion, the slowest first.
+    """
+    if is_lagged(parameters):
+        values = np.linalg.eigvals(motion_matrix(parameters[None])[:, :-1]).tolist()
+        return tuple(sorted(values, key=lambda pole: (-pole.real, -pole.imag)))
     alpha, alpha_tau, beta = (float(value) for value in parameters.theta)
     total, root = alpha_tau + beta, 2.0 * alpha**0.5
     spread = (total - root) * (total + root)
@@ -299,5 +345,7 @@ def transfer_function(parameters: Parameters) -> "TransferFunction":
     """H(s) of one vehicle as an object of python-control, whose analyses and plots then apply."""
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
+    if is_lagged(parameters):
+        return TransferFunction(*(part[0].tolist() for part in rational(checked(parameters)[None])))
     alpha, alpha_tau, beta = (float(value) for value in checked(parameters).theta)
     return TransferFunction([beta, alpha], [1.0, alpha_tau + beta, alpha])

@@ -31,6 +31,7 @@ from accpinn.stability.criteria import (
     slowest_rate,
     step_metrics,
 )
+from accpinn.stability.lagged import is_lagged, lagged_attenuation
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -121,12 +122,16 @@ def _parts(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArra
 
 def _attenuation(parameters: Parameters, x: FloatArray) -> FloatArray:
     """(K, M): -log|H_i|² at x (K, 1), kept exact near 0 and near a resonance."""
+    if is_lagged(parameters):
+        return lagged_attenuation(parameters, x)[0]
     n, m, g = _parts(parameters, x)
     return np.where(g < -0.5, np.log(m / n), np.log1p(np.maximum(g, -0.5)))
 
 
 def _slope(parameters: Parameters, x: FloatArray) -> FloatArray:
     """(K, M): the derivative of `_attenuation` by x."""
+    if is_lagged(parameters):
+        return lagged_attenuation(parameters, x)[1]
     _, m, g = _parts(parameters, x)
     return np.asarray((2.0 * x + l2_criterion(parameters) - parameters.beta**2 * g) / m)
 
@@ -153,12 +158,13 @@ def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     if not stages:
         return np.full(count, np.nan), np.full(count, np.nan)
     system = motion_matrix(parameters)[:, :-1]
-    state = np.ones(2 * count)  # the distance to the new equilibrium, negative
-    state[0::2] = parameters.tau
+    size = 2 * count
+    state = np.zeros(len(system))  # the distance to the new equilibrium, negative
+    state[0:size:2], state[1:size:2] = parameters.tau, 1.0
     fine, coarse = np.zeros(count), np.zeros(count)
     for _, step in stages:
         states = orbit(expm(system * step), state, SAMPLES + 1)
-        speeds, rates = states[:, 1::2], states @ system[1::2].T
+        speeds, rates = states[:, 1:size:2], states @ system[1:size:2].T
         fine += _variation(speeds, rates * step)
         coarse += _variation(speeds[::2], rates[::2] * (2.0 * step))
         state = states[-1]
@@ -173,7 +179,7 @@ def _stages(parameters: Parameters) -> list[tuple[Seconds, Seconds]]:
     felt = float(gammainccinv(len(parameters), FADED))
     ends = [felt / min(map(slowest_rate, parameters))]
     both = [pole for vehicle in parameters for pole in poles(vehicle)]
-    fastest = max(map(abs, both[1::2]))
+    fastest = max(map(abs, both))
     while ends[0] * fastest > FINE * SAMPLES:
         ends.insert(0, ends[0] / STRETCH)
         if len(ends) > MOST_STAGES:

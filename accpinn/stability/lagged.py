@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray, Mask
 
-INSTANTS = 3000
+INSTANTS = 2000
 """Instants of the step response."""
 TIME_CONSTANTS = 15.0
 """Length of the step response, in time constants of the slowest pole."""
@@ -182,6 +182,31 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         gains[rows] = np.abs(np.diff(step, axis=1)).sum(axis=1)
         overshoots[rows] = np.maximum(step.max(axis=1) - step[:, -1], 0.0)
     return overshoots, gains
+
+
+def lagged_attenuation(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """-log|H_i|² (K, M) of M vehicles at x = ω² (K, 1), and its derivative by x."""
+    above, below = (_squared(part) for part in polynomials(parameters))
+    at = np.broadcast_to(x, (len(x), len(parameters))).T
+    n, m, slope_n, slope_m = (
+        _value(part, at) for part in (above, below, _derived(above), _derived(below))
+    )
+    # The difference from 1 is exact where both are nearly equal.
+    rest = _value((below - above)[:, 1:], at) * at / n
+    attenuation = np.where(rest < -0.5, np.log(m / n), np.log1p(np.maximum(rest, -0.5)))
+    return attenuation.T, (slope_m / m - slope_n / n).T
+
+
+def rational(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
+    """(V, 6) numerator and denominator of H in falling powers, the delay by its approximant."""
+    upper, lower = polynomials(parameters)
+    alpha, _, beta = parameters.theta.T
+    delay = parameters.complete[:, 5]
+    late = np.stack([np.ones_like(delay), -delay / 2.0, delay**2 / 12.0], axis=1)
+    upper = np.where(
+        (alpha == 0)[:, None], upper, _padded(_product(np.stack([alpha, beta], axis=1), late))
+    )
+    return upper[:, ::-1], lower[:, ::-1]
 
 
 def lagged_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:

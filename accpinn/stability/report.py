@@ -27,6 +27,7 @@ from accpinn.stability.criteria import (
     step_metrics,
 )
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
+from accpinn.stability.lagged import is_lagged
 from accpinn.units import RadiansPerSecond, Seconds
 
 CERTAIN = 0.95
@@ -103,11 +104,11 @@ class VehicleStability:
     crossover: RadiansPerSecond | None
     """ω_c: lower frequencies are amplified; None where none is."""
     damping_ratio: float | None
-    """Damping ratio ζ; None where α = 0."""
-    poles: tuple[complex, complex]
+    """Damping ratio ζ; None where α = 0, and with a lag or a delay."""
+    poles: tuple[complex, ...]
     """Poles in rad/s, the slow one first."""
     smallest_tau: Headways | None
-    """Smallest headways; None where α = 0, as τ then has no effect."""
+    """Smallest headways; None where α = 0, as τ then has no effect, and with a lag or a delay."""
 
     @property
     def linf_gain(self) -> float:
@@ -150,7 +151,9 @@ def stability_report(parameters: Parameters) -> StabilityReport:
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    parameters = Parameters.of(parameters.values.reshape(-1, 3))  # a single one as a platoon of one
+    parameters = Parameters.of(
+        parameters.complete.reshape(-1, 6)
+    )  # a single one as a platoon of one
     clean = checked(parameters)
     vehicles = tuple(map(_vehicle, parameters, clean))
     return StabilityReport(vehicles, _platoon(vehicles, clean))
@@ -163,7 +166,8 @@ def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
     paper, value = float(paper_margin(vehicle)), float(paper_criterion(vehicle))
     closeness = float(l2_margin(vehicle)) if vehicle.alpha else 0.0  # without α on the boundary
     kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
-    headways = Headways(*(float(kind(vehicle)) for kind in kinds)) if vehicle.alpha else None
+    has_headways = vehicle.alpha and not is_lagged(vehicle)
+    headways = Headways(*(float(kind(vehicle)) for kind in kinds)) if has_headways else None
     kappa, exact = float(l2_criterion(vehicle)), float(exact_margin(vehicle))
     return VehicleStability(
         parameters=given,
@@ -191,12 +195,15 @@ def _behaviour(vehicle: Parameters, discriminant: float) -> Behaviour:
         return Behaviour.NO_GAP_CONTROL if vehicle.beta else Behaviour.NO_REACTION
     if not vehicle.beta and not vehicle.tau:
         return Behaviour.UNDAMPED
+    if is_lagged(vehicle):
+        slowest = poles(vehicle)[0]
+        return Behaviour.COMPLEX_POLES if slowest.imag else Behaviour.REAL_POLES
     return Behaviour.REAL_POLES if discriminant >= 0 else Behaviour.COMPLEX_POLES
 
 
 def _damping_ratio(vehicle: Parameters) -> float | None:
-    """The damping ratio ζ of s² + (ατ+β)s + α; None where α = 0."""
-    if not vehicle.alpha:
+    """The damping ratio ζ of s² + (ατ+β)s + α; None where α = 0, and with a lag or a delay."""
+    if not vehicle.alpha or is_lagged(vehicle):
         return None
     return float((vehicle.alpha * vehicle.tau + vehicle.beta) / vehicle.alpha**0.5 / 2.0)
 
