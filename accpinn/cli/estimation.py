@@ -23,7 +23,6 @@ from accpinn.cli.options import (
     add_windows_option,
     chosen_analysis,
     chosen_store,
-    describe_answer,
     describe_errors,
     describe_intervals,
     describe_parameters,
@@ -54,6 +53,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.model.published import ParameterSet
+from accpinn.results.export import answer_document
 from accpinn.results.messages import messages
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
@@ -242,7 +242,7 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         },
         "model": "cthp",
         "parameters": describe_parameters(segment, fit.parameters),
-        "answer": describe_answer(segment, result.answer),
+        "answer": answer_document(result.info, result.answer),
         "unconstrained": describe_parameters(segment, fit.unconstrained),
         "active_bounds": fit.active_bounds,
         "mae": _mean_errors(result, surrogate_errors),
@@ -351,7 +351,7 @@ def _describe_comparison(
     adequacy, segment = results[0].adequacy, results[0].segments[0]
     return {
         "segment": describe_segment(segment),
-        "answer": describe_answer(segment, results[0].answer),
+        "answer": answer_document(results[0].info, results[0].answer),
         "rows": [_describe_result(segment, result) for result in results],
         "refused": [{"method": one.method, "reason": str(one.fault)} for one in refused],
         "warnings": _warnings(segment, results[0], duration),

@@ -10,7 +10,6 @@ from accpinn.channels import by_key
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop, closed_loop_findings
-from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -79,38 +78,6 @@ def _held(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(
             f'"{text[:40]}" holds nothing; write a name and a number as s0=4.'
         ) from None
-
-
-def describe_answer(segment: Segment, answer: Answer) -> list[dict[str, Any]]:
-    """The answer as the command-line contract has it, one entry a follower."""
-    rows = []
-    for k, (vehicle, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
-        spans = {parameter: answer.span(parameter, k) for parameter in answer.names}
-        gaps = {f"{speed * 3.6:.0f}": answer.time_gap(speed, k) for speed in SPEEDS}
-        median = float(answer.speeds[k])
-        gaps["median"] = answer.time_gap(median, k)
-        rows.append(
-            {
-                "vehicle": vehicle,
-                "name": name,
-                "model": answer.model,
-                "parameters": {key: span.value for key, span in spans.items()},
-                "intervals": {key: [span.lower, span.upper] for key, span in spans.items()},
-                "further_window": {
-                    key: [span.further_lower, span.further_upper] for key, span in spans.items()
-                },
-                "time_gap": {key: span.value for key, span in gaps.items()},
-                "time_gap_intervals": {key: [s.lower, s.upper] for key, s in gaps.items()},
-                "time_gap_further_window": {
-                    key: [s.further_lower, s.further_upper] for key, s in gaps.items()
-                },
-                "median_speed": median,
-                "windows": len(answer.windows),
-                "windows_differ_p": float(answer.differ[k]),
-                "level": answer.level,
-            }
-        )
-    return rows
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:

@@ -10,6 +10,7 @@ from accpinn.cli.output import show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import TERMS
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
@@ -28,6 +29,9 @@ MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level",
 
 def add_stability_options(parser: argparse.ArgumentParser) -> None:
     """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
+    parser.add_argument(
+        "file", nargs="?", metavar="SNAPSHOT", help="take the answer that a snapshot holds instead"
+    )
     for parameter in PARAMETERS:
         parser.add_argument(
             f"--{parameter.key}",
@@ -36,9 +40,12 @@ def add_stability_options(parser: argparse.ArgumentParser) -> None:
             metavar=parameter.key[0].upper(),
             help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
         )
-    parser.add_argument(
-        "--snapshot", metavar="FILE", help="take the estimated parameters of a snapshot instead"
-    )
+    for term, unit in (("s0", "m"), ("lag", "s"), ("delay", "s")):
+        parser.add_argument(
+            f"--{term}", type=float, nargs="+", metavar=unit.upper(),
+            help=f"of models that have it, in {unit}; one value, or one a vehicle (0)",
+        )  # fmt: skip
+    parser.add_argument("--snapshot", metavar="FILE", help="the same as SNAPSHOT")
     add_json_option(parser)
 
 
@@ -50,13 +57,15 @@ def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
         SnapshotError: when the snapshot cannot be read.
     """
     values = {name: getattr(options, name) for name in PARAMETER_KEYS if getattr(options, name)}
-    if options.snapshot:
+    path = options.file or options.snapshot
+    if path:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
-        snapshot = load(options.snapshot)
-        return snapshot.parameters, snapshot
+        snapshot = load(path)
+        stored = snapshot.parts.answer
+        return stored.parameters if stored else snapshot.parameters, snapshot
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -65,7 +74,14 @@ def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
     if len(set(counts.values())) > 1:
         listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
         raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
-    return Parameters(*values.values()), None
+    count = max(counts.values())
+    terms = {name: getattr(options, name) or [0.0] for name in TERMS}
+    for name, given in terms.items():
+        if len(given) not in (1, count):
+            raise ConfigError(f"parameters: {len(given)} of --{name}; give one, or {count}.")
+        if name != "s0" and min(given) < 0:
+            raise ConfigError(f"parameters: --{name} {min(given):g} is negative; give 0 or more.")
+    return Parameters(*values.values(), **terms), None
 
 
 def run_stability(options: argparse.Namespace) -> int:
@@ -103,7 +119,7 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
         "linf_exact": {"gain": vehicle.linf_gain},
     }
     return {
-        **fields(vehicle.parameters, *PARAMETER_KEYS),
+        **fields(vehicle.parameters, *PARAMETER_KEYS, *TERMS),
         **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in properties.items()},
         **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
@@ -124,8 +140,10 @@ def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[s
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, parameters: Parameters, _snapshot: Result | None) -> str:
+def _report_text(report: StabilityReport, parameters: Parameters, snapshot: Result | None) -> str:
     labels = tuple(f"Vehicle {k + 1}" for k in range(len(parameters)))
+    if snapshot:
+        labels = snapshot.info.labels[1:]
     table = stability_table(ParameterSet("parameters given", labels, parameters), report)
     lines = [table.to_text(), ""]
     for label, vehicle in zip(labels, report.vehicles, strict=True):

@@ -22,8 +22,10 @@ import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
+from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.catalogue import make_and_model
+from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
 
@@ -130,6 +132,7 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
         "level": uncertainty.level,
         "interval_method": uncertainty.method,
         "vehicles": [_card_of(snapshot, k) for k in range(info.followers)],
+        "answer": answer_document(info, snapshot.answer),
         "provenance": {
             "source": info.source,
             "sha256": info.sha256,
@@ -147,6 +150,38 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
         },
         "attribution": ATTRIBUTION_TEXT,
     }
+
+
+def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
+    """The answer as every document has it: one entry a follower, ready for JSON."""
+    entries = []
+    for k, (vehicle, name) in enumerate(zip(info.vehicles[1:], info.names[1:], strict=True)):
+        spans = {parameter: answer.span(parameter, k) for parameter in answer.names}
+        median = float(answer.speeds[k])
+        gaps = {f"{speed * 3.6:.0f}": answer.time_gap(speed, k) for speed in SPEEDS}
+        gaps["median"] = answer.time_gap(median, k)
+        entries.append(
+            {
+                "vehicle": vehicle,
+                "name": name,
+                "model": answer.model,
+                "parameters": {key: span.value for key, span in spans.items()},
+                "intervals": {key: [span.lower, span.upper] for key, span in spans.items()},
+                "further_window": {
+                    key: [span.further_lower, span.further_upper] for key, span in spans.items()
+                },
+                "time_gap": {key: span.value for key, span in gaps.items()},
+                "time_gap_intervals": {key: [g.lower, g.upper] for key, g in gaps.items()},
+                "time_gap_further_window": {
+                    key: [g.further_lower, g.further_upper] for key, g in gaps.items()
+                },
+                "median_speed": median,
+                "windows": len(answer.windows),
+                "windows_differ_p": float(answer.differ[k]),
+                "level": answer.level,
+            }
+        )
+    return entries
 
 
 def _card_of(snapshot: Result, k: int) -> dict[str, Any]:

@@ -43,6 +43,10 @@ BEHAVIOURS: Mapping[Behaviour, str] = {
     ),
 }
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
+_UNSTABLE = (
+    "The vehicle itself is unstable, as its lag or delay is too long for its gains: any disturbance"
+    " grows without limit."
+)
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 _ASSESSED: Mapping[Assessment, tuple[str, str]] = {
     "unstable": ("amplifies disturbances", "amplify disturbances"),
@@ -97,6 +101,8 @@ def _l2(vehicle: VehicleStability) -> str:
         )
     if vehicle.behaviour is Behaviour.UNDAMPED:
         return f"{_UNDAMPED}: a disturbance at {peak.omega:.3g} rad/s grows without limit."
+    if vehicle.crossover is None or isinf(peak.gain):
+        return _UNSTABLE
     low = f"Disturbances below {vehicle.crossover:.3g} rad/s are amplified"
     if verdict.marginal:
         return f"{low}, but by one part in 10⁹ at most, so the verdict is marginal."
@@ -109,6 +115,12 @@ def _l2(vehicle: VehicleStability) -> str:
 def _linf_paper(vehicle: VehicleStability) -> str:
     if vehicle.linf_paper.marginal:
         return "On the boundary: the poles coincide, and the paper's criterion requires two."
+    if vehicle.damping_ratio is None:
+        real = "are real" if vehicle.linf_paper.stable else "would be complex"
+        return (
+            f"Without its lag or delay the poles {real}; the paper's criterion, which requires real"
+            " ones, does not know of either."
+        )
     damping = f"(damping ratio {vehicle.damping_ratio:#.3g})"
     if vehicle.linf_paper.stable:
         return f"Both poles are real {damping}, which is all that the paper's criterion requires."
@@ -130,7 +142,11 @@ def _linf_exact(vehicle: VehicleStability) -> str:
             "The impulse response changes sign, but amplifies peaks by one part in 10⁹ at most, so"
             " the verdict is marginal."
         )
+    if isinf(verdict.value):
+        return _UNSTABLE
     peak = f"a peak of the speed deviation ahead can grow {_extent(verdict.value)}"
+    if vehicle.damping_ratio is None:
+        return f"The impulse response changes sign, so {peak}."
     if vehicle.linf_paper.stable:
         return (
             "Real poles, which the paper's criterion requires, are necessary but not sufficient:"
