@@ -3,9 +3,9 @@
 import pytest
 from msgspec.structs import asdict
 
-from accpinn.evaluation import closed_loop, validation, whiteness
+from accpinn.evaluation import closed_loop, evaluation, whiteness
 from accpinn.findings import Finding, joined, probability
-from accpinn.inference import identifiability, intervals, model_adequacy, prediction
+from accpinn.inference import answer, identifiability, intervals, model_adequacy, prediction
 from accpinn.methods import fit, maximum_likelihood
 from accpinn.platoon import simulation
 from accpinn.recordings import openacc
@@ -65,12 +65,13 @@ SAID = [
     (closed_loop.SimulatedCollision(2, 12.34, -0.01), ["12.3 s", "to 0.0 m"]),
     (closed_loop.SimulatedReversing(2, 5.0, 1.5), ["5.0 s", "1.5 m/s"]),
     (closed_loop.SimulatedDivergence(2, 5.0), ["5.0 s", "±1000 m"]),
-    (validation.ValidationOverlaps(50.0), ["50 s"]),
-    (validation.OtherVehicles(("2 Audi", "3 BMW"), ("2 Audi", "3 Tesla")), ["3 Tesla", "3 BMW"]),
+    (evaluation.ValidationOverlaps(50.0), ["50 s"]),
+    (evaluation.OtherVehicles(("2 Audi", "3 BMW"), ("2 Audi", "3 Tesla")), ["3 Tesla", "3 BMW"]),
     (whiteness.ShortResidual(2), []),
     (whiteness.WhiteResidual(2, 0.3), ["0.30 m/s²"]),
     (whiteness.WhiteResidual(2, 0.01), ["0.01 m/s²"]),
     (whiteness.CorrelatedResidual(2, 0.3, 8.0, 3000, 40.0), ["0.30 m/s²", "8 s", "3,000", "40"]),
+    (answer.HeterogeneousWindows(2, 5, 0.012), ["5 windows", "p = 0.012"]),
     (intervals.NotDetermined(0), ["All followers"]),
     (intervals.OutsideInterval(2, (WIDE, OPEN), "disturbances"),
      ["α = 0.1000", "0.0100 to 0.2000", "0.0500", "τ = undetermined", "0.500 or more"]),

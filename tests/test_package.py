@@ -37,8 +37,8 @@ FIT = f"fit {SAMPLE} --duration 60 --no-cache"
     ("command", "slow"),
     [
         (f"info {SAMPLE}", "torch pandas scipy jinja2 pyarrow"),
-        (FIT, "torch._dynamo pandas scipy.optimize scipy.interpolate scipy.signal"),
-        (f"{FIT} --preset calibrated", "torch._dynamo"),
+        (FIT, "torch._dynamo pandas scipy.signal"),
+        (f"{FIT} --preset fast", "torch._dynamo pandas scipy.optimize scipy.signal"),
     ],
 )
 def test_a_command_waits_for_nothing_that_it_does_not_need(command: str, slow: str) -> None:

@@ -13,7 +13,7 @@ while τ and s₀ may trade off against each other.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -21,7 +21,7 @@ from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding
-from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
 from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, sampled_population
 from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
 from accpinn.methods.likelihood import Held, Maximum
@@ -40,13 +40,15 @@ DRAWS = 400
 """Draws of equal weight that stand for a window's posterior."""
 EVERY = 2
 """Draws of the typical value of which one is kept."""
+JUDGED = 200
+"""Draws that string stability is judged by."""
 SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 """Speeds at which the time gap is stated, beside the median speed."""
 SIGNIFICANCE = 0.05
 """Below this probability under equal parameters, windows are said to differ."""
 
 
-class WindowsDiffer(Finding, frozen=True):
+class HeterogeneousWindows(Finding, frozen=True):
     """A follower's windows differ by more than sampling error explains."""
 
     text = (
@@ -93,7 +95,7 @@ class Answer:
     """(K, M) upper ends."""
     differ: FloatArray
     """(M,) probability that windows differ as much by sampling error alone; nan for one window."""
-    findings: tuple[WindowsDiffer, ...]
+    findings: tuple[HeterogeneousWindows, ...]
     seconds: Seconds
 
     @property
@@ -108,6 +110,15 @@ class Answer:
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
         """The time gap of one follower in equilibrium at a speed, in s."""
         return self._span([part.time_gap(speed) for part in self._parts], follower)
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """What follows from the typical value: probabilities of string stability, gains, bands."""
+        count = len(self.typical.alpha)
+        some = self.typical[np.linspace(0, count - 1, min(count, JUDGED)).astype(int)]
+        drawn = from_draws(self.parameters, some, self.level)
+        ends = interval_ends(self.typical.complete, self.level)
+        return replace(drawn, lower=Parameters.of(ends[0]), upper=Parameters.of(ends[1]))
 
     def without_draws(self) -> Self:
         """The same with the ends of its intervals in place of draws, as for a comparison."""
@@ -222,7 +233,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
         windows_upper=Parameters.of(upper),
         differ=differ,
         findings=tuple(
-            WindowsDiffer(vehicle, len(segments), float(p))
+            HeterogeneousWindows(vehicle, len(segments), float(p))
             for vehicle, p in zip(vehicles, differ, strict=False)
             if p < SIGNIFICANCE
         ),

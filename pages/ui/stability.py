@@ -28,6 +28,7 @@ from accpinn.results.tables.stability import (
     stability_table,
     verdict_table,
 )
+from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import CERTAIN, StabilityReport, VehicleStability, Verdict
 from accpinn.units import RadiansPerSecond
@@ -217,6 +218,12 @@ def _show_criteria(source: Chosen) -> None:
 
 def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) -> None:
     """The boundaries of stability in a plane of two parameters."""
+    if is_lagged(source.vehicles.parameters):
+        show.messages(
+            "The map holds for the CTHP without a lag or a delay; choose that model on page Train,"
+            " or a published set."
+        )
+        return
     chosen, held = source.vehicles, len(source.vehicles) - 1
     with st.container(horizontal=True, vertical_alignment="center"):
         plane = segments(

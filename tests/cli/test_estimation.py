@@ -28,7 +28,7 @@ def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT)
     assert found.keys() >= KEYS
     assert (found["method"], found["case"]) == ("pinn", "II")
-    assert (found["preset"], found["seed"]) == ("fast", 0)
+    assert (found["preset"], found["seed"], found["model"]) == ("calibrated", 0, "cthp")
     segment = found["segment"]
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 30, 301)
     assert segment["vehicles"] == [1, 2, 3, 4, 5]
@@ -66,7 +66,7 @@ def test_an_estimate_has_its_interval_beside_it_where_that_is_asked_for() -> Non
     known = result.uncertainty
     assert known.inside.tolist() == [[False, True, True]]
     text = fit_text(result, with_intervals=True)
-    (row,) = [line for line in text.splitlines() if line.startswith(segment.labels[1])]
+    row = [line for line in text.splitlines() if line.startswith(segment.labels[1])][-1]
     ends = re.findall(r"\(([\d.]+)–([\d.]+)\)", row)
     lower, upper = known.lower.values[0], known.upper.values[0]
     np.testing.assert_allclose(np.array(ends, float).T, [lower, upper], rtol=0.05)
@@ -85,7 +85,8 @@ def test_likelihood_and_who_asks_get_intervals(
     capsys: Capture, options: tuple[str, ...], expected: bool
 ) -> None:
     assert main(["fit", str(STUDY), *SHORT, *options]) == 0
-    assert bool(re.search(r"\([\d.]+–[\d.]+\)", capsys.readouterr().out)) == expected
+    estimates = capsys.readouterr().out.partition("synthetic_paper_study.csv")[2]
+    assert bool(re.search(r"\([\d.]+–[\d.]+\)", estimates)) == expected
     found = document(capsys, "fit", STUDY, *SHORT, *options)
     if not expected:
         assert (found["intervals"], found["level"]) == (None, None)
@@ -142,8 +143,10 @@ def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
 def test_text_has_the_table_and_progress_is_for_terminals(capsys: Capture) -> None:
     assert main(["fit", str(STUDY), *SHORT]) == 0
     printed = capsys.readouterr()
-    lines = printed.out.splitlines()
-    assert lines[0] == "PiNN (fast preset), synthetic_paper_study.csv, 0–30 s"
+    answer, *_, estimates = printed.out.split("\n\n")[:2]
+    assert answer.startswith("Answer: CTHP with intercept s₀ and delay d, one window")
+    lines = [*estimates.splitlines(), "", *printed.out.split("\n\n")[2].splitlines()]
+    assert lines[0] == "PiNN (calibrated preset), synthetic_paper_study.csv, 0–30 s"
     assert "α [1/s²]" in lines[2]
     assert [line[:11] for line in lines[3:5]] == ["1 Synthetic", "2 Synthetic"]
     assert lines[6].startswith("Converged:")

@@ -87,9 +87,10 @@ def test_forged_parameters_are_named_before_anything_is_made_of_them(
 def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "a.accpinn.zip"
     options = ("--method", "splines", "--name", "mine", "--note", "a note", "--out", path)
-    fitted = document(capsys, "fit", STUDY, *SHORT, *options)["parameters"][0]
+    fitted = document(capsys, "fit", STUDY, *SHORT, *options)["answer"][0]["parameters"]
     judged = document(capsys, "stability", "--snapshot", path)["vehicles"][0]
-    assert judged["alpha"] == fitted["alpha"]
+    assert {name: judged[name] for name in fitted} == fitted
+    assert document(capsys, "stability", path)["vehicles"][0] == judged
     assert judged["measured"] is None, "a snapshot without data"
     run = document(capsys, "simulate", "--snapshot", path, "--duration", 60)
     assert len(run["minimum_gap"]) == 8

@@ -21,6 +21,6 @@ def test_all_runs_can_be_searched(capsys: Capture) -> None:
     assert main(["runs", "bmw"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert sum("astazero" in line for line in lines) == 2
-    assert any("pinn fast" in line and "1–3" in line for line in lines)
+    assert any("pinn calibrated" in line and "1–3" in line for line in lines)
     assert main(["runs", "nowhere"]) == 0
     assert capsys.readouterr().out.count("\n") == 1

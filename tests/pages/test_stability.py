@@ -91,7 +91,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     for label in session.segment.labels[1:]:
         assert label in page.plain()
     said = headline(page)
-    assert said.startswith("Current fit: synthetic_astazero_like.csv, 0–300 s")
+    assert said.startswith("Answer: synthetic_astazero_like.csv, 0–300 s")
     assert "probability of L₂ string stability" in said
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
@@ -107,7 +107,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert "In brackets" not in page.plain()
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
     session.training.results = (replace(session.result),)
-    assert headline(page.run()).startswith("Current fit: "), "a new fit takes its place"
+    assert headline(page.run()).startswith("Answer: "), "a new fit takes its place"
     session.choose(window=Window(0.0, 100.0))
     page.sound()
     assert not page.get("plotly_chart"), "nothing published passes for what is not there"
@@ -216,9 +216,10 @@ def test_a_snapshot_is_a_source_that_is_read_once(
 ) -> None:
     session = sessions.workspaces().new()
     session.chosen_source = "snapshot"
-    known = whole().parameters
-    changed = Parameters(0.05 + 0 * known.alpha, known.beta, known.tau)
-    other = replace(whole(), name="other", fits=(replace(whole().fit, parameters=changed),))
+    known = whole().answer
+    changed = Parameters.of(known.parameters.complete * [0.5, 1, 1, 1, 1, 1])
+    parts = replace(whole().parts, answer=replace(known, parameters=changed))
+    other = replace(whole(), name="other", parts=parts)
     name, newer = library().add(other), library().add(whole())
     session.choices[SNAPSHOT] = name
     page = open_page(path, session)

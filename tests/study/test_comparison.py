@@ -1,6 +1,5 @@
 """Results that differ in method, initial values or instants, and the commands that compare them."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
@@ -66,9 +65,8 @@ def rows(asked: Analysis, recording: Recording) -> tuple[Result, ...]:
 def refusing(monkeypatch: pytest.MonkeyPatch) -> str:
     """The key of a method that can serve no segment."""
 
-    def run(*_: object, **__: object) -> Iterator[NoReturn]:
+    def run(*_: object, **__: object) -> NoReturn:
         raise SegmentError("Too little is left of the window; choose a longer one.")
-        yield
 
     monkeypatch.setitem(METHODS, "recursive", replace(METHODS["recursive"], run=run))
     return "recursive"

@@ -1,9 +1,10 @@
-"""Whose α, β, τ the pages Stability and Platoon show: learned, published, or typed in."""
+"""Whose parameters the pages Stability and Platoon show: the answer's, published, or typed in."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
 import pandas as pd
 import streamlit as st
 
@@ -26,7 +27,7 @@ from pages.ui.session.workspace import Source, Workspace
 TypedRow = tuple[str, float | None, float | None, float | None]
 """Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 SOURCES: dict[Source, str] = {
-    "fit": "Current fit",
+    "fit": "Answer",
     "published": "Published",
     "snapshot": "Snapshot",
     "hand": "By hand",
@@ -168,13 +169,15 @@ def parameters_from(
 
 def _of_result(result: Result, source: Source) -> Chosen:
     """A result's followers; in Case I, where they share their parameters, one stands for all."""
-    info, fit = result.info, result.fit
+    info, fit, stored = result.info, result.fit, result.parts.answer
     vehicles = learned_parameters(info, fit)
     known = None if unfinished(fit) else result.uncertainty
+    if stored and np.isfinite(stored.parameters.values).all():
+        vehicles, known = replace(vehicles, parameters=stored.parameters), stored.uncertainty
     if info.shares(fit.case):
         known = of_first(known) if known else None
         vehicles = ParameterSet(
-            vehicles.title, (EVERY_FOLLOWER,), fit.parameters[:1], (info.vehicles[0], 0),
+            vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1], (info.vehicles[0], 0),
             drivers=tuple(filter(None, vehicles.drivers))[:1],
         )  # fmt: skip
     return Chosen(vehicles, source, result, known)
