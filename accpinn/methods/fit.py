@@ -182,6 +182,17 @@ class Continued(Finding, frozen=True):
     iteration: int
 
 
+class PaperEstimate(Finding, frozen=True):
+    """The training was that of the paper, or has its minimum."""
+
+    text = (
+        "The preset {preset} gives the paper's estimate, which is biased if disturbances last; the"
+        " answer is not."
+    )
+
+    preset: str
+
+
 class CacheProblem(Finding, frozen=True):
     """A file of the cache that could not be used, read or written."""
 
@@ -204,6 +215,7 @@ MethodFinding = (
     | IterationsExhausted
     | HoldoutLoss
     | Continued
+    | PaperEstimate
     | CacheProblem
 )
 

@@ -36,6 +36,7 @@ from accpinn.study.analysis import Analysis
 
 if TYPE_CHECKING:
     from control import TransferFunction
+    from pandas import DataFrame
 
 T = TypeVar("T")
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
@@ -148,6 +149,27 @@ class Result:
             return answer(self._every_window, asked.case, asked.model, dict(asked.held))
 
         return self._part("answer", compute)
+
+    @property
+    def draws(self) -> "DataFrame":
+        """The answer's posterior draws, one a row: kind, draw, vehicle, name and parameters.
+
+        ``kind`` is "typical" for the car's typical value and "further window" for what a further
+        window of it may have.
+        """
+        from pandas import DataFrame, concat  # takes a third of a second, which few need
+
+        drawn = self.answer
+        frames = []
+        for kind, sets in (("typical", drawn.typical), ("further window", drawn.further)):
+            for k, vehicle in enumerate(self.info.vehicles[1:]):
+                columns = {name: getattr(sets, name)[:, k] for name in drawn.names}
+                frame = DataFrame({"draw": np.arange(len(sets.alpha)), **columns})
+                frame.insert(0, "name", self.info.names[k + 1])
+                frame.insert(0, "vehicle", vehicle)
+                frame.insert(0, "kind", kind)
+                frames.append(frame)
+        return concat(frames, ignore_index=True)
 
     @property
     def evaluation(self) -> Evaluation:

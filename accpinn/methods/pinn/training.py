@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, Recorder
+from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, PaperEstimate, Recorder
 from accpinn.methods.method import TYPICAL_SAMPLES, Method, TaskContext
 from accpinn.methods.pinn.config import (
     CALIBRATED,
@@ -207,8 +207,12 @@ def training(
         iterations=training.progress.iteration,
         network_weights=learned.network_weights,
         arrays=learned.arrays,
-        findings=[*learned.findings, *begun],
+        findings=[*learned.findings, *begun, *_biased(config.preset)],
     )
+
+
+def _biased(preset: PresetName) -> tuple[PaperEstimate, ...]:
+    return () if preset == "calibrated" else (PaperEstimate(preset),)
 
 
 @_needing_torch()

@@ -1,0 +1,61 @@
+"""One answer: Python, command line, snapshot, verification, parameter card and pages agree."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import accpinn
+from accpinn.results.tables.answer import answer_table
+from accpinn.study.snapshot import load
+from tests.support.command import STUDY, Capture, document
+
+WINDOW = ("--start", 10, "--duration", 60)
+
+
+def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_path: Path) -> None:
+    result = accpinn.fit(STUDY, start=10, duration=60)
+    expected = {name: result.answer.span(name, 0).value for name in result.answer.names}
+    fast = accpinn.fit(STUDY, start=10, duration=60, preset="fast")
+    path = tmp_path / "a.accpinn.zip"
+    fitted = document(capsys, "fit", STUDY, *WINDOW, "--method", "splines", "--out", path)
+    compared = document(capsys, "compare", STUDY, *WINDOW, "--methods", "least-squares,splines")
+    judged = document(capsys, "stability", path)["vehicles"][0]
+    places = {
+        "fit by another method": fitted["answer"][0]["parameters"],
+        "compare": compared["answer"][0]["parameters"],
+        "stability of the snapshot": {name: judged[name] for name in expected},
+        "snapshot": {n: float(getattr(load(path).answer.parameters, n)[0]) for n in expected},
+        "card": accpinn.parameter_card(load(path))["answer"][0]["parameters"],
+        "preset fast": {
+            name: accpinn.fit(STUDY, start=10, duration=60, preset="fast")
+            .answer.span(name, 0)
+            .value
+            for name in expected
+        },
+    }
+    for place, found in places.items():
+        assert found == pytest.approx(expected, rel=1e-6), place
+    gap = result.answer.time_gap(100 / 3.6, 0)
+    assert gap.value == pytest.approx(expected["tau"] + expected["s0"] / (100 / 3.6))
+    assert gap.lower < gap.value < gap.upper
+    assert gap.further_lower < gap.lower < gap.upper < gap.further_upper
+    assert f"{gap.value:.2f}" in answer_table(result.info, result.answer).to_text()
+
+
+def test_several_windows_and_held_terms(capsys: Capture) -> None:
+    windows = ("--windows", "0-60,100-160")
+    found = document(capsys, "fit", STUDY, *windows, "--model", "cthp-s0", "--hold", "s0=0")
+    (row,) = found["answer"]
+    assert (row["model"], row["windows"]) == ("cthp-s0", 2)
+    assert row["parameters"]["s0"] == 0.0
+    assert row["intervals"]["s0"] == [0.0, 0.0]
+    paper = document(capsys, "fit", STUDY, *windows, "--model", "cthp")["answer"][0]["parameters"]
+    assert set(paper) == {"alpha", "beta", "tau"}
+    assert paper["tau"] == pytest.approx(row["parameters"]["tau"], rel=0.1)
+    result = accpinn.fit(STUDY, windows=[(0, 60), (100, 160)], model="cthp-s0")
+    drawn = result.draws
+    typical = drawn[drawn["kind"] == "typical"]
+    low, high = np.quantile(typical["tau"], [0.05, 0.95])
+    span = result.answer.span("tau", 0)
+    assert (low, high) == pytest.approx((span.lower, span.upper))
