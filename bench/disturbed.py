@@ -5,8 +5,8 @@
 On the real recordings that this package was made for, the residual of the model after smoothing
 has a standard deviation of 0.15 to 0.39 m/s² in car-following with ACC, and its correlation falls
 to 1/e within three to six seconds. Effects that the model lacks can be added: an actuator lag, a
-standstill distance (p - s₀ in place of p), a slope, and limits of the acceleration that the
-controller commands. Leaders and the receivers' noise come from `accpinn.recordings.synthetic`.
+delay, a standstill distance (p - s₀ in place of p), a slope, and limits of the acceleration that
+the controller commands. Leaders and the receivers' noise come from `accpinn.recordings.synthetic`.
 """
 
 from collections.abc import Iterable
@@ -34,6 +34,8 @@ class Disturbance:
     """Time in which the correlation of w falls to 1/e."""
     lag: Seconds = 0.0
     """Time constant of the actuator; 0 for none."""
+    delay: Seconds = 0.0
+    """Time between the command and what the actuator is given, in whole simulation steps."""
     standstill: Metres = 0.0
     """s₀: the gap in equilibrium is s₀ + τv."""
     slope: float = 0.0
@@ -97,12 +99,12 @@ def _follow(
 ) -> tuple[FloatArray, FloatArray]:
     """Return gap and speed (N,) from equilibrium on, with inputs held over each small step.
 
-    The linear system is stepped exactly. What limits change of the command is an input.
+    The linear system is stepped exactly. What limits and a delay change of the command is an input.
     """
     alpha, alpha_tau, beta = follower.theta
     lag = disturbance.lag
-    # States: gap above s₀, speed, acceleration by the actuator. Inputs: speed ahead, what the
-    # limits add to the command, and w.
+    # States: gap above s₀, speed, acceleration by the actuator. Inputs: speed ahead, what limits
+    # and the delay add to the command, and w.
     rates = np.zeros((6, 6))
     rates[0, [1, 3]] = -1.0, 1.0
     command = np.array([alpha, -alpha_tau - beta, 0.0, beta, 0.0, 0.0])
@@ -117,12 +119,15 @@ def _follow(
     middle = np.r_[(ahead[1:] + ahead[:-1]) / 2, ahead[-1]]
     least, most = disturbance.limits
     states = np.empty((len(ahead), 3))
+    late = round(disturbance.delay / SIMULATION_STEP)
+    limited = np.zeros(late + len(ahead))
     now = np.array([follower.tau * ahead[0], ahead[0], 0.0, 0.0, 0.0, 0.0])
     for k, speed_ahead in enumerate(middle):
         states[k] = now[:3]
         now[3] = speed_ahead
         unlimited = command @ now
-        now[4] = min(max(unlimited, least), most) - unlimited
+        limited[late + k] = min(max(unlimited, least), most)
+        now[4] = limited[k] - unlimited
         now[5] = disturbance.slope + wander[k]
         now[:3] = step @ now
     return states[:, 0] + disturbance.standstill, states[:, 1]

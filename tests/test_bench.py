@@ -98,6 +98,11 @@ class TestDisturbedRecordings:
         slope = np.gradient(acceleration, 0.1)
         np.testing.assert_allclose((acceleration + 0.5 * slope)[5:-5], command[5:-5], atol=0.03)
 
+    def test_a_delay_is_the_time_between_command_and_acceleration(self) -> None:
+        acceleration, command = motion(Disturbance(1e-9, delay=0.7))
+        np.testing.assert_allclose(acceleration[12:-5], command[5:-12], atol=0.03)
+        assert np.abs(acceleration[7:-5] - command[7:-5]).max() > 0.1
+
     def test_the_disturbance_is_as_strong_as_stated(self) -> None:
         """Without noise the residual of the model is the disturbance."""
         strong, calm = (

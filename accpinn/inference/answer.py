@@ -219,13 +219,15 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     followers = range(segments[0].followers)
     typical = [_typical(drawn[:, k], model, held) for k in followers]
     drawn_values, drawn_further = (np.stack(rows, axis=1) for rows in zip(*typical, strict=True))
+    ends = drawn_values.min(axis=0), drawn_values.max(axis=0)
+    middle = np.clip(drawn_values.mean(axis=0), *ends)  # a mean of equal values may round
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
     vehicles = (0,) if case == "I" else segments[0].vehicles[1:]
     return Answer(
         model=model,
         level=LEVEL,
         speeds=np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0),
-        parameters=Parameters.of(_complete(model, drawn_values.mean(axis=0))),
+        parameters=Parameters.of(_complete(model, middle)),
         typical=Parameters.of(_complete(model, drawn_values)),
         further=Parameters.of(_complete(model, drawn_further)),
         windows=Parameters.of(own),
@@ -286,7 +288,7 @@ def _heterogeneity(drawn: FloatArray) -> float:
     each window.
     """
     drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
-    free = drawn.std(axis=(0, 1)) > 0 if len(drawn) else np.zeros(drawn.shape[-1], bool)
+    free = np.ptp(drawn, axis=(0, 1)) > 0 if len(drawn) else np.zeros(drawn.shape[-1], bool)
     if len(drawn) < 2 or not free.any():
         return float("nan")
     means = drawn[..., free].mean(axis=1)

@@ -146,10 +146,13 @@ def sample(
     criterion = Criterion(series, form, held)
     rng = np.random.default_rng(seed)
     proposals = [Proposal.at(parts) for parts in _first_parts(criterion, maxima)]
+    fixed = criterion.lower == criterion.upper
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
         drawn = [proposals[g].draw(count, rng) for g in wanted]
+        for z in drawn:
+            z[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
         log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(np.array(wanted), count))
         for g, z, rows in zip(wanted, drawn, log.reshape(-1, count), strict=True):
             densities = proposals[g].log_densities(z)

@@ -1,0 +1,164 @@
+"""The answer: the truth from simulated windows, held terms, Case I, and what is not determined."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from accpinn.errors import ConfigError
+from accpinn.inference.answer import Answer, WindowsDiffer, _heterogeneity, answer
+from accpinn.inference.posterior import features, log_prior_of_features, log_prior_of_theta
+from accpinn.methods.likelihood import Criterion
+from accpinn.methods.series import series_of
+from accpinn.model.cthp import Parameters
+from accpinn.model.models import Model, terms_of
+from accpinn.segment.segment import Segment
+from bench.disturbed import Disturbance, disturbed
+from tests.support.driving import standing_still
+
+pytestmark = pytest.mark.usefixtures("all_draws")
+
+ALPHA, BETA, TAU, S0 = 0.07, 0.3, 0.95, 7.0
+"""A car near the middle of those that were learned from: an interval is nominal for a population
+of cars, and a car far from its middle is pulled towards it."""
+
+
+def windows(
+    seeds: range, tau: float = TAU, duration: float = 120.0, **departure: float
+) -> list[Segment]:
+    """Recordings of a car with s₀, disturbed as on real roads."""
+    disturbance = Disturbance(standstill=S0, **departure)
+    car = Parameters([ALPHA], BETA, tau)
+    return [disturbed(car, seed, disturbance, duration=duration) for seed in seeds]
+
+
+@cache
+def usual() -> Answer:
+    return answer(windows(range(3)), model="cthp-s0")
+
+
+@pytest.mark.parametrize(
+    ("model", "departure"),
+    [("cthp-s0", {}), ("cthp-s0-lag", {"lag": 0.5}), ("cthp-s0-delay", {"delay": 0.7})],
+)
+def test_the_truth_lies_in_the_intervals(model: Model, departure: dict[str, float]) -> None:
+    """Four windows of 120 s; 90 % intervals, and seeds with which all hold."""
+    given = answer(windows(range(20, 24), **departure), model=model)
+    assert given.names == ("alpha", "beta", "tau", *terms_of(model))
+    gap = given.time_gap(28.0, 0)
+    spans = given.span("alpha", 0), given.span("beta", 0), gap
+    for span, true in zip(spans, (ALPHA, BETA, TAU + S0 / 28.0), strict=True):
+        assert span.lower <= true <= span.upper
+    for term, true in {"s0": S0, **departure}.items():
+        assert given.span(term, 0).further_lower <= true <= given.span(term, 0).further_upper
+    assert gap.value == pytest.approx(TAU + S0 / 28.0, abs=0.08)
+    assert 0.1 < gap.upper - gap.lower < 0.45
+
+
+def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> None:
+    given = usual()
+    for span in [given.span(name, 0) for name in given.names] + [given.time_gap(28.0, 0)]:
+        assert span.lower < span.value < span.upper
+        assert span.further_upper - span.further_lower > 1.2 * (span.upper - span.lower)
+    ends = given.windows_lower.values, given.windows_upper.values
+    assert ((ends[0] < given.windows.values) & (given.windows.values < ends[1])).mean() > 0.85
+
+
+def test_the_time_gap_is_tau_and_the_intercept_over_the_speed() -> None:
+    given = usual()
+    for speed in (50 / 3.6, 100 / 3.6):
+        gap = given.time_gap(speed, 0)
+        value = given.span("tau", 0).value + given.span("s0", 0).value / speed
+        assert gap.value == pytest.approx(value, rel=1e-12)
+        drawn = given.typical.tau[:, 0] + given.typical.s0[:, 0] / speed
+        np.testing.assert_allclose([gap.lower, gap.upper], np.quantile(drawn, [0.05, 0.95]), 0.01)
+
+
+def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
+    """Σ₀'s deviation of ln α is .49, so 90 % of windows lie within 1.6 in ln α."""
+    one, several = answer(windows(range(1)), model="cthp-s0"), usual()
+    widths = [np.log(a.span("alpha", 0).upper / a.span("alpha", 0).lower) for a in (one, several)]
+    assert 0.9 < widths[0] < 2.2
+    assert widths[1] < 0.85 * widths[0]
+    assert np.isnan(one.differ[0])
+
+
+@pytest.mark.parametrize("held", [{"s0": 4.0}, {"delay": 0.5}, {"s0": -3.0, "delay": 1.3}])
+def test_a_held_term_keeps_its_value_exactly(held: dict[str, float]) -> None:
+    given = answer(windows(range(2), duration=60.0), model="cthp-s0-delay", held=held)
+    for name in terms_of("cthp-s0-delay"):
+        for part in (given.parameters, given.typical, given.further, given.windows):
+            assert (getattr(part, name) == held.get(name)).all() == (name in held)
+    (name, value), *_ = held.items()
+    span = given.span(name, 0)
+    assert (span.lower, span.upper) == (value, value)
+    assert given.typical.tau.std() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "value", "fault"),
+    [
+        ("cthp", "s0", 4.0, "s0 cannot be held; cthp has no term to hold"),
+        ("cthp-s0-lag", "delay", 0.5, "delay cannot be held; cthp-s0-lag has s0, lag to hold"),
+        ("cthp-s0", "alpha", 0.1, "alpha cannot be held; cthp-s0 has s0 to hold"),
+        ("cthp-s0", "s0", np.nan, "s0 = nan is not allowed; choose -30 to 60"),
+    ],
+)
+def test_what_cannot_be_held_is_refused(model: Model, name: str, value: float, fault: str) -> None:
+    with pytest.raises(ConfigError, match=f"^hold: {fault}\\.$"):
+        answer([], model=model, held={name: value})
+
+
+def test_case_i_has_one_set_and_case_ii_one_for_each() -> None:
+    car = Parameters([ALPHA] * 2, BETA, TAU)
+    pair = [disturbed(car, 1, Disturbance(standstill=S0), duration=100.0)]
+    shared, apart = answer(pair, "I", "cthp-s0"), answer(pair, "II", "cthp-s0")
+    assert shared.parameters[0] == shared.parameters[1]
+    assert shared.windows[0][0] == shared.windows[0][1]
+    assert (apart.parameters.values[0] != apart.parameters.values[1]).all()
+
+
+def test_a_follower_that_does_not_move_is_not_determined() -> None:
+    still = answer([standing_still()], "II", "cthp-s0")
+    assert np.isnan(still.parameters.values).all()
+    assert np.isnan(still.time_gap(25.0, 0).lower)
+    assert not still.findings
+
+
+def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> None:
+    """One of three windows has a headway .4 s longer; of five cars without that at most one."""
+    changed = answer([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
+    assert changed.findings == (WindowsDiffer(2, 3, float(changed.differ[0])),)
+    assert changed.differ[0] < 1e-4
+    equal = [answer(windows(range(k, k + 3)), model="cthp-s0") for k in range(0, 15, 3)]
+    assert sum(bool(given.findings) for given in equal) <= 1
+    assert np.median([given.differ[0] for given in equal]) > 0.1
+
+
+def test_windows_that_are_equal_have_any_probability() -> None:
+    """400 cars: 5 % of them lie below .05, with a standard error of 1.1; a held term has no say."""
+    rng = np.random.default_rng(1)
+    root = np.linalg.cholesky([[0.04, 0.01, 0], [0.01, 0.09, 0], [0, 0, 0.01]])
+    values = []
+    for _ in range(400):
+        drawn = (rng.standard_normal((4, 1, 3)) + rng.standard_normal((4, 300, 3))) @ root.T
+        values.append(_heterogeneity(np.insert(drawn, 3, 0.1, axis=2)))
+    assert 0.02 < np.mean(np.array(values) < 0.05) < 0.09
+    assert 0.4 < np.mean(np.array(values) < 0.5) < 0.6
+
+
+@pytest.mark.parametrize("model", ["cthp", "cthp-s0", "cthp-s0-delay"])
+def test_the_prior_of_a_window_is_the_density_over_features_that_is_divided_by(
+    model: Model,
+) -> None:
+    """It differs by the Jacobian's determinant, here from central differences; 1e-5."""
+    criterion = Criterion(series_of([standing_still()], "II"), model)
+    free = [0, 1, 2, *range(9, criterion.size)]
+    z = np.tile(criterion.start, (20, 1))
+    z[:, free] += np.random.default_rng(2).normal(0, 0.3, (20, len(free)))
+    steps = 1e-5 * np.eye(criterion.size)[free]
+    slopes = [(features(model, z + step) - features(model, z - step)) / 2e-5 for step in steps]
+    volume = np.log(np.abs(np.linalg.det(np.moveaxis(slopes, 0, -1))))
+    of_z = criterion.log_prior(z) + log_prior_of_theta(model, z)
+    over = of_z - volume - log_prior_of_features(model, features(model, z))
+    np.testing.assert_allclose(over, over[0], atol=1e-5)

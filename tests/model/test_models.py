@@ -1,0 +1,113 @@
+"""The terms beside the CTHP: names, values that are kept, and motion."""
+
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from accpinn.errors import ConfigError
+from accpinn.model.cthp import Parameters, simulate
+from accpinn.model.models import MODELS, TERMS, TITLES, model_of, terms_of
+from accpinn.serial import dump, restore
+from accpinn.units import FloatArray
+
+ROWS = [
+    [0.08, 0.3, 1.0, 6, 0, 0.7], [0.15, 0.2, 1.4, 3, 0.5, 0],
+    [0.06, 0.4, 1.2, -2, 0.3, 0.6], [0.1, 0.25, 0.9, 0, 0, 0],
+]  # fmt: skip
+PLATOON = Parameters.of(ROWS)
+BARE = Parameters(PLATOON.alpha, PLATOON.beta, PLATOON.tau)
+
+
+def test_a_key_names_the_terms_in_the_order_of_the_complete_parameters() -> None:
+    assert [terms_of(model) for model in MODELS] == [
+        (), ("s0",), ("lag",), ("delay",), ("s0", "lag"), ("s0", "delay"),
+    ]  # fmt: skip
+    assert [model_of(model) for model in MODELS] == list(MODELS) == list(TITLES)
+    for at, term in enumerate(TERMS, 3):
+        np.testing.assert_array_equal(getattr(PLATOON, term), PLATOON.complete[:, at])
+
+
+@pytest.mark.parametrize("key", ["", "CTHP", "s0", "cthp-delay-s0", "cthp-lag-delay", "idm"])
+def test_another_key_is_refused_with_the_choices(key: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^model: {key} is not known; choose cthp, cthp-s0, "):
+        model_of(key)
+
+
+@pytest.mark.parametrize("parameters", [PLATOON, PLATOON[1], BARE, PLATOON[[3, 3]]])
+def test_parameters_survive_files_and_processes(parameters: Parameters) -> None:
+    tree, arrays = dump(parameters)
+    assert restore(Parameters, tree, arrays) == parameters
+    again = pickle.loads(pickle.dumps(parameters))
+    assert (again, hash(again)) == (parameters, hash(parameters))
+    many = Parameters.of(np.tile(parameters.complete, (40, 1, 1)))
+    assert restore(Parameters, *dump(many, "fit")) == many, "kept beside the tree"
+
+
+def test_stacks_and_indices_keep_the_terms() -> None:
+    assert Parameters.stack(list(PLATOON)) == PLATOON
+    assert PLATOON[1] == Parameters(0.15, 0.2, 1.4, s0=3.0, lag=0.5)
+    assert PLATOON[1:] == PLATOON[[1, 2, 3]] == Parameters.of(ROWS[1:])
+    assert (PLATOON != BARE, PLATOON[3] == BARE[3]) == (True, True)
+
+
+def test_the_time_gap_is_the_headway_and_the_intercept_over_the_speed_and_lasts() -> None:
+    np.testing.assert_allclose(PLATOON.time_gap(20.0), [1.3, 1.55, 1.1, 0.9], rtol=1e-15)
+    assert PLATOON[0].time_gap(10.0) == pytest.approx(1.6, rel=1e-15)
+    time, steady = np.arange(301) * 0.1, np.full(301, 25.0)
+    gaps = 25.0 * PLATOON.time_gap(25.0)
+    motion = simulate(PLATOON, time, steady, steady[:4], gaps)
+    np.testing.assert_allclose(motion.gaps, [gaps] * 301, rtol=1e-12)
+
+
+def test_motion_is_that_of_the_equations_integrated_tightly() -> None:
+    """1e-8; the approximant as d²z"/12 + dz'/2 + z = c, c - dz', not as in `motion_matrix`."""
+    time = np.arange(61) * 0.25
+    ahead = 25 + np.cumsum(np.random.default_rng(3).normal(0, 0.3, len(time)))
+    speeds, gaps = np.array([22.0, 27.0, 24.0, 25.0]), np.array([40.0, 45.0, 20.0, 30.0])
+    alpha, beta, tau, s0, lag, d = PLATOON.complete.T
+
+    def command(p: FloatArray, v: FloatArray, now: float) -> tuple[FloatArray, FloatArray]:
+        u = np.r_[np.interp(now, time, ahead), v[:-1]]
+        return u, alpha * (p - s0 - tau * v) + beta * (u - v)
+
+    def rates(now: float, state: FloatArray) -> FloatArray:
+        p, v, reached, z, slope = state.reshape(5, 4)
+        u, c = command(p, v, now)
+        late = c - d * slope
+        acceleration = np.where(lag > 0, reached, late)
+        rise = (late - reached) / np.where(lag > 0, lag, 1)
+        bend = (12 * (c - z) - 6 * d * slope) / np.where(d > 0, d, 1) ** 2
+        return np.concatenate([u - v, acceleration, rise, slope, bend])
+
+    _, asked = command(gaps, speeds, 0.0)
+    states = [np.concatenate([gaps, speeds, asked, asked, np.zeros(4)])]
+    for span in pairwise(time):
+        step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-11, atol=1e-11)
+        states.append(step.y[:, -1])
+    motion = simulate(PLATOON, time, ahead, speeds, gaps)
+    both = np.hstack([motion.gaps, motion.speeds[:, 1:]])
+    np.testing.assert_allclose(both, np.array(states)[:, :8], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("delay", [0.3, 0.7, 1.2])
+def test_motion_is_close_to_that_under_a_true_delay(delay: float) -> None:
+    """By trapezoids of 5 ms over the delay differential equation; 2 cm and 2 cm/s."""
+    follower = Parameters([0.1], [0.3], [1.1], s0=5.0, delay=delay)
+    step = 0.005
+    time = np.arange(0, 80 + step / 2, step)
+    ahead = 25 + 4 * np.sin(0.3 * time) + np.sin(0.9 * time)
+    late = round(delay / step)
+    p, v, c = np.zeros((3, len(time)))
+    p[0], v[0] = 5 + 1.1 * 25, 25
+    for k in range(len(time)):
+        if k:
+            then = c[max(k - 1 - late, 0)] + c[max(k - late, 0)]
+            v[k] = v[k - 1] + step / 2 * then
+            p[k] = p[k - 1] + step / 2 * (ahead[k] - v[k] + ahead[k - 1] - v[k - 1])
+        c[k] = 0.1 * (p[k] - 5 - 1.1 * v[k]) + 0.3 * (ahead[k] - v[k])
+    motion = simulate(follower, time[::20], ahead[::20], np.array([25.0]), p[:1])
+    np.testing.assert_allclose(motion.gaps[:, 0], p[::20], rtol=0, atol=0.02)
+    np.testing.assert_allclose(motion.speeds[:, 1], v[::20], rtol=0, atol=0.02)

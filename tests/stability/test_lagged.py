@@ -1,0 +1,105 @@
+"""Stability under a lag or a delay: against closed forms, the exact delay, and integration."""
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.signal import lti
+
+from accpinn.model.cthp import Parameters
+from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
+from accpinn.stability.lagged import is_lagged, lagged_response, lagged_stability, step_gain
+
+
+def drawn(count: int, seed: int, lag: float = 0.0, delay: float = 0.0) -> Parameters:
+    """Vehicles of (.01, .3) 1/s², (.05, .8) 1/s, (.6, 2) s, lag and delay up to the given ones."""
+    low, high = np.array([[0.01, 0.05, 0.6, 0, 0, 0], [0.3, 0.8, 2.0, 0, lag, delay]])
+    return Parameters.of(np.random.default_rng(seed).uniform(low, high, (count, 6)))
+
+
+def test_without_lag_and_delay_it_is_the_closed_forms() -> None:
+    vehicles = drawn(400, 1)
+    assert not is_lagged(vehicles)
+    stability, peak = lagged_stability(vehicles), peaks(vehicles)
+    assert 0.2 < (peak.gain > 1).mean() < 0.9, "both verdicts occur"
+    assert stability.stable.all()
+    np.testing.assert_allclose(stability.peak, peak.gain, rtol=1e-9)
+    np.testing.assert_allclose(stability.omega, peak.omega, rtol=1e-6)
+    np.testing.assert_allclose(stability.crossover, crossovers(vehicles), rtol=1e-9)
+    np.testing.assert_array_equal(stability.margin < -1e-9, peak.gain > 1)
+    metrics = step_metrics(vehicles)
+    overshoot, gain = step_gain(vehicles)
+    np.testing.assert_allclose(gain, metrics.gain, rtol=1e-3)
+    np.testing.assert_allclose(overshoot, metrics.overshoot, atol=1e-3)
+    omega = np.geomspace(1e-3, 10, 40)
+    np.testing.assert_allclose(lagged_response(vehicles, omega), response(vehicles, omega), 1e-12)
+
+
+def test_the_gain_is_that_of_the_exact_delay() -> None:
+    vehicles, omega = drawn(400, 2, lag=0.5, delay=0.75), np.linspace(0.01, 1.0, 100)
+    vehicles = vehicles[lagged_stability(vehicles).peak < 3.0]
+    assert len(vehicles) > 300, "nearer to instability any error grows"
+    s, (alpha, beta, tau, _, lag, delay) = 1j * omega, vehicles.complete.T[..., None]
+    late = np.exp(-s * delay)
+    lower = s**2 * (1 + lag * s) + late * ((alpha * tau + beta) * s + alpha)
+    ratio = lagged_response(vehicles, omega) / (late * (beta * s + alpha) / lower)
+    assert np.abs(20 * np.log10(np.abs(ratio))).max() < 0.01, "dB"
+    assert np.abs(np.angle(ratio)).max() < 0.002
+
+
+def test_the_peak_is_the_largest_gain_and_the_crossover_has_gain_one() -> None:
+    vehicles, omega = drawn(60, 3, lag=0.5, delay=0.8), np.geomspace(1e-3, 20, 20_000)
+    vehicles = vehicles[lagged_stability(vehicles).stable]
+    stability = lagged_stability(vehicles)
+    curve = np.abs(lagged_response(vehicles, omega))
+    np.testing.assert_allclose(stability.peak, np.maximum(curve.max(axis=1), 1), rtol=1e-4)
+    amplified = stability.peak > 1
+    assert 0.3 < amplified.mean() < 1.0
+    np.testing.assert_array_equal(stability.margin < 0, amplified)
+    np.testing.assert_array_equal(np.isfinite(stability.crossover), amplified)
+    at = stability.crossover[amplified]
+    gains = np.abs(lagged_response(vehicles[amplified], at)).diagonal()
+    np.testing.assert_allclose(gains, 1.0, atol=1e-7)
+
+
+def variation_under_delay(vehicle: Parameters, step: float = 0.005, end: float = 120.0) -> float:
+    """∫|h| as the total variation of the step response, by trapezoids over the true delay."""
+    alpha, alpha_tau, beta = vehicle.theta
+    late, count = round(vehicle.delay / step), round(end / step)
+    gap, speed, command = 0.0, np.zeros(count), np.full(count, beta)
+    for k in range(1, count):
+        rate = (command[k - 1 - late] + command[k - late]) / 2 if k > late else 0.0
+        speed[k] = speed[k - 1] + step * rate
+        gap += step * (1 - (speed[k] + speed[k - 1]) / 2)
+        command[k] = alpha * gap - alpha_tau * speed[k] + beta * (1 - speed[k])
+    return float(np.abs(np.diff(speed)).sum())
+
+
+def test_the_gain_of_peaks_is_the_integral_of_the_impulse_response() -> None:
+    """Under a true delay within 1 %, as far as the approximant goes; under a lag within .2 %."""
+    late = Parameters([0.06, 0.15, 0.04], [0.12, 0.4, 0.6], [1.2, 1, 1.8], delay=[0.7, 0.5, 0.3])
+    expected = [variation_under_delay(vehicle) for vehicle in late]
+    np.testing.assert_allclose(step_gain(late)[1], expected, rtol=0.01)
+    lagged, time, expected = drawn(8, 4, lag=1.0), np.linspace(0.0, 300.0, 15_001), []
+    for (alpha, alpha_tau, beta), lag in zip(lagged.theta, lagged.lag, strict=True):
+        _, h = lti([beta, alpha], [lag, 1.0, alpha_tau + beta, alpha]).impulse(T=time)
+        expected.append(float(trapezoid(np.abs(h), time)))
+    np.testing.assert_allclose(step_gain(lagged)[1], expected, rtol=2e-3)
+
+
+def test_a_vehicle_is_unstable_beyond_rouths_lag_and_the_delay_margin() -> None:
+    """λ = τ + β/α by Routh; d = phase margin / gain crossover of ((ατ+β)s + α)/s²."""
+    alpha, beta, tau = 0.1, 0.4, 1.0
+    total = alpha * tau + beta
+    omega = np.sqrt((total**2 + np.sqrt(total**4 + 4 * alpha**2)) / 2)
+    longest = tau + beta / alpha
+    for term, limit, resonance in (
+        ("lag", longest, np.sqrt(total / longest)),
+        ("delay", np.arctan(total * omega / alpha) / omega, omega),
+    ):
+        vehicles = Parameters([alpha] * 2, beta, tau, **{term: limit * np.array([0.98, 1.02])})
+        stability, (overshoot, gain) = lagged_stability(vehicles), step_gain(vehicles)
+        assert stability.stable.tolist() == [True, False], term
+        assert stability.peak[0] > 5
+        for values in (stability.peak, overshoot, gain, -stability.margin):
+            assert (np.isfinite(values[0]), values[1]) == (True, np.inf)
+        assert stability.omega[0] == pytest.approx(resonance, rel=0.02)
