@@ -35,8 +35,8 @@ from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: the network's evidence, not its loss, is maximised: no bias.",
-    "fast": "A second: the paper's loss, solved exactly for the output layer and α, β, τ; biased.",
-    "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
+    "fast": "A second: the paper's estimate, solved exactly; biased if disturbances last.",
+    "paper": "Many minutes: the paper's estimate, all by gradient; biased if disturbances last.",
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""
