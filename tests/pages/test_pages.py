@@ -9,7 +9,9 @@ import pytest
 from accpinn.methods.fit import Continued, Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, preset
 from accpinn.methods.registry import METHODS
+from accpinn.model import models
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.models import BEST
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
@@ -26,7 +28,7 @@ from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, sample, store
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import MODEL, Workspace
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -538,6 +540,23 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     config = session.training.analysis.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
+
+
+def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session.preset, session.settings["fast"] = "fast", {"iterations": 20}
+    assert session.analysis().model == BEST
+    page = open_page(TRAIN, session).choose("train_options", True).choose(MODEL, "cthp-s0")
+    page.press("Start training")
+    assert session.training.wait(WAIT)
+    result = session.result
+    assert result.analysis.model == result.parts.answer.model == "cthp-s0", "computed already"
+    page = open_page(TRAIN, session)
+    assert f"Answer: {models.TITLES['cthp-s0']}, one window" in page.texts()
+    other = sessions.workspaces().new()
+    other.restore(result)
+    assert other.analysis().model == "cthp-s0"
 
 
 # What the pages stand on

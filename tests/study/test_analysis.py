@@ -80,6 +80,7 @@ def test_a_longer_training_goes_on_from_a_shorter_ones_checkpoint() -> None:
     )
     assert short.checkpoint_key == long.checkpoint_key != seeded.checkpoint_key
     assert short.key != long.key
+    assert replace(short, model="cthp").checkpoint_key == short.checkpoint_key
     assert ASKED.checkpoint_key == ASKED.with_method("splines").checkpoint_key == ""
 
 
@@ -111,7 +112,7 @@ def test_differences_name_what_was_asked_otherwise() -> None:
         ({"exclude": "lunch"}, "catching-up"),
         ({"exclude": ["lunch"]}, "catching-up"),
         ({"windows": "noon"}, "0-300"),
-        ({"windows": "0-60,60-120"}, "choose that method"),
+        ({"windows": "0-60,60-120"}, "choose one of them"),
         ({"method": "pinn", "threads": -1}, "threads"),
         ({"method": "pinn", "threads": "2"}, "threads"),
     ],
