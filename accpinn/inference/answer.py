@@ -103,6 +103,12 @@ class Answer:
         """Names of the model's parameters, as `Parameters` has them."""
         return ("alpha", "beta", "tau", *terms_of(self.model))
 
+    @property
+    def stated_speed(self) -> MetresPerSecond:
+        """The one of `SPEEDS` that is nearest to the followers' median speed."""
+        median = float(np.median(self.speeds))
+        return min(SPEEDS, key=lambda speed: abs(speed - median))
+
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower, by its name in `Parameters`."""
         return self._span([getattr(part, name) for part in self._parts], follower)

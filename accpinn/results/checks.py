@@ -31,7 +31,7 @@ MEANING: Mapping[CheckName, str] = {
     ),
     "inside": (
         "Whether the estimates of α, β and τ lie inside their intervals, which stand beside them in"
-        " the table."
+        " the table of the method's estimates."
     ),
     "identified": (
         f"Whether a parameter's interval spans less than a factor of {WIDE:g}. Page Compare shows"

@@ -32,7 +32,17 @@ GROUPS: dict[str, tuple[Term, ...]] = {
         _of(GAP, "Distance from the vehicle's front to the rear of the vehicle ahead."),
         _of(SPEED, "Speed of the vehicle itself."),
         Term("Δv", "Relative speed: speed of the vehicle ahead minus the vehicle's own.", "m/s"),
-        Term("Time gap", "Measured space-gap divided by speed.", "s"),
+        Term("Time gap", "Space-gap divided by speed, measured or in equilibrium.", "s"),
+        Term(
+            "s₀", "Intercept: in equilibrium the space-gap is s₀ + τv. It need not be the gap at"
+            " standstill.", "m",
+        ),
+        Term("λ", "Time constant of the actuator, a first-order lag.", "s"),
+        Term("d", "Delay between what a vehicle measures and its acceleration.", "s"),
+        Term(
+            "Answer", "One complete parameter set a vehicle, the same whatever the method, with the"
+            " interval of its typical value and that of a further window.",
+        ),
         Term(
             "Case",
             "In Case I one set of α, β, τ serves the whole platoon; in Case II each follower has"

@@ -149,7 +149,9 @@ class Analysis:
         """
         resumable = METHODS[self.method].resumable_settings
         shared = resumable(self.settings) if resumable else None
-        return self._address(shared) if shared is not None else ""
+        # The answer's model is no part either: the method estimates the CTHP.
+        cthp = replace(self, model=BEST, held=())
+        return cthp._address(shared) if shared is not None else ""
 
     def _address(self, settings: dict[str, Any]) -> str:
         asked = {

@@ -383,7 +383,7 @@ def training_task(
 
     def answer(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
-        _ = result.quality, result.uncertainty, result.evaluation
+        _ = result.answer, result.quality, result.uncertainty, result.evaluation
         if store and result.is_finished:
             store.show(owner, result)
         return result
@@ -418,6 +418,7 @@ def comparison_task(
             last = outcome if isinstance(outcome, Result) else last
             yield outcome
         if last and not context.is_stopped:
+            _ = last.answer
             yield last.adequacy
 
     names = (*(method.title for method in methods), "Forms of the model")

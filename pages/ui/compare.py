@@ -32,7 +32,12 @@ from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
-from pages.ui.components.result import banner, recording_needed, show_intervals
+from pages.ui.components.result import (
+    banner,
+    recording_needed,
+    show_answer,
+    show_intervals,
+)
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, tabs
 from pages.ui.session.workspace import Workspace, recording_duration
@@ -93,6 +98,8 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
     banner(workspace)
     recording_needed(workspace, "To run the methods, the page needs")
     info, rows = restored.info, restored.compared
+    if restored.segments or restored.parts.answer:
+        show_answer(info, restored.answer, restored.fit.case, with_headlines=False)
     show_intervals(info, restored.uncertainty, "", restored.fit.case)
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
@@ -135,6 +142,10 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     if not workspace.compared:
         return
     rows = workspace.compared_with_training()
+    trained = workspace.result
+    answered = trained if trained and trained.segment == segment else rows[0]
+    show_answer(segment.info, answered.answer, workspace.case, with_headlines=False)
+    st.caption("Each method below estimates the CTHP's α, β and τ in this window.")
     follower = pick_follower(segment, "compare_follower", labelled=False)
     shown = _Shown(workspace, segment, rows, follower)
     tabs(workspace, "compare_tabs", {

@@ -13,6 +13,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import BEST, TITLES
 from accpinn.results.figures.training import (
     loss_history,
     parameter_history,
@@ -30,13 +31,13 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.data.views import show_validation
 from pages.ui.session.resources import store
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import MODEL, Workspace
 from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: the network's evidence, not its loss, is maximised: no bias.",
-    "fast": "A second: the paper's loss, solved exactly for the output layer and α, β, τ; biased.",
-    "paper": "As published, all by gradient: many minutes. Stop and continue at any time.",
+    "fast": "A second: the paper's estimate, solved exactly; biased if disturbances last.",
+    "paper": "Many minutes: the paper's estimate, all by gradient; biased if disturbances last.",
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""
@@ -54,7 +55,11 @@ START_HELP = (
     " trains from five."
 )
 
-
+MODEL_HELP = (
+    "The answer has the parameters of this model, whichever preset is chosen. The presets estimate"
+    " α, β and τ of the CTHP. An intercept s₀ and a delay d predict the gaps of other windows and"
+    " the measured gain best."
+)
 WEIGHT_PHYSICS = (
     "Of the squared residual of the model's equation. A larger weight binds the curves to the"
     " model, a smaller one to the data."
@@ -257,6 +262,9 @@ def _show_options(workspace: Workspace) -> None:
     preset = workspace.preset
     changes = workspace.settings.setdefault(preset, {})
     settings = PRESETS[preset].to_json() | changes
+    select(
+        "Model of the answer", TITLES, BEST, MODEL, workspace, width=380, help=MODEL_HELP,
+    )  # fmt: skip
     rows = [st.columns(4) for _ in range(5)]
     places = [column for row in rows for column in row]
 

@@ -11,6 +11,7 @@ from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
 from accpinn.results.messages.summary import outside_intervals
+from accpinn.results.tables.answer import answer_table
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.result import Result
 from accpinn.tasks.task import Status, Task
@@ -49,6 +50,12 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     assert session.adequacy, "the forms of the model come with the methods"
     page = open_page(COMPARE, session)
     shown = page.everything()
+    written = page.texts()
+    table = answer_table(session.segment.info, session.compared[0].answer)
+    for cells in table.rows:
+        pairs = zip(table.columns, cells, strict=True)
+        assert all(str(column.html(cell)) in written for column, cell in pairs)
+    assert written.index("Further window") < written.index("Maximum likelihood (90 %")
     assert "Maximum likelihood (90 % interval)" in shown
     assert outside_intervals(session.compared, 0) in page.plain()
     assert "Outside the window" in shown

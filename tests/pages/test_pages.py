@@ -6,14 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accpinn.methods.fit import Continued
+from accpinn.methods.fit import Continued, Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, preset
 from accpinn.methods.registry import METHODS
+from accpinn.model import models
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.models import BEST
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
+from accpinn.results.tables.answer import answer_table
+from accpinn.results.tables.table import supported_digits
 from accpinn.segment.cut import cut
 from accpinn.tasks.task import Status
 from pages.ui.components.parameter_picker import EXAMPLE
@@ -24,7 +28,7 @@ from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, sample, store
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import MODEL, Workspace
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -394,6 +398,42 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     assert "90 % band" in [trace["name"] for trace in page.figures()[0]["data"]]
 
 
+def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
+    session = fitted(Window(0.0, 120.0))
+    result = session.result
+    assert result
+    answered = result.answer
+    page = open_page(TRAIN, session)
+    shown, speed = page.plain(), answered.stated_speed
+    for k, label in enumerate(result.info.labels[1:]):
+        span = answered.time_gap(speed, k)
+        digits = supported_digits(span.lower, span.upper, 2)
+        said = f"{label} keeps a time gap of {span.value:.{digits}f} s at {speed * 3.6:.0f} km/h"
+        ends = f"({span.lower:.{digits}f}–{span.upper:.{digits}f})"
+        further = f"in another window {span.further_lower:.{digits}f}–"
+        assert f"{said} {ends}; {further}{span.further_upper:.{digits}f}." in shown
+    table = answer_table(result.info, answered)
+    (drawn,) = [e.proto.body for e in page.get("html") if "Further window" in e.proto.body]
+    for column, cells in zip(table.columns, zip(*table.rows, strict=True), strict=True):
+        assert all(str(column.html(cell)) in drawn for cell in cells)
+    assert shown.index("keeps a time gap") < shown.index("The CTHP's parameters by Least squares")
+    assert "biased if disturbances last" not in shown.partition("The CTHP's parameters")[2]
+
+    answer(session, method="pinn", config=FAST.to_json())
+    shown = open_page(TRAIN, session).plain()
+    assert "PiNN (fast preset): **the paper's estimate, biased if disturbances last**" in shown
+
+
+@pytest.mark.parametrize("outcome", [Outcome.STOPPED, Outcome.DIVERGED])
+def test_an_unfinished_training_has_neither_intervals_nor_probabilities(outcome: Outcome) -> None:
+    page = open_page(TRAIN, fitted(Window(0.0, 60.0), outcome=outcome))
+    shown = page.plain()
+    assert "keeps a time gap of" in shown, "the answer does not depend on the training"
+    assert "they have no intervals or probabilities" in shown
+    assert "Probability of string stability" not in shown
+    assert "Estimate (90 % interval)" not in shown
+
+
 @pytest.mark.parametrize(
     ("parameters", "excluded"),
     [(Parameters(0.01, 0.02, 0.2), ("catching up",)), (Parameters(0.0001, 0.3, 26.3), ())],
@@ -500,6 +540,23 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     config = session.training.analysis.config
     assert (config.seed, config.weight_data) == (7, (1.0, 2.0))
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
+
+
+def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session.preset, session.settings["fast"] = "fast", {"iterations": 20}
+    assert session.analysis().model == BEST
+    page = open_page(TRAIN, session).choose("train_options", True).choose(MODEL, "cthp-s0")
+    page.press("Start training")
+    assert session.training.wait(WAIT)
+    result = session.result
+    assert result.analysis.model == result.parts.answer.model == "cthp-s0", "computed already"
+    page = open_page(TRAIN, session)
+    assert f"Answer: {models.TITLES['cthp-s0']}, one window" in page.texts()
+    other = sessions.workspaces().new()
+    other.restore(result)
+    assert other.analysis().model == "cthp-s0"
 
 
 # What the pages stand on

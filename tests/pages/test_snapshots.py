@@ -207,7 +207,7 @@ class TestLink:
                 assert not [key for key in keys if "delete" in key or "save" in key]
                 assert "From the snapshot" in page.press("snapshots_back").plain()
             if path == TRAIN:
-                (table, *_) = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
+                _, table, *_ = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
                 assert f"{whole().fit.parameters[0].alpha:.4f}" in table
                 keys = [b.key for b in page.button]
                 assert ("train_start" in keys) == complete

@@ -80,6 +80,7 @@ def test_a_longer_training_goes_on_from_a_shorter_ones_checkpoint() -> None:
     )
     assert short.checkpoint_key == long.checkpoint_key != seeded.checkpoint_key
     assert short.key != long.key
+    assert replace(short, model="cthp").checkpoint_key == short.checkpoint_key
     assert ASKED.checkpoint_key == ASKED.with_method("splines").checkpoint_key == ""
 
 

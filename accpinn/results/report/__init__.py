@@ -39,13 +39,16 @@ from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
+from accpinn.results.messages.answer import about_answer, headlines, papers_estimate
 from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
+from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     TITLES,
     learned_parameters,
     methods_table,
     model_form_table,
     name_of,
+    parameter_rows,
     parameter_table,
     row_vehicles,
 )
@@ -127,7 +130,11 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     report, adequacy = snapshot.stability, snapshot.parts.adequacy
     paints = vehicle_colours(info.vehicles)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
-    tables = {"parameters": parameter_table(snapshot).coloured(rows)}
+    tables = dict[str, Table]()
+    if snapshot.segments or snapshot.parts.answer:
+        shown = vehicle_colours(info.vehicles, parameter_rows(info, fit.case))
+        tables["answer"] = answer_table(info, snapshot.answer, fit.case).coloured(shown)
+    tables["parameters"] = parameter_table(snapshot).coloured(rows)
     forms = adequacy.forms if adequacy else ()
     for k in range(info.followers if forms else 0):
         tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
@@ -150,16 +157,20 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "first_page": _placed(first_page, shown),
         "snapshot": snapshot,
         "title": words.title(snapshot),
+        "headlines": headlines(info, snapshot.answer, fit.case) if "answer" in sheets else (),
         "summary": words.summary(snapshot),
         "about": words.about_data(snapshot),
         "cautions": words.cautions(snapshot),
         "motion": _placed([motion] if motion else [], shown),
         "sheets": sheets,
+        "about_answer": about_answer(snapshot.answer) if "answer" in sheets else "",
+        "differing": messages(snapshot.answer.findings, info) if "answer" in sheets else (),
         "conditional": words.conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "fits": _placed(fits[1:], shown),
         "band": words.BAND if snapshot.segment else "",
         "training": _placed(training_pictures(snapshot), shown),
+        "estimates": _about_estimates(snapshot),
         "by_estimates": BY_ESTIMATES,
         "reasons": _reasons(snapshot),
         "stability_pictures": _placed(responses[1:], shown),
@@ -179,6 +190,12 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
             for key, value in sorted(fit.config.items())
         ],
     }
+
+
+def _about_estimates(snapshot: Result) -> str:
+    """What the second table holds."""
+    label = papers_estimate(snapshot.fit)
+    return f"The CTHP's parameters by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
 
 
 def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:

@@ -3,6 +3,8 @@
 from accpinn.channels import ALPHA, BETA, TAU
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import models
+from accpinn.model.cthp import Case
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, parameter_rows
 from accpinn.results.tables.table import Column, Estimate, Filled, Range, Table
 from accpinn.segment.segment import SegmentInfo
 
@@ -17,19 +19,22 @@ COLUMNS: dict[str, Column] = {
 """Parameters in the order in which they are shown, by their names in `Parameters`."""
 
 
-def answer_table(info: SegmentInfo, answer: Answer) -> Table:
-    """One row a follower: time gaps in equilibrium and parameters, with intervals.
+def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
+    """One row a follower, or one for all that share their parameters.
 
-    The last column is the interval of the time gap in a further window of the same car.
+    The columns are time gaps in equilibrium and parameters, with intervals. The last column is the
+    interval of the time gap in a further window of the same car.
     """
-    followers = range(info.followers)
+    numbers = parameter_rows(info, case)
+    labels = [info.label(number) if number else EVERY_FOLLOWER for number in numbers]
+    followers = range(len(numbers))
 
     def cells(spans: list[Span]) -> list[Estimate]:
         return [Estimate(span.value, span.lower, span.upper) for span in spans]
 
-    level = f"{100 * answer.level:.0f} % interval as the typical value"
+    level = f"Typical value ({100 * answer.level:.0f} % interval)"
     gaps = {speed: [answer.time_gap(speed, k) for k in followers] for speed in SPEEDS}
-    filled: list[Filled] = [(Column("Follower"), list(info.labels[1:]))]
+    filled: list[Filled] = [(Column("Follower"), labels)]
     filled += [
         (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2, level), cells(spans))
         for speed, spans in gaps.items()
@@ -38,9 +43,10 @@ def answer_table(info: SegmentInfo, answer: Answer) -> Table:
         if name in answer.names:
             spans = [answer.span(name, k) for k in followers]
             filled.append((Column(column.title, column.unit, column.digits, level), cells(spans)))
-    last = SPEEDS[-1]
+    last = answer.stated_speed
     further = [Range(s.further_lower, s.further_upper) for s in gaps[last]]
-    filled.append((Column(f"at {last * 3.6:.0f} km/h in a further window", "s", 2), further))
+    title, group = f"Time gap at {last * 3.6:.0f} km/h", "Further window"
+    filled.append((Column(title, "s", 2, group), further))
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
     return Table.of(f"Answer: {models.TITLES[answer.model]}, {windows}", filled)

@@ -1,4 +1,4 @@
-"""A result on a page: checks, parameters and fit on the first screen, all else in tabs.
+"""A result on a page: the answer and checks on the first screen, all else below and in tabs.
 
 `banner` and those below it say of a restored result which one it is, and what would complete it.
 """
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import streamlit as st
 
+from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
@@ -20,9 +21,11 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import about_answer, headlines, papers_estimate
 from accpinn.results.messages.summary import BAND, about_curves, conditional
 from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
@@ -37,6 +40,8 @@ from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
+HEADLINES = 5
+"""Followers beyond which the table alone states the answer."""
 BESIDE = 400
 """Height in pixels of the chart beside the table."""
 
@@ -62,18 +67,16 @@ def show_result(
     info, fit = result.info, result.fit
     truth = workspace.true_parameters if workspace.segment == result.segment else None
     _show_outcome(result)
+    if result.segments or result.parts.answer:
+        show_answer(info, result.answer, fit.case)
     _show_checks(result)
+    if next_step:
+        next_step()
     left, right = st.columns((1.3, 1), gap="medium")
     table = _parameter_table(result)
     with left:
         show.table(tables.estimate_part(table))
-        st.caption(
-            f"In brackets: the {100 * result.uncertainty.level:.0f} % interval, the values"
-            " consistent with the data; an estimate with * lies outside. Probability: the share of"
-            " them that is string stable."
-        )
-        if next_step:
-            next_step()
+        st.caption(_about_estimates(result))
     with right:
         follower = pick_follower(info, f"{page}_follower", labelled=False)
         _show_tracking(result, follower, f"{page}_tracking")
@@ -84,6 +87,32 @@ def show_result(
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, table, page, snapshot),
     })  # fmt: skip
+
+
+def show_answer(info: SegmentInfo, answer: Answer, case: Case, with_headlines: bool = True) -> None:
+    """The answer in a sentence a follower, as a table, and what to know of its windows."""
+    sentences = headlines(info, answer, case) if with_headlines else ()
+    if 0 < len(sentences) <= HEADLINES:
+        st.markdown("  \n".join(f"**{escape_markdown(sentence)}**" for sentence in sentences))
+    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
+    show.table(answer_table(info, answer, case), colours)
+    st.caption(escape_markdown(about_answer(answer)))
+    show.messages(messages(answer.findings, info), "warning")
+
+
+def _about_estimates(result: Result) -> str:
+    """What the method's own estimates are, and their intervals if the training is finished."""
+    name = escape_markdown(name_of(result.fit))
+    said = f"The CTHP's parameters by {name}"
+    if label := papers_estimate(result.fit):
+        said += f": **{escape_markdown(label)}**"
+    if not result.is_finished:
+        return f"{said}. The training did not converge, so they have no intervals or probabilities."
+    return (
+        f"{said}. In brackets: the {100 * result.uncertainty.level:.0f} % interval, the values"
+        " consistent with the data; an estimate with \\* lies outside. Probability: the share of"
+        " them that is string stable."
+    )
 
 
 def _show_outcome(result: Result) -> None:
@@ -124,7 +153,11 @@ def _show_check(
 
 
 def _parameter_table(result: Result) -> Table:
-    info, fit, table = result.info, result.fit, tables.parameter_table(result)
+    info, fit, table = (
+        result.info,
+        result.fit,
+        tables.parameter_table(result, with_intervals=result.is_finished),
+    )
     return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
 
 

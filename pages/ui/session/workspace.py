@@ -12,6 +12,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import BEST, Model, model_of
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
@@ -35,6 +36,8 @@ OF_VEHICLES = (
     "platoon_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
+MODEL = "train_model"
+"""The choice of the answer's model."""
 KEPT_RECORDINGS = 4
 KEPT_EARLIER = 3 * len(METHODS)
 """Results of three comparisons."""
@@ -124,6 +127,11 @@ class Workspace:
         changes = self.settings.get(self.preset, {})
         return PinnConfig.from_json(PRESETS[self.preset].to_json() | changes)
 
+    @property
+    def model(self) -> Model:
+        """The model of the answer, as chosen on page Train."""
+        return model_of(self.choices.get(MODEL, BEST))
+
     def analysis(self, config: PinnConfig | None = None) -> Analysis | None:
         """What a training with these settings would answer; None where no data are at hand.
 
@@ -137,14 +145,16 @@ class Workspace:
         if self.recording:
             return Analysis.of(
                 self.recording, (self.window,), self.vehicles, case=self.case,
-                excluded=self.excluded, settings=config,
+                excluded=self.excluded, model=self.model, settings=config,
             )  # fmt: skip
         if self.segment is None or self.restored is None:
             return None
         asked = self.restored.analysis
         # The key is that of the data at hand: what a file says of its recording is not checked.
         source = replace(asked.source, data=sha256(self.segment.info.digest.encode()).hexdigest())
-        return replace(asked, source=source, windows=(self.window,)).with_method("pinn", config)
+        held = asked.held if asked.model == self.model else ()
+        same = replace(asked, source=source, windows=(self.window,), model=self.model, held=held)
+        return same.with_method("pinn", config)
 
     @property
     def _data(self) -> tuple[Segment, ...]:
@@ -266,7 +276,8 @@ class Workspace:
         self.take_settings(asked)
 
     def take_settings(self, asked: Analysis) -> None:
-        """Choose the preset and the settings of an analysis; another method's change nothing."""
+        """Choose an analysis' model, preset and settings; another method has no preset."""
+        self.choices[MODEL] = asked.model
         with suppress(ConfigError):
             config = PinnConfig.from_json(asked.settings)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
