@@ -100,7 +100,7 @@ def sampled_population(
         chosen = centred[each, reached.sum(axis=1).T]
         if turn >= BURN:
             values.append(mean + population.centre)
-            covariances.append(np.linalg.inv(precision))
+            covariances.append(np.asarray(np.linalg.inv(precision), float))
             further.append(values[-1] + _normal(covariances[-1], rng))
     return Sampled(*(np.concatenate(rows) for rows in (values, covariances, further)))
 
