@@ -74,9 +74,8 @@ def rms(errors: FloatArray) -> float:
 def rmse(parameters: Parameters, segment: Segment) -> Metres:
     """RMSE of the gap in a window that the parameters drive from its first instant on."""
     speeds, gaps = segment.speeds, segment.gaps
-    with np.errstate(all="ignore"):
-        driven = simulate(parameters, segment.time, speeds[:, 0], speeds[0, 1:], gaps[0])
-        return rms(driven.gaps - gaps)
+    driven = simulate(parameters, segment.time, speeds[:, 0], speeds[0, 1:], gaps[0])
+    return rms(driven.gaps - gaps)
 
 
 def estimate(segments: Sequence[Segment], model: Model) -> tuple[Parameters, Maximum]:
@@ -123,9 +122,9 @@ def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, F
     """Rows of the second table, where the gain is measured at enough frequencies."""
     measured = measured_gain(stretch, 0)
     kept = (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
-    if kept.sum() < LEAST or not within:
-        return
     reference = 20.0 * np.log10(measured.gain[kept])
+    if len(reference) < LEAST or not within:
+        return
 
     def compared(parameters: Parameters, likelihood: float = np.nan) -> FloatArray:
         gain = 20.0 * np.log10(np.abs(lagged_response(parameters, measured.omega[kept])[0]))
@@ -163,10 +162,11 @@ def unseen(car: tuple[str, ...], runs: Sequence[Judged]) -> list[tuple[Metres, F
 
 
 def features_of(values: FloatArray) -> FloatArray:
-    """(p,) the features of the best model, of complete parameters (6,); nan without a logarithm."""
+    """(p,) features of the best model from complete parameters (6,); a gain of 0 counts as 1e-9."""
     parameters = Parameters.of(values)
-    shape = np.log([parameters.alpha, parameters.beta, float(parameters.time_gap(AT_SPEED))])
-    return np.append(shape, [getattr(parameters, term) for term in terms_of(BEST)])
+    shape = [parameters.alpha, parameters.beta, float(parameters.time_gap(AT_SPEED))]
+    terms = [getattr(parameters, term) for term in terms_of(BEST)]
+    return np.append(np.log(np.maximum(shape, 1e-9)), terms)
 
 
 def merged(parts: Sequence[Rows]) -> dict[str, list[FloatArray]]:
