@@ -1,16 +1,15 @@
 """What the recordings teach about how parameters differ: `python -m bench.population FOLDER`.
 
 Every car's windows in car-following under ACC are estimated by themselves. Then, for each model,
-the centre m and spread S of the cars and the usual covariance Σ₀ between windows of a car (see
+the centre m and spread S of the cars and the usual scale Σ₀ between windows of a car (see
 `accpinn.inference.population`) are those that the typical values of all cars have, found in rounds:
 each car is sampled under the present m, S and Σ₀, which then become those of the samples. Runs of
 one car in one campaign count as one car. It prints the entries of `POPULATIONS`.
 """
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
@@ -45,9 +44,7 @@ def windows_of(
             continue
         for planned in plan(recording, longest):
             start, duration = planned.window.start, planned.window.duration
-            if duration < shortest:
-                continue
-            for pair in pairwise(planned.vehicles):
+            for pair in pairwise(planned.vehicles) if duration >= shortest else ():
                 segment = cut(recording, start, duration, pair)
                 name = segment.labels[1].split(" ", 1)[-1]
                 car = (path.parent.name, name, path.name, str(pair[1]))
@@ -55,27 +52,18 @@ def windows_of(
     return windows
 
 
-def draws_of(segments: Iterable[Segment], model: Model) -> FloatArray:
-    """(K, n, p) posterior draws of each window that determines the parameters."""
-    drawn = [window_posterior(segment, "II", model).drawn[0] for segment in segments]
-    return np.array([rows for rows in drawn if np.isfinite(rows).all()])
-
-
 def learn(cars: Sequence[FloatArray], model: Model, rounds: int = ROUNDS) -> Population:
     """The population of cars, each of which is known by draws (K, n, p)."""
-    usual, terms = START
-    between = np.diag([*usual, *(terms[term] for term in terms_of(model))]) ** 2
+    between = np.diag([*START[0], *(START[1][term] for term in terms_of(model))]) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)
     weights = np.array([len(drawn) - 1.0 for drawn in cars])
+    priors = [log_prior_of_features(model, drawn) for drawn in cars]
     for _ in range(rounds):
-        sampled = [
-            sampled_population(drawn, log_prior_of_features(model, drawn), population)
-            for drawn in cars
-        ]
-        values = np.array([one.value.mean(axis=0) for one in sampled])
-        within = np.mean([np.cov(one.value.T) for one in sampled], axis=0)
-        covariances = np.array([one.covariance.mean(axis=0) for one in sampled])
+        sampled = [sampled_population(*car, population) for car in zip(cars, priors, strict=True)]
+        values = np.array([car.value.mean(axis=0) for car in sampled])
+        within = np.mean([np.cov(car.value.T) for car in sampled], axis=0)
+        covariances = np.array([car.covariance.mean(axis=0) for car in sampled])
         population = Population(
             values.mean(axis=0),
             np.cov(values.T) + within,
@@ -85,11 +73,13 @@ def learn(cars: Sequence[FloatArray], model: Model, rounds: int = ROUNDS) -> Pop
 
 
 def cars_of(windows: Mapping[Car, list[Segment]], model: Model) -> dict[Car, FloatArray]:
-    """Draws of each car over all its runs in a campaign."""
-    together: dict[Car, list[Segment]] = {}
+    """(K, n, p) posterior draws of the K windows of each car over all its runs in a campaign."""
+    together: dict[Car, list[FloatArray]] = {}
     for car, segments in windows.items():
-        together.setdefault(car[:2], []).extend(segments)
-    return {car: draws_of(segments, model) for car, segments in together.items()}
+        drawn = [window_posterior(segment, "II", model).drawn[0] for segment in segments]
+        known = [rows for rows in drawn if np.isfinite(rows).all()]
+        together.setdefault(car[:2], []).extend(known)
+    return {car: np.array(drawn) for car, drawn in together.items()}
 
 
 def main() -> None:
@@ -106,5 +96,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    assert Path(sys.argv[1]).is_dir()
     main()

@@ -221,7 +221,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     windows = [window_posterior(segment, case, model, held) for segment in segments]
     own = np.array([window.estimates for window in windows])
     drawn = np.array([window.drawn for window in windows])
-    lower, upper = interval_ends(np.moveaxis(_complete(model, drawn), 2, 0), LEVEL)
+    lower, upper = interval_ends(np.moveaxis(from_features(model, drawn), 2, 0), LEVEL)
     followers = range(segments[0].followers)
     typical = [_typical(drawn[:, k], model, held) for k in followers]
     drawn_values, drawn_further = (np.stack(rows, axis=1) for rows in zip(*typical, strict=True))
@@ -233,9 +233,9 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
         model=model,
         level=LEVEL,
         speeds=np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0),
-        parameters=Parameters.of(_complete(model, middle)),
-        typical=Parameters.of(_complete(model, drawn_values)),
-        further=Parameters.of(_complete(model, drawn_further)),
+        parameters=Parameters.of(from_features(model, middle)),
+        typical=Parameters.of(from_features(model, drawn_values)),
+        further=Parameters.of(from_features(model, drawn_further)),
         windows=Parameters.of(own),
         windows_lower=Parameters.of(np.where(own == 0.0, 0.0, lower)),
         windows_upper=Parameters.of(upper),
@@ -271,7 +271,7 @@ def _typical(drawn: FloatArray, model: Model, held: Held) -> tuple[FloatArray, F
     return value, further
 
 
-def _complete(model: Model, phi: FloatArray) -> FloatArray:
+def from_features(model: Model, phi: FloatArray) -> FloatArray:
     """(.., 6) complete parameters from `features` (.., p)."""
     complete = np.zeros((*phi.shape[:-1], 6))
     complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])

@@ -29,8 +29,8 @@ TERMS: tuple[Term, ...] = get_args(Term)
 PAPER: Model = "cthp"
 """The paper's model."""
 BEST: Model = "cthp-s0-delay"
-"""The model of answers: it predicts the gap in other windows and the measured gain best, over the
-cars of the recordings at hand (docs/validation.md)."""
+"""The model of answers: none predicts the gap in other windows better in the mean over the cars of
+the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
 TITLES: Mapping[Model, str] = {
     "cthp": "CTHP",
     "cthp-s0": "CTHP with intercept s₀",

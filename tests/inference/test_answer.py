@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.inference.answer import Answer, WindowsDiffer, _heterogeneity, answer
+from accpinn.inference.answer import Answer, HeterogeneousWindows, _heterogeneity, answer
 from accpinn.inference.posterior import features, log_prior_of_features, log_prior_of_theta
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.series import series_of
@@ -128,7 +128,7 @@ def test_a_follower_that_does_not_move_is_not_determined() -> None:
 def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> None:
     """One of three windows has a headway .4 s longer; of five cars without that at most one."""
     changed = answer([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
-    assert changed.findings == (WindowsDiffer(2, 3, float(changed.differ[0])),)
+    assert changed.findings == (HeterogeneousWindows(2, 3, float(changed.differ[0])),)
     assert changed.differ[0] < 1e-4
     equal = [answer(windows(range(k, k + 3)), model="cthp-s0") for k in range(0, 15, 3)]
     assert sum(bool(given.findings) for given in equal) <= 1

@@ -7,7 +7,13 @@ import pytest
 from scipy.stats import t as student
 
 from accpinn.inference import population
-from accpinn.inference.population import Population, sampled_population
+from accpinn.inference.population import (
+    POPULATIONS,
+    TAILS,
+    Population,
+    Sampled,
+    sampled_population,
+)
 from accpinn.units import FloatArray
 
 CENTRE = np.array([-2.5, -1.5, 0.2])
@@ -63,11 +69,15 @@ def test_nominal_90_percent_intervals_hold_the_typical_value_and_a_further_windo
 
 
 def test_many_windows_determine_value_and_covariance_whatever_was_taught() -> None:
-    """60 windows: three standard errors of the mean; 40 % of the covariance."""
+    """60 windows that differ by Student's t: three standard errors of the mean; 40 % of Σ."""
     truth, spread = np.array([-3.2, -0.8, 0.4]), 2.5 * WINDOWS
-    estimates = np.random.default_rng(5).multivariate_normal(truth, spread + ERROR, 60)
+    rng = np.random.default_rng(5)
+    stretch = np.sqrt(rng.gamma(TAILS / 2, 2 / TAILS, (60, 1)))
+    nothing = np.zeros(3)
+    estimates = truth + rng.multivariate_normal(nothing, spread, 60) / stretch
+    estimates += rng.multivariate_normal(nothing, ERROR, 60)
     sampled = sampled_population(*drawn(estimates, 5), TAUGHT)
-    errors = np.sqrt(np.diag(spread + ERROR) / 60)
+    errors = np.sqrt(np.diag(2 * spread + ERROR) / 60)
     assert (np.abs(sampled.value.mean(axis=0) - truth) < 3 * errors).all()
     learned, scale = sampled.covariance.mean(axis=0), np.sqrt(np.diag(spread))
     np.testing.assert_allclose(np.diag(learned), np.diag(spread), rtol=0.4)
@@ -75,13 +85,16 @@ def test_many_windows_determine_value_and_covariance_whatever_was_taught() -> No
 
 
 def test_one_window_alone_has_the_interval_of_the_population() -> None:
-    """Exact: Student's t with ν - p + 1 degrees of freedom and scale (ν-p-1)/(ν-p+1) Σ₀; 12 %."""
+    """Student's t with ν - p + 1 degrees of freedom and scale (ν-p-1)/(ν-p+1) Σ₀, over √g; 12 %."""
     flat = replace(TAUGHT, cars=1e4 * CARS)
     sampled = sampled_population(*drawn(CENTRE[None] + 0.5, 1, error=1e-6 * ERROR), flat)
     freedom = TAUGHT.freedom - 3 + 1
     scale = np.sqrt((TAUGHT.freedom - 4) / freedom * np.diag(WINDOWS))
     ends = np.quantile(sampled.value, [0.05, 0.95], axis=0)
-    exact_widths = 2 * student.ppf(0.95, freedom) * scale
+    rng = np.random.default_rng(2)
+    drift = student.rvs(freedom, size=400_000, random_state=rng)
+    drift /= np.sqrt(rng.gamma(TAILS / 2, 2 / TAILS, len(drift)))
+    exact_widths = 2 * np.quantile(drift, 0.95) * scale
     np.testing.assert_allclose(np.diff(ends, axis=0)[0], exact_widths, rtol=0.12)
     np.testing.assert_allclose(ends.mean(axis=0), CENTRE + 0.5, atol=0.05)
 
@@ -107,3 +120,24 @@ def test_held_coordinates_leave_those_of_the_others() -> None:
     values = [sampled_population(draws[..., kept], log_prior, p).value for p in (part, plain)]
     assert values[0].shape == (12 * population.KEPT, 2)
     np.testing.assert_array_equal(*values)
+
+
+KNOWN = POPULATIONS["cthp"]
+NEARLY = 0.05
+
+
+def sampled(values: FloatArray) -> Sampled:
+    """What follows from windows of nearly known parameters (K, 3)."""
+    rng = np.random.default_rng(1)
+    drawn = values[:, None] + NEARLY * rng.standard_normal((len(values), 400, 3))
+    return sampled_population(drawn, np.zeros(drawn.shape[:2]), KNOWN)
+
+
+def test_an_unusual_window_pulls_little() -> None:
+    """A window eight scales away moves the typical value by far less than its share of a mean."""
+    windows = np.random.default_rng(3).multivariate_normal(KNOWN.centre, KNOWN.windows, 6)
+    away = 8.0 * np.sqrt(KNOWN.windows[0, 0])
+    unusual = windows.copy()
+    unusual[0, 0] += away
+    moved = sampled(unusual).value.mean(axis=0)[0] - sampled(windows).value.mean(axis=0)[0]
+    assert abs(moved) < 0.5 * away / len(windows)
