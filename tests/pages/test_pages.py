@@ -16,7 +16,7 @@ from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
-from accpinn.results.tables.answer import answer_table
+from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.table import supported_digits
 from accpinn.segment.cut import cut
 from accpinn.tasks.task import Status
@@ -418,6 +418,12 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
         assert all(str(column.html(cell)) in drawn for cell in cells)
     assert shown.index("keeps a time gap") < shown.index("The CTHP's parameters by Least squares")
     assert "biased if disturbances last" not in shown.partition("The CTHP's parameters")[2]
+
+    alone = page.open_tab("train_tabs", "Windows").texts()
+    assert "each window alone" in alone
+    table = own_windows_table(result.infos, answered, 0)
+    for column, cell in zip(table.columns, table.rows[0], strict=True):
+        assert str(column.html(cell)) in alone
 
     answer(session, method="pinn", config=FAST.to_json())
     shown = open_page(TRAIN, session).plain()

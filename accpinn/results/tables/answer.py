@@ -1,11 +1,22 @@
 """The answer as a table: time gaps first, as the data determine them, then the parameters."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from accpinn.channels import ALPHA, BETA, TAU
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import models
 from accpinn.model.cthp import Case
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, parameter_rows
-from accpinn.results.tables.table import Column, Estimate, Filled, Range, Table
+from accpinn.results.tables.table import (
+    Column,
+    Estimate,
+    Filled,
+    Range,
+    Table,
+    estimate_cells,
+)
 from accpinn.segment.segment import SegmentInfo
 
 COLUMNS: dict[str, Column] = {
@@ -50,3 +61,27 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
     return Table.of(f"Answer: {models.TITLES[answer.model]}, {windows}", filled)
+
+
+def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
+    """One row a window: what it alone says of one follower (0 for the first).
+
+    The time gap is that of the estimates of greatest likelihood, which stand beside it with their
+    intervals.
+    """
+    speed = answer.stated_speed
+    gaps = answer.windows.time_gap(speed)[:, follower]
+    filled: list[Filled] = [
+        (Column("Window"), [str(info.window) for info in infos]),
+        (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2), gaps.tolist()),
+    ]
+    parts = (answer.windows, answer.windows_lower, answer.windows_upper)
+    group = f"Maximum likelihood ({100 * answer.level:.0f} % interval)"
+    for name, column in COLUMNS.items():
+        if name in answer.names:
+            value, low, high = (getattr(part, name)[:, follower] for part in parts)
+            ends = np.minimum(value, low), np.maximum(value, high)
+            shown = Column(column.title, column.unit, column.digits, group)
+            filled.append((shown, estimate_cells(value, *ends)))
+    label = infos[0].labels[follower + 1]
+    return Table.of(f"{label}: {models.TITLES[answer.model]}, each window alone", filled)
