@@ -3,9 +3,9 @@
 import pytest
 from msgspec.structs import asdict
 
-from accpinn.evaluation import closed_loop, validation, whiteness
+from accpinn.evaluation import closed_loop, evaluation, whiteness
 from accpinn.findings import Finding, joined, probability
-from accpinn.inference import identifiability, intervals, model_adequacy, prediction
+from accpinn.inference import answer, identifiability, intervals, model_adequacy, prediction
 from accpinn.methods import fit, maximum_likelihood
 from accpinn.platoon import simulation
 from accpinn.recordings import openacc
@@ -65,8 +65,8 @@ SAID = [
     (closed_loop.SimulatedCollision(2, 12.34, -0.01), ["12.3 s", "to 0.0 m"]),
     (closed_loop.SimulatedReversing(2, 5.0, 1.5), ["5.0 s", "1.5 m/s"]),
     (closed_loop.SimulatedDivergence(2, 5.0), ["5.0 s", "±1000 m"]),
-    (validation.ValidationOverlaps(50.0), ["50 s"]),
-    (validation.OtherVehicles(("2 Audi", "3 BMW"), ("2 Audi", "3 Tesla")), ["3 Tesla", "3 BMW"]),
+    (evaluation.ValidationOverlaps(50.0), ["50 s"]),
+    (evaluation.OtherVehicles(("2 Audi", "3 BMW"), ("2 Audi", "3 Tesla")), ["3 Tesla", "3 BMW"]),
     (whiteness.ShortResidual(2), []),
     (whiteness.WhiteResidual(2, 0.3), ["0.30 m/s²"]),
     (whiteness.WhiteResidual(2, 0.01), ["0.01 m/s²"]),
@@ -88,6 +88,7 @@ SAID = [
     (comparison.SpreadUndetermined(0, "τ", 1, 3), ["All followers", "τ", "1 of 3"]),
     (prediction.BandCoverage(2, 0.9, 0.9, 0.61), ["90 %", "61 %"]),
     (prediction.BandCoverage(2, 0.5, 0.9, 0.0), ["50 %"]),
+    (answer.WindowsDiffer(2, 5, 0.003), ["2 Audi", "5 windows", "p = 0.003"]),
     (windows.WindowsDiffer(2, ("α", "τ"), 5), ["α and τ differ ", "5"]),
     (windows.WindowsDiffer(0, ("β",), 3), ["β differs ", "3"]),
     (simulation.Collision(2, 33.94), ["33.9 s"]),
