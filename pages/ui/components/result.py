@@ -21,7 +21,12 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import about_answer, headlines, papers_estimate
+from accpinn.results.messages.answer import (
+    about_answer,
+    differing_windows,
+    headlines,
+    papers_estimate,
+)
 from accpinn.results.messages.summary import BAND, about_curves, conditional
 from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
@@ -99,7 +104,7 @@ def show_answer(info: SegmentInfo, answer: Answer, case: Case, with_headlines: b
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
     st.caption(escape_markdown(about_answer(answer)))
-    show.messages(messages(answer.findings, info), "warning")
+    show.messages(differing_windows(info, answer), "warning")
 
 
 def _show_windows(result: Result, follower: int) -> None:
