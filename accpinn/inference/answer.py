@@ -105,9 +105,8 @@ class Answer:
 
     @property
     def stated_speed(self) -> MetresPerSecond:
-        """The one of `SPEEDS` that is nearest to the followers' median speed."""
-        median = float(np.median(self.speeds))
-        return min(SPEEDS, key=lambda speed: abs(speed - median))
+        """The highest of `SPEEDS`; the lowest where the followers' median speed is below it."""
+        return SPEEDS[0] if np.median(self.speeds) < SPEEDS[0] else SPEEDS[-1]
 
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower, by its name in `Parameters`."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 from hashlib import sha256
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import CacheProblem
+from accpinn.methods.fit import CacheProblem, Fit
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
@@ -71,7 +71,7 @@ def estimate(
         AccpinnError: as `run` does.
     """
     if len(segments) > 1:
-        return _together(analysis, segments, recording)
+        return _together(analysis, segments, recording, context)
     (segment,) = segments
     method, config = METHODS[analysis.method], analysis.config
     fit = method.fit(segment, analysis.case, config, context)
@@ -106,7 +106,10 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II") -> Result:
 
 
 def _together(
-    analysis: Analysis, segments: tuple[Segment, ...], recording: Recording | None
+    analysis: Analysis,
+    segments: tuple[Segment, ...],
+    recording: Recording | None,
+    context: TaskContext | None = None,
 ) -> Result:
     """Several windows under one likelihood, and each by itself."""
     among, config = METHODS[analysis.method].among, analysis.config
@@ -117,14 +120,23 @@ def _together(
             " choose one of them, or one window."
         )
     check_windows(segments, analysis.case)
+
+    def fit(several: tuple[Segment, ...], drawn: Segment) -> Fit:
+        if context and context.is_stopped:
+            raise ConfigError(
+                f"windows: stopped; {len(segments)} windows have no result before all are"
+                " estimated. Take fewer windows, or one."
+            )
+        return among(several, drawn, analysis.case, config)
+
     windows = tuple(
         result_of(
             replace(analysis, windows=(asked,)),
             (segment,),
-            (among((segment,), segment, analysis.case, config),),
+            (fit((segment,), segment),),
             recording,
         )
         for asked, segment in zip(analysis.windows, segments, strict=True)
     )
-    fits = tuple(among(segments, segment, analysis.case, config) for segment in segments)
+    fits = tuple(fit(segments, segment) for segment in segments)
     return result_of(analysis, segments, fits, recording, windows)

@@ -21,6 +21,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.messages.summary import about_curves, conditional, outside_intervals
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
@@ -143,9 +144,9 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         return
     rows = workspace.compared_with_training()
     trained = workspace.result
-    answered = trained if trained and trained.segment == segment else rows[0]
-    show_answer(segment.info, answered.answer, workspace.case, with_headlines=False)
-    st.caption("Each method below estimates the CTHP's α, β and τ in this window.")
+    answered = (trained or rows[0]).answer
+    show_answer(segment.info, answered, workspace.case, with_headlines=False)
+    st.caption(_about_methods(rows))
     follower = pick_follower(segment, "compare_follower", labelled=False)
     shown = _Shown(workspace, segment, rows, follower)
     tabs(workspace, "compare_tabs", {
@@ -155,6 +156,15 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         "Model adequacy": lambda: _show_adequacy(shown),
         "Repeatability": lambda: _show_repeatability(shown),
     })  # fmt: skip
+
+
+def _about_methods(rows: Sequence[Result]) -> str:
+    """What the methods estimate, and which of them is the paper's."""
+    said = "Each method below estimates the CTHP's α, β and τ in this window."
+    papers = [
+        f"{name_of(row.fit)}: {label}." for row in rows if (label := papers_estimate(row.fit))
+    ]
+    return escape_markdown(" ".join((said, *papers)))
 
 
 def _show_summary(shown: _Shown) -> None:

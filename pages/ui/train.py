@@ -225,7 +225,7 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     if training and training.is_active:
         stop_button(training, "Stop training", "train_stop")
         return
-    asked = workspace.analysis(config) if config else None
+    asked = workspace.training_analysis(config) if config else None
     at = store().stopped_at(asked) if asked else None
     label, icon = ("Start training", "play_arrow")
     if at is not None:

@@ -74,6 +74,11 @@ def test_of_a_hostile_name_it_is_drawn_in_both_themes_printed_saved_and_fits_a_n
     assert Path(download.value.path()).read_bytes().startswith(b"<svg")
     with page.expect_download() as download:
         page.get_by_role("link", name="CSV").first.click()
+    assert "time_gap_at_100_kmh_s,time_gap_at_100_kmh_s_low" in Path(
+        download.value.path()
+    ).read_text(encoding="utf-8")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="CSV").nth(1).click()
     assert "closed_loop_simulation_mae" in Path(download.value.path()).read_text(encoding="utf-8")
     with page.expect_download() as download:
         page.get_by_role("button", name="HTML").first.click()

@@ -16,10 +16,10 @@ from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
-from accpinn.results.tables.answer import answer_table
+from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.table import supported_digits
 from accpinn.segment.cut import cut
-from accpinn.tasks.task import Status
+from accpinn.tasks.task import Status, training_task
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
@@ -27,8 +27,8 @@ from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
-from pages.ui.session.resources import FIRST_SAMPLE, sample, store
-from pages.ui.session.workspace import MODEL, Workspace
+from pages.ui.session.resources import FIRST_SAMPLE, sample, store, task_queue
+from pages.ui.session.workspace import ALL_WINDOWS, MODEL, Workspace
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -419,6 +419,12 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
     assert shown.index("keeps a time gap") < shown.index("The CTHP's parameters by Least squares")
     assert "biased if disturbances last" not in shown.partition("The CTHP's parameters")[2]
 
+    alone = page.open_tab("train_tabs", "Windows").texts()
+    assert "each window alone" in alone
+    table = own_windows_table(result.infos, answered, 0)
+    for column, cell in zip(table.columns, table.rows[0], strict=True):
+        assert str(column.html(cell)) in alone
+
     answer(session, method="pinn", config=FAST.to_json())
     shown = open_page(TRAIN, session).plain()
     assert "PiNN (fast preset): **the paper's estimate, biased if disturbances last**" in shown
@@ -557,6 +563,29 @@ def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
     other = sessions.workspaces().new()
     other.restore(result)
     assert other.analysis().model == "cthp-s0"
+
+
+def test_all_windows_in_car_following_are_trained_on_when_ticked() -> None:
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    page = open_page(DATA, session).choose(ALL_WINDOWS, True)
+    windows = session.several_windows
+    assert len(windows) > 1
+    assert f"Train on {len(windows)} windows" in page.button(key="data_train").label
+    asked = session.training_analysis(CALIBRATED)
+    assert asked.windows == windows
+    assert session.training_analysis(FAST).windows == (session.window,)
+
+    task = training_task(session.id, asked, session.recording, store())
+    session.training = task_queue().submit(task)
+    assert task.wait(WAIT)
+    assert task.status is Status.DONE, task.error
+    shown = open_page(TRAIN, session).plain()
+    assert f"Answer: {models.TITLES[BEST]}, {len(windows)} windows" in shown
+    assert f"with {len(windows) - 1} further window" in shown
+    other = sessions.workspaces().new()
+    other.restore(session.result)
+    assert other.choices[ALL_WINDOWS]
 
 
 # What the pages stand on

@@ -2,7 +2,7 @@
 
 from math import isnan
 
-from accpinn.findings import percent, who
+from accpinn.findings import joined, percent, who
 from accpinn.inference.answer import Answer, Span
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Case
@@ -36,6 +36,21 @@ def about_answer(answer: Answer) -> str:
         f"Time gap: in equilibrium, {gap}. In brackets: the {percent(answer.level)} interval of the"
         " vehicle's typical value. The last column is the interval for a further window of the same"
         " vehicle."
+    )
+
+
+def differing_windows(info: SegmentInfo, answer: Answer) -> str:
+    """One sentence on all followers whose windows differ; empty where none do."""
+    findings = answer.findings
+    if not findings:
+        return ""
+    named = joined([who(finding.vehicle, info) for finding in findings])
+    most = max(finding.probability for finding in findings)
+    level = "p < 0.001" if most < 0.001 else f"p ≤ {most:.1g}"
+    return (
+        f"The {findings[0].windows} windows of {named[0].lower() + named[1:]} differ by more than"
+        f" sampling error explains ({level}): a further window may differ as much, as the last"
+        " column says."
     )
 
 

@@ -39,7 +39,7 @@ from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
-from accpinn.results.messages.answer import about_answer, headlines, papers_estimate
+from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
 from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
@@ -157,14 +157,13 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "first_page": _placed(first_page, shown),
         "snapshot": snapshot,
         "title": words.title(snapshot),
-        "headlines": headlines(info, snapshot.answer, fit.case) if "answer" in sheets else (),
         "summary": words.summary(snapshot),
         "about": words.about_data(snapshot),
         "cautions": words.cautions(snapshot),
         "motion": _placed([motion] if motion else [], shown),
         "sheets": sheets,
         "about_answer": about_answer(snapshot.answer) if "answer" in sheets else "",
-        "differing": messages(snapshot.answer.findings, info) if "answer" in sheets else (),
+        "differing": differing_windows(info, snapshot.answer) if "answer" in sheets else "",
         "conditional": words.conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "fits": _placed(fits[1:], shown),

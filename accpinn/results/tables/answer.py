@@ -1,12 +1,25 @@
 """The answer as a table: time gaps first, as the data determine them, then the parameters."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
 from accpinn.channels import ALPHA, BETA, TAU
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import models
 from accpinn.model.cthp import Case
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, parameter_rows
-from accpinn.results.tables.table import Column, Estimate, Filled, Range, Table
+from accpinn.results.tables.table import (
+    Column,
+    Estimate,
+    Filled,
+    Range,
+    Table,
+    estimate_cells,
+)
 from accpinn.segment.segment import SegmentInfo
+from accpinn.units import MetresPerSecond
 
 COLUMNS: dict[str, Column] = {
     "tau": Column.of(TAU, key="tau"),
@@ -36,17 +49,49 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     gaps = {speed: [answer.time_gap(speed, k) for k in followers] for speed in SPEEDS}
     filled: list[Filled] = [(Column("Follower"), labels)]
     filled += [
-        (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2, level), cells(spans))
+        (
+            Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2, level, key=_gap_key(speed)),
+            cells(spans),
+        )
         for speed, spans in gaps.items()
     ]
     for name, column in COLUMNS.items():
         if name in answer.names:
             spans = [answer.span(name, k) for k in followers]
-            filled.append((Column(column.title, column.unit, column.digits, level), cells(spans)))
+            filled.append((replace(column, group=level, key=name), cells(spans)))
     last = answer.stated_speed
     further = [Range(s.further_lower, s.further_upper) for s in gaps[last]]
     title, group = f"Time gap at {last * 3.6:.0f} km/h", "Further window"
-    filled.append((Column(title, "s", 2, group), further))
+    filled.append((Column(title, "s", 2, group, key=f"further_{_gap_key(last)}"), further))
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
     return Table.of(f"Answer: {models.TITLES[answer.model]}, {windows}", filled)
+
+
+def _gap_key(speed: MetresPerSecond) -> str:
+    """The name of a time gap in CSV files."""
+    return f"time_gap_at_{speed * 3.6:.0f}_kmh_s"
+
+
+def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
+    """One row a window: what it alone says of one follower (0 for the first).
+
+    The time gap is that of the estimates of greatest likelihood, which stand beside it with their
+    intervals.
+    """
+    speed = answer.stated_speed
+    gaps = answer.windows.time_gap(speed)[:, follower]
+    filled: list[Filled] = [
+        (Column("Window"), [str(info.window) for info in infos]),
+        (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2), gaps.tolist()),
+    ]
+    parts = (answer.windows, answer.windows_lower, answer.windows_upper)
+    group = f"Maximum likelihood ({100 * answer.level:.0f} % interval)"
+    for name, column in COLUMNS.items():
+        if name in answer.names:
+            value, low, high = (getattr(part, name)[:, follower] for part in parts)
+            ends = np.minimum(value, low), np.maximum(value, high)
+            shown = replace(column, group=group, key=name)
+            filled.append((shown, estimate_cells(value, *ends)))
+    label = infos[0].labels[follower + 1]
+    return Table.of(f"{label}: {models.TITLES[answer.model]}, each window alone", filled)

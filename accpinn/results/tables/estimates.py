@@ -119,7 +119,9 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
         for column, cells in filled:
             known_cells = dict(zip(vehicles, cells, strict=False))
             columns.append((column, [known_cells.get(number) for number in numbers]))
-    return Table.of(f"{name_of(fit)}, {where(info, fit.case)}", columns)
+    further = len(result.infos) - 1
+    others = f", with {further} further window{'s' * (further > 1)}" if further else ""
+    return Table.of(f"{name_of(fit)}, {where(info, fit.case)}{others}", columns)
 
 
 def estimate_part(table: Table) -> Table:

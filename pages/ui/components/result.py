@@ -21,11 +21,16 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import about_answer, headlines, papers_estimate
+from accpinn.results.messages.answer import (
+    about_answer,
+    differing_windows,
+    headlines,
+    papers_estimate,
+)
 from accpinn.results.messages.summary import BAND, about_curves, conditional
 from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.answer import answer_table
+from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
@@ -83,6 +88,8 @@ def show_result(
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
         views["Training"] = lambda: _show_history(result, history, truth, page)
+    if result.segments or result.parts.answer:
+        views["Windows"] = lambda: _show_windows(result, follower)
     views["Comparison"] = lambda: _show_comparison(workspace, result, truth, page, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, table, page, snapshot),
@@ -97,7 +104,17 @@ def show_answer(info: SegmentInfo, answer: Answer, case: Case, with_headlines: b
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
     st.caption(escape_markdown(about_answer(answer)))
-    show.messages(messages(answer.findings, info), "warning")
+    show.messages(differing_windows(info, answer), "warning")
+
+
+def _show_windows(result: Result, follower: int) -> None:
+    """The estimates of each window by itself, of the answer's model."""
+    show.table(own_windows_table(result.infos, result.answer, follower))
+    st.caption(
+        "What a window says by itself. The answer is the vehicle's typical value over windows: it"
+        " also takes into account how much the windows of other vehicles differ, most of all where"
+        " there is one window."
+    )
 
 
 def _about_estimates(result: Result) -> str:

@@ -31,11 +31,11 @@ from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, segments, select, tabs
+from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import ALL_WINDOWS, Workspace, windows_in_car_following
 
 CASES: Mapping[Case, str] = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -314,12 +314,26 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
                     if reasons := rating_reasons(rating, segment):
                         st.markdown(show.bullets(reasons))
         show.not_acc(segment)
+        _choose_all_windows(workspace, recording)
     _train_button(workspace)
+
+
+def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
+    """Whether to train on all windows in car-following, where there are several."""
+    count = len(windows_in_car_following(recording, workspace.vehicles))
+    if count and workspace.preset == "calibrated":
+        st.toggle(
+            f"All {count} windows in car-following", **kept(workspace, ALL_WINDOWS, False),
+            help="The answer's interval narrows with every window of the same vehicles, more than"
+            " by any refinement in one. Methods on page Compare keep the window above.",
+        )  # fmt: skip
 
 
 def _train_button(workspace: Workspace) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
     segment, parts, config = workspace.segment, [f"{workspace.preset} preset"], None
+    several = workspace.several_windows if workspace.preset == "calibrated" else ()
+    which = f"{len(several)} windows" if several else "this window"
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:
@@ -327,10 +341,10 @@ def _train_button(workspace: Workspace) -> None:
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
         config = workspace.config
     if segment and config:
-        seconds = METHODS["pinn"].expected_seconds(segment, config)
+        seconds = METHODS["pinn"].expected_seconds(segment, config) * (2 * len(several) or 1)
         parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
-        f"Train on this window ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
+        f"Train on {which} ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
         disabled=segment is None, key="data_train",
     ):  # fmt: skip
         if config:

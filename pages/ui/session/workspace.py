@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +21,7 @@ from accpinn.segment.cut import DURATION, complete_windows, default_vehicles
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import Refused, results_among
+from accpinn.study.plan import car_following
 from accpinn.study.result import Result
 from accpinn.study.snapshot import named
 from accpinn.study.store import Entry
@@ -36,6 +38,8 @@ OF_VEHICLES = (
     "platoon_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
+ALL_WINDOWS = "data_all_windows"
+"""The choice to train on all windows in car-following."""
 MODEL = "train_model"
 """The choice of the answer's model."""
 KEPT_RECORDINGS = 4
@@ -155,6 +159,22 @@ class Workspace:
         held = asked.held if asked.model == self.model else ()
         same = replace(asked, source=source, windows=(self.window,), model=self.model, held=held)
         return same.with_method("pinn", config)
+
+    def training_analysis(self, config: PinnConfig) -> Analysis | None:
+        """What a training answers: `analysis`, on all windows in car-following if these are chosen.
+
+        Several windows take the preset calibrated; others keep the chosen window.
+        """
+        asked = self.analysis(config)
+        several = self.several_windows if config.preset == "calibrated" else ()
+        return replace(asked, windows=several) if asked and several else asked
+
+    @property
+    def several_windows(self) -> tuple[Window, ...]:
+        """The windows in car-following if they are chosen; empty where there are not several."""
+        if not (self.recording and self.choices.get(ALL_WINDOWS)):
+            return ()
+        return windows_in_car_following(self.recording, self.vehicles)
 
     @property
     def _data(self) -> tuple[Segment, ...]:
@@ -278,6 +298,7 @@ class Workspace:
     def take_settings(self, asked: Analysis) -> None:
         """Choose an analysis' model, preset and settings; another method has no preset."""
         self.choices[MODEL] = asked.model
+        self.choices[ALL_WINDOWS] = len(asked.windows) > 1
         with suppress(ConfigError):
             config = PinnConfig.from_json(asked.settings)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
@@ -310,7 +331,7 @@ class Workspace:
 
     def train(self, config: PinnConfig, anew: bool = False) -> None:
         """Queue a training of the segment; ``anew``: from no checkpoint of an earlier one."""
-        asked = self.analysis(config)
+        asked = self.training_analysis(config)
         if asked and self.segment:
             if not (self.restored and self.restored.id):
                 self.restored = self.result
@@ -392,6 +413,15 @@ class Workspace:
 def recording_duration(result: Result) -> Seconds | None:
     """The duration of the recording that a result was learned from, where it is known."""
     return result.recording.duration if result.recording else result.facts.get("duration")
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
+    """The windows in which all followers are in car-following; empty for fewer than two."""
+    with suppress(SegmentError):
+        windows = car_following(recording, vehicles)
+        return windows if len(windows) > 1 else ()
+    return ()
 
 
 def first_window(

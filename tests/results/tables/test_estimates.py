@@ -83,7 +83,7 @@ def result(
     evaluation = SimpleNamespace(surrogate=kinds[0], closed_loop=kinds[1])
     return SimpleNamespace(
         info=segment.info, fit=fit, quality=assess_quality(segment), evaluation=evaluation,
-        uncertainty=uncertainty,
+        uncertainty=uncertainty, infos=(segment.info,),
     )  # fmt: skip
 
 
