@@ -171,7 +171,7 @@ def features_of(values: FloatArray) -> FloatArray:
 
 def merged(parts: Sequence[Rows]) -> dict[str, list[FloatArray]]:
     """The rows of several runs as one."""
-    return {row: [values for part in parts for values in part.get(row, [])] for row in parts[0]}
+    return {row: [values for part in parts for values in part[row]] for row in [*parts, {}][0]}
 
 
 def print_prediction(errors: Rows, cars: Sequence[tuple[str, ...]]) -> None:
