@@ -90,7 +90,6 @@ SAID = [
     (comparison.SpreadUndetermined(0, "τ", 1, 3), ["All followers", "τ", "1 of 3"]),
     (prediction.BandCoverage(2, 0.9, 0.9, 0.61), ["90 %", "61 %"]),
     (prediction.BandCoverage(2, 0.5, 0.9, 0.0), ["50 %"]),
-    (answer.WindowsDiffer(2, 5, 0.003), ["2 Audi", "5 windows", "p = 0.003"]),
     (windows.WindowsDiffer(2, ("α", "τ"), 5), ["α and τ differ ", "5"]),
     (windows.WindowsDiffer(0, ("β",), 3), ["β differs ", "3"]),
     (simulation.Collision(2, 33.94), ["33.9 s"]),

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from accpinn.cli.estimation import interruptible
 from accpinn.cli.options import fields
-from accpinn.cli.output import complain, print_json, show
+from accpinn.cli.output import complain, interruptible, print_json, show
 from accpinn.cli.recording import add_json_option
 from accpinn.recordings.catalogue import Run, find
 from accpinn.recordings.download import PUBLISHED_AT, DownloadState, download

@@ -1,7 +1,6 @@
 """`fit`, `compare` and `starts`: parameters estimated from a window of a recording."""
 
 import argparse
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -9,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from textwrap import fill
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -31,7 +29,7 @@ from accpinn.cli.options import (
     incidents,
     of_followers,
 )
-from accpinn.cli.output import note, show_result
+from accpinn.cli.output import interruptible, note, show_result
 from accpinn.cli.windows import (
     check_windows_options,
     chosen_windows,
@@ -177,27 +175,6 @@ def _three_numbers(text: str) -> Parameters:
             f'initial: "{text[:40]}" is not α,β,τ; write three numbers as 1,1,1.'
         ) from None
     return Parameters(alpha, beta, tau)
-
-
-@contextmanager
-def interruptible() -> Iterator[Event]:
-    """Ctrl+C or a polite kill sets the event, at which training stops and keeps a checkpoint.
-
-    A second one ends at once.
-    """
-    stopped = Event()
-
-    def note(*_: object) -> None:
-        if stopped.is_set():
-            raise KeyboardInterrupt
-        stopped.set()
-
-    before = {kind: signal.signal(kind, note) for kind in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stopped
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
 
 
 @contextmanager

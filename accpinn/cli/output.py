@@ -8,10 +8,12 @@ import argparse
 import json
 import math
 import os
+import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
+from threading import Event
 from typing import Any
 
 SPACES = "\u00a0\u2009\u202f"
@@ -108,3 +110,24 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Ctrl+C or a polite kill sets the event, at which training stops and keeps a checkpoint.
+
+    A second one ends at once.
+    """
+    stopped = Event()
+
+    def request(*_: object) -> None:
+        if stopped.is_set():
+            raise KeyboardInterrupt
+        stopped.set()
+
+    before = {kind: signal.signal(kind, request) for kind in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stopped
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)

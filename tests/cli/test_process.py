@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from accpinn.cli import main
-from accpinn.cli.estimation import interruptible
-from accpinn.cli.output import print_json, show
+from accpinn.cli.output import interruptible, print_json, show
 from tests.support.command import ROOT, SHORT, STUDY, Capture, strict
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from accpinn.inference.answer import Answer, WindowsDiffer, answer
+from accpinn.inference.answer import Answer, HeterogeneousWindows, answer
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig
 from accpinn.results.messages.answer import differing_windows, headlines, papers_estimate
@@ -44,7 +44,7 @@ def test_slow_followers_have_their_time_gap_stated_at_the_lower_speed(
 def test_windows_that_differ_are_one_sentence(segment: Segment, answered: Answer) -> None:
     assert differing_windows(segment.info, answered) == ""
     vehicle = segment.vehicles[1]
-    finding = WindowsDiffer(vehicle, 5, 3e-35)
+    finding = HeterogeneousWindows(vehicle, 5, 3e-35)
     said = differing_windows(segment.info, replace(answered, findings=(finding,)))
     assert said.startswith(f"The 5 windows of {segment.info.label(vehicle)} differ")
     assert "p < 0.001" in said
