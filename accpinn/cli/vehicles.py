@@ -64,7 +64,7 @@ def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
         snapshot = load(path)
-        stored = snapshot.parts.answer
+        stored = snapshot.known_answer
         return stored.parameters if stored else snapshot.parameters, snapshot
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:

@@ -151,6 +151,11 @@ class Result:
         return self._part("answer", compute)
 
     @property
+    def known_answer(self) -> Answer | None:
+        """The answer where it is stored or the data are at hand; None elsewhere."""
+        return self.answer if self.parts.answer or self.segments else None
+
+    @property
     def draws(self) -> "DataFrame":
         """The answer's posterior draws, one a row: kind, draw, vehicle, name and parameters.
 

@@ -11,6 +11,7 @@ from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import (
     BEHAVIOURS,
     BY_ESTIMATES,
@@ -58,7 +59,7 @@ def show_page() -> None:
         return
     answer_column, chart_column = st.columns((1, 1.35), gap="medium")
     with answer_column:
-        _show_answer(workspace, source)
+        _show_answer(source)
         _show_simulate(workspace, source)
     with chart_column:
         shaded = _show_bode(workspace, source)
@@ -71,7 +72,7 @@ def show_page() -> None:
     })  # fmt: skip
 
 
-def _show_answer(workspace: Workspace, source: Chosen) -> None:
+def _show_answer(source: Chosen) -> None:
     """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
     with st.container(border=True):
@@ -94,9 +95,8 @@ def _show_answer(workspace: Workspace, source: Chosen) -> None:
             )
         assumed = GIVEN_PARAMETERS
         if result:
-            is_current = source.source == "fit"
-            adequacy = workspace.adequacy if is_current else result.parts.adequacy
-            assumed = conditional(adequacy, result.info)
+            stored = result.known_answer
+            assumed = assumption(stored) if stored else conditional(None, result.info)
         st.caption(escape_markdown(assumed))
 
 

@@ -18,8 +18,8 @@ from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon.simulation import AFTER_COLLISION
 from accpinn.recordings.recording import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
+from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
-from accpinn.results.messages.summary import conditional
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import stability_report
@@ -98,7 +98,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert curves[0]["line"]["color"] == "#d8660c"
     assert "Shaded: 90 % bands" in page.plain()
     assert "synthetic_astazero_like.csv · 0–300 s" in page.caption[0].value.replace("\\", "")
-    assert conditional(None, session.segment) in page.plain()
+    assert assumption(session.result.answer) in page.plain()
     page.choose("stability_uncertainty", False)
     assert "Shaded" not in page.plain()
     assert "In brackets: 90 % intervals" in page.plain(), "with and without the bands"

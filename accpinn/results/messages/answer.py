@@ -6,6 +6,7 @@ from accpinn.findings import joined, percent, who
 from accpinn.inference.answer import Answer, Span
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Case
+from accpinn.model.models import TITLES
 from accpinn.results.tables.table import between, supported_digits
 from accpinn.segment.segment import SegmentInfo
 
@@ -13,6 +14,16 @@ PAPERS_PRESETS = ("fast", "paper")
 """Presets that minimise the paper's loss."""
 PAPERS_ESTIMATE = "the paper's estimate, biased if disturbances last"
 """The label of what those presets estimate."""
+
+
+def assumption(answer: Answer) -> str:
+    """The model and the windows that a verdict on the answer rests on."""
+    count = len(answer.windows)
+    windows = "one window" if count == 1 else f"{count} windows"
+    return (
+        f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over {windows}."
+        " The tab Measured holds it against the gain measured from the recording."
+    )
 
 
 def headlines(info: SegmentInfo, answer: Answer, case: Case = "II") -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.tables.estimates import (
+    TERM_COLUMNS,
     driver_cells,
     parameter_cells,
     supported_columns,
@@ -63,6 +64,7 @@ def stability_table(
             (Column("Vehicle"), vehicles.labels),
             *driver_cells(vehicles.drivers),
             *parameter_cells(parameters, columns=supported_columns(known)),
+            *_term_cells(parameters),
             *_posterior(L2, known.probability_l2 if known else None),
             (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
@@ -92,6 +94,14 @@ def verdict_table(
     table = stability_table(vehicles, report, uncertainty)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
+
+
+def _term_cells(parameters: Parameters) -> Iterator[Filled]:
+    """s₀, λ and d as columns, each where a vehicle has it."""
+    for at, column in enumerate(TERM_COLUMNS.values(), 3):
+        values = parameters.complete[:, at]
+        if values.any():
+            yield column, values.tolist()
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:

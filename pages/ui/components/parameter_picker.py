@@ -169,7 +169,7 @@ def parameters_from(
 
 def _of_result(result: Result, source: Source) -> Chosen:
     """A result's followers; in Case I, where they share their parameters, one stands for all."""
-    info, fit, stored = result.info, result.fit, result.parts.answer
+    info, fit, stored = result.info, result.fit, result.known_answer
     vehicles = learned_parameters(info, fit)
     known = None if unfinished(fit) else result.uncertainty
     if stored and np.isfinite(stored.parameters.values).all():
