@@ -174,7 +174,7 @@ def checked_held(model: Model, held: Mapping[str, float]) -> Held:
         if name not in terms_of(model):
             known = ", ".join(terms_of(model)) or "no term"
             raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
-        least, most = EXTRA[TERMS[TERMS.index(name)]].bounds
+        least, most = next(EXTRA[term] for term in TERMS if term == name).bounds
         if not least <= value <= most:
             allowed = f"{least:g} to {most:g}"
             raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")

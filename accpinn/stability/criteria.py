@@ -73,6 +73,8 @@ if TYPE_CHECKING:
     from control import TransferFunction
     from numpy.typing import NDArray
 
+LARGEST_TERM = 1e3
+"""Largest s₀ in m, λ and d in s; and largest α, β, τ of a vehicle that has a lag or a delay."""
 RESOLVED = 2e-4
 """Excess of ‖h‖₁ over 1 that the sampled response of a vehicle with a lag or delay resolves."""
 MARGINAL = 1e-9
@@ -101,8 +103,17 @@ def checked(parameters: Parameters) -> Parameters:
         fault = _fault(PARAMETERS[column].symbol, values[row, column])
         raise ParameterError(f"Parameter set {row + 1}: {fault}.")
     values[values * COMPUTABLE < 1.0] = 0.0
-    for row, column in np.argwhere(~(np.isfinite(complete) & (complete[:, 3:].min() >= -1e6)))[:1]:
-        raise ParameterError(f"Parameter set {row + 1}: {TERMS[column - 3]} is no number.")
+    terms, least = complete[:, 3:], np.array([-LARGEST_TERM, 0.0, 0.0])
+    for row, column in np.argwhere(~((terms >= least) & (terms <= LARGEST_TERM)))[:1]:
+        raise ParameterError(
+            f"Parameter set {row + 1}: {TERMS[column]} = {terms[row, column]:g} is beyond any"
+            " vehicle; give s0 in m, lag and delay in s, zero or more."
+        )
+    if is_lagged(parameters) and values.max() > LARGEST_TERM:
+        raise ParameterError(
+            f"A gain or headway of {values.max():g} with a lag or a delay is beyond any vehicle;"
+            " give α in 1/s², β in 1/s, τ in s."
+        )
     return Parameters.of(complete.reshape(parameters.complete.shape))
 
 
