@@ -51,7 +51,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.model.published import ParameterSet
-from accpinn.results.export import answer_document
+from accpinn.results.export import answer_document, check_document
 from accpinn.results.messages import messages
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
@@ -220,6 +220,7 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "model": "cthp",
         "parameters": describe_parameters(segment, fit.parameters),
         "answer": answer_document(result.info, result.answer),
+        "measured_gain": [check_document(c, result.info) for c in result.gain_checks],
         "unconstrained": describe_parameters(segment, fit.unconstrained),
         "active_bounds": fit.active_bounds,
         "mae": _mean_errors(result, surrogate_errors),
@@ -284,6 +285,7 @@ def _notes(
     findings += () if between else disturbance_sizes(result.info.vehicles, fit)
     findings += uncertainty.findings if uncertainty else ()
     findings += [*differing_windows(between, fit.case), *result.answer.findings]
+    findings += result.gain_checks
     return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
 
 

@@ -1,24 +1,23 @@
 """`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
 
 import argparse
-from contextlib import suppress
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS
 from accpinn.cli.options import fields
 from accpinn.cli.output import show_result
 from accpinn.cli.recording import add_json_option
-from accpinn.errors import ConfigError, SegmentError
+from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import TERMS
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
+from accpinn.results.export import check_document
+from accpinn.results.judged import Judged, judged
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import PLACES, TITLES, reason
+from accpinn.results.messages.stability import PLACES, TITLES, headline, reason
 from accpinn.results.tables.stability import amplitude_table, answer, stability_table
-from accpinn.segment.segment import Segment
-from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.study.result import Result
 
@@ -49,8 +48,8 @@ def add_stability_options(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
-    """The parameters (V,) that the options give, and the snapshot that they are from.
+def _chosen(options: argparse.Namespace) -> tuple[Judged, Result | None]:
+    """The vehicles that the options give, and the snapshot that they are from.
 
     Raises:
         ConfigError: when they are missing, given twice, or differ in number.
@@ -64,8 +63,7 @@ def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
         snapshot = load(path)
-        stored = snapshot.known_answer
-        return stored.parameters if stored else snapshot.parameters, snapshot
+        return judged(snapshot), snapshot
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -81,26 +79,35 @@ def _chosen(options: argparse.Namespace) -> tuple[Parameters, Result | None]:
             raise ConfigError(f"parameters: {len(given)} of --{name}; give one, or {count}.")
         if name != "s0" and min(given) < 0:
             raise ConfigError(f"parameters: --{name} {min(given):g} is negative; give 0 or more.")
-    return Parameters(*values.values(), **terms), None
+    labels = tuple(f"Vehicle {k + 1}" for k in range(count))
+    parameters = Parameters(*values.values(), **terms)
+    return Judged(ParameterSet("parameters given", labels, parameters)), None
 
 
 def run_stability(options: argparse.Namespace) -> int:
     """Assess vehicles one by one and together, and print the verdicts."""
-    parameters, snapshot = _chosen(options)
-    result = (stability_report(parameters), parameters, snapshot)
-    show_result(options, _describe_report, _report_text, *result)
+    subject, snapshot = _chosen(options)
+    report = stability_report(subject.vehicles.parameters)
+    show_result(options, _describe_report, _report_text, report, subject, snapshot)
     return 0
 
 
 def _describe_report(
-    report: StabilityReport, _parameters: Parameters, snapshot: Result | None
+    report: StabilityReport, subject: Judged, snapshot: Result | None
 ) -> dict[str, Any]:
     """The report as the command-line contract has it."""
-    platoon, segment = report.platoon, snapshot.segment if snapshot else None
+    platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
+    gains = snapshot.measured_gains if snapshot and snapshot.segments else [None] * len(numbers)
+    checks = {c.vehicle: c for c in subject.checks}
     return {
         "vehicles": [
-            _describe_vehicle(vehicle) | {"measured": _measured(segment, k)}
-            for k, vehicle in enumerate(report.vehicles)
+            _describe_vehicle(vehicle)
+            | {
+                "measured": gain and fields(gain, *MEASURED),
+                "measured_check": checks.get(number)
+                and check_document(checks[number], subject.vehicles),
+            }
+            for vehicle, gain, number in zip(report.vehicles, gains, numbers, strict=True)
         ],
         "platoon": {
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
@@ -128,24 +135,17 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     }
 
 
-def _measured(segment: Segment | None, follower: int) -> dict[str, Any] | None:
-    """The gain by Welch's method; None without data, or with too few."""
-    if segment:
-        with suppress(SegmentError):
-            return fields(measured_gain(segment, follower), *MEASURED)
-    return None
-
-
 def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, parameters: Parameters, snapshot: Result | None) -> str:
-    labels = tuple(f"Vehicle {k + 1}" for k in range(len(parameters)))
-    if snapshot:
-        labels = snapshot.info.labels[1:]
-    table = stability_table(ParameterSet("parameters given", labels, parameters), report)
+def _report_text(report: StabilityReport, subject: Judged, _snapshot: Result | None) -> str:
+    vehicles, labels = subject.vehicles, subject.vehicles.labels
+    table = stability_table(vehicles, report)
     lines = [table.to_text(), ""]
+    if subject.uncertainty:
+        lines.append(headline(vehicles, report, subject.uncertainty, subject.checks))
+    lines += messages(subject.checks, vehicles)
     for label, vehicle in zip(labels, report.vehicles, strict=True):
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             lines.append(f"{label}, {TITLES[verdict.criterion]}: {reason(verdict, vehicle)}")
@@ -179,8 +179,8 @@ def run_simulate(options: argparse.Namespace) -> int:
     leader = Sinusoid(
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
-    parameters, _ = _chosen(options)
-    result = simulate_platoon(_platoon(parameters, options.vehicles), leader)
+    subject, _ = _chosen(options)
+    result = simulate_platoon(_platoon(subject.vehicles.parameters, options.vehicles), leader)
     show_result(options, _describe_run, _run_text, result)
     return 0
 

@@ -51,7 +51,9 @@ class ParameterSet:
         return self.title
 
     def label(self, number: int) -> str:
-        """The label of the vehicle with that number in the recording."""
+        """The label of the vehicle with that number in the recording, or the number."""
+        if number not in self.vehicles[1:]:
+            return f"Vehicle {number}"
         return self.labels[self.vehicles.index(number) - 1]
 
     @property

@@ -18,11 +18,14 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
+from accpinn.findings import Labelled
 from accpinn.inference.answer import SPEEDS, Answer
+from accpinn.inference.gain_check import GainCheck
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.segment.segment import SegmentInfo
@@ -182,6 +185,11 @@ def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
             }
         )
     return entries
+
+
+def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:
+    """How far the answer's gain is from the measured one, ready for JSON."""
+    return {**msgspec.structs.asdict(check), "sentence": check.sentence(about)}
 
 
 def _card_of(snapshot: Result, k: int) -> dict[str, Any]:

@@ -23,6 +23,7 @@ Random Data, 4th ed. 2010, chapter 9, for H1 and ε; Carter, Proc. IEEE 1987, fo
 independent signals.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +33,7 @@ from scipy.special import ndtri
 from accpinn.errors import SegmentError
 from accpinn.segment.cut import BRIDGE
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds, Stretch, frozen, stretches
+from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds, frozen, stretches
 
 LEVEL = 0.9
 """Default level of the band."""
@@ -78,36 +79,44 @@ class MeasuredGain:
     """Length of a piece; frequencies are 2π over it apart."""
 
 
-def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> MeasuredGain:
+def measured_gain(
+    segment: Segment | Sequence[Segment], follower: int, level: float = LEVEL
+) -> MeasuredGain:
     """The gain |V_i / V_{i-1}| of one follower by Welch's method.
 
     Where samples are missing for longer than a straight line may bridge, or are excluded, the
-    complete stretches between them are averaged.
+    complete stretches between them are averaged, as are those of several windows.
 
     Args:
-        segment: the recorded speeds.
+        segment: the recorded speeds; several segments are windows of the same vehicles.
         follower: 0 for the first one.
         level: how often the band is to cover the gain, above 0 and below 1.
 
     Raises:
         SegmentError: where the complete stretches are too short for an average.
     """
-    step, usable = segment.sample_time, stretches(_complete(segment, follower))
-    length = _piece_length(usable, step)
+    segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
+    first, step = segments[0], segments[0].sample_time
+    usable = [
+        one.speeds[stretch.rows, follower : follower + 2]
+        for one in segments
+        for stretch in stretches(_complete(one, follower))
+    ]
+    length = _piece_length([len(pair) - 1 for pair in usable], step)
     # A stretch of N speeds has N - 1 differences.
-    counts = {s: 2 * (len(s) - 1) // length - 1 for s in usable if len(s) > length}
-    if sum(counts.values()) < LEAST_PIECES:
+    counted = [(2 * (len(pair) - 1) // length - 1, pair) for pair in usable if len(pair) > length]
+    counts = [count for count, _ in counted]
+    if sum(counts) < LEAST_PIECES:
         raise SegmentError(
-            f"{segment.labels[follower + 1]}: no measured gain, as the complete stretches of the"
+            f"{first.labels[follower + 1]}: no measured gain, as the complete stretches of the"
             f" window hold fewer than {LEAST_PIECES} pieces of {SHORTEST:g} s; choose a longer"
             " window."
         )
-    pair = segment.speeds[:, follower : follower + 2]
-    parts = [count * _densities(pair[s.rows], step, length) for s, count in counts.items()]
+    parts = [count * _densities(pair, step, length) for count, pair in counted]
     omega = 2.0 * np.pi * np.fft.rfftfreq(length, step)
     kept = (omega > 0) & (omega <= FASTEST)
     ahead, behind, cross = np.sum(parts, axis=0)[:, kept]
-    averages = sum(_independent(count, length) for count in counts.values())
+    averages = sum(_independent(count, length) for count in counts)
     moving = (ahead.real > 0) & (behind.real > 0)
     gain = np.abs(cross) / np.where(moving, ahead.real, np.inf)
     coherence = np.minimum(gain**2 * ahead.real / np.where(moving, behind.real, np.inf), 1.0)
@@ -123,7 +132,7 @@ def measured_gain(segment: Segment, follower: int, level: float = LEVEL) -> Meas
         coherent=coherence > 1.0 - CHANCE ** (1.0 / (averages - 1.0)),
         level=level,
         averages=averages,
-        pieces=sum(counts.values()),
+        pieces=sum(counts),
         length=length * step,
     )
 
@@ -138,9 +147,8 @@ def _complete(segment: Segment, follower: int) -> Mask:
     return complete if segment.mask is None else complete & segment.mask[:, follower]
 
 
-def _piece_length(usable: tuple[Stretch, ...], step: Seconds) -> int:
-    """Samples of a piece, an even number."""
-    lengths = [len(stretch) - 1 for stretch in usable]
+def _piece_length(lengths: Sequence[int], step: Seconds) -> int:
+    """Samples of a piece, an even number, for stretches with so many differences."""
     wanted = min(SHARE * sum(lengths), LONGEST / step, max(lengths, default=0))
     return 2 * round(max(wanted, SHORTEST / step) / 2.0 - 0.25)
 

@@ -21,6 +21,7 @@ from accpinn.errors import AccpinnError, ParameterError, SegmentError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.answer import Answer, answer
+from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
@@ -31,6 +32,7 @@ from accpinn.recordings.recording import Facts, Recording, facts_of
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.stability.criteria import transfer_function
+from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.analysis import Analysis
 
@@ -70,6 +72,7 @@ class Parts:
     evaluation: Evaluation | None = None
     adequacy: Adequacy | None = None
     answer: Answer | None = None
+    gain_checks: tuple[GainCheck, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +157,25 @@ class Result:
     def known_answer(self) -> Answer | None:
         """The answer where it is stored or the data are at hand; None elsewhere."""
         return self.answer if self.parts.answer or self.segments else None
+
+    @property
+    def gain_checks(self) -> tuple[GainCheck, ...]:
+        """The answer's |H| held against the measured gain; empty where neither is at hand."""
+        if self.parts.gain_checks is None and not self.segments:
+            return ()
+        return self._part("gain_checks", lambda: gain_checks(self.segments, self.answer))
+
+    @cached_property
+    def measured_gains(self) -> tuple[MeasuredGain | None, ...]:
+        """Each follower's gain by Welch's method, from all windows; None where too short."""
+
+        def measured(follower: int) -> MeasuredGain | None:
+            try:
+                return measured_gain(self._every_window, follower)
+            except SegmentError:
+                return None
+
+        return tuple(map(measured, range(self.info.followers)))
 
     @property
     def draws(self) -> "DataFrame":
@@ -274,6 +296,7 @@ class Result:
             uncertainty=self.uncertainty,
             evaluation=self.evaluation,
             answer=self.answer,
+            gain_checks=self.gain_checks,
         )
         windows = tuple(window.without_data() for window in self.windows)
         return replace(self, parts=parts, windows=windows, segments=(), recording=None)

@@ -56,10 +56,10 @@ CURVES = 1e-4
 """Largest difference, in m and m/s, of curves from those that the weights give."""
 TOLERANCES = {
     "fit": (SOLVED, ABSOLUTE), "curves": (RELATIVE, CURVES), "uncertainty": (SOLVED, ABSOLUTE),
-    "adequacy": (SLACK, DRAWN), "answer": (SLACK, DRAWN),
+    "adequacy": (SLACK, DRAWN), "answer": (SLACK, DRAWN), "gain_checks": (SLACK, DRAWN),
 }  # fmt: skip
 """Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
-PARTS = ("answer", "quality", "uncertainty", "evaluation", "adequacy")
+PARTS = ("answer", "gain_checks", "quality", "uncertainty", "evaluation", "adequacy")
 """Parts that follow from fit and data."""
 INSTANTS = 300
 """Instants at which curves are compared."""
@@ -77,7 +77,8 @@ FEATURED = {
 """Values that differ, in words by their places."""
 TITLES = {
     "fit": "Estimate", "curves": "Network's curves", "quality": "Data quality",
-    "answer": "Answer", "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
+    "answer": "Answer", "gain_checks": "Measured gain",
+    "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
     "adequacy": "Forms of the model", "info": "Window and names", "facts": "Facts of the recording",
     "data": "Data",
 }  # fmt: skip
@@ -318,6 +319,8 @@ def _refit(subject: Result, name: str) -> list[Check]:
 
 def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
     """A part computed anew from the stored fit and the data."""
+    if part == "gain_checks":
+        fresh = replace(fresh, parts=Parts(answer=parts.answer))
     stored, anew = getattr(parts, part), getattr(fresh, part)
     if part == "uncertainty" and agree(stored, anew):
         # On another processor draws differ, and the ends of intervals a little.

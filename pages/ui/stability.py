@@ -16,6 +16,7 @@ from accpinn.results.messages.stability import (
     BEHAVIOURS,
     BY_ESTIMATES,
     GIVEN_PARAMETERS,
+    MEASURED,
     TITLES,
     criteria_differ,
     headline,
@@ -76,7 +77,8 @@ def _show_answer(source: Chosen) -> None:
     """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
     with st.container(border=True):
-        said = headline(chosen, report, source.uncertainty).replace(" %", "\N{NO-BREAK SPACE}%")
+        said = headline(chosen, report, source.uncertainty, source.checks)
+        said = said.replace(" %", "\N{NO-BREAK SPACE}%")
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
         if len(chosen) > 1:
             platoon = report.platoon
@@ -117,13 +119,20 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
             " posterior samples on the map.",
         ):  # fmt: skip
             uncertainty = None
-    figure = figures.bode(chosen, source.report, uncertainty, HEIGHT)
+    result = source.result
+    measured = figures.measured_of(result) if result and source.checks else ()
+    figure = figures.bode(chosen, source.report, uncertainty, measured, HEIGHT)
     event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     st.caption(
         "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve"
         f" to simulate a platoon at that frequency.{band}"
+        + (" Points with bars: the measured gain and its band." if measured else ""),
+        help=MEASURED if measured else None,
     )
+    said = messages(source.checks, result.info) if result else ()
+    if said:
+        st.caption("  \n".join(map(escape_markdown, said)))
     if clicked := clicked_point(event["selection"]["points"]):
         _open_platoon(workspace, *clicked)
     return uncertainty
@@ -131,7 +140,7 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
 
 def _show_verdicts(source: Chosen) -> None:
     chosen, known, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
-    table = verdict_table(chosen, source.report, known)
+    table = verdict_table(chosen, source.report, known, source.checks)
     show.table(table, figures.colours(chosen))
     posterior = known and (
         "Probability: the share of posterior samples that are string stable; the verdict is"

@@ -2,14 +2,15 @@
 
 import html
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import ALPHA, BETA, MAGNITUDE, TAU
+from accpinn.inference.gain_check import compared, decibels
 from accpinn.inference.intervals import Uncertainty, gain_band, interval_ends
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -22,6 +23,7 @@ from accpinn.stability.criteria import (
 )
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import StabilityReport
+from accpinn.study.result import Result
 from accpinn.units import FloatArray
 
 Plane = Literal["beta", "alpha"]
@@ -83,19 +85,40 @@ def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     return tuple(style.vehicle_colours(vehicles.vehicles)[1:])
 
 
+class Measured(NamedTuple):
+    """A vehicle's measured gain in a figure."""
+
+    label: str
+    colour: str
+    gain: MeasuredGain
+
+
+def measured_of(result: Result) -> list[Measured]:
+    """The measured gains of a result's followers; none where the data are not at hand."""
+    info = result.info
+    gains = result.measured_gains if result.segments else ()
+    named = zip(info.labels[1:], style.vehicle_colours(info.vehicles)[1:], gains, strict=False)
+    return [Measured(label, colour, gain) for label, colour, gain in named if gain]
+
+
 def bode(
     vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None,
-    height: int = 400,
+    measured: Sequence[Measured] = (), height: int = 400,
 ) -> go.Figure:  # fmt: skip
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
     Every point carries the vehicle's index as its custom data, -1 for the whole platoon. The
     uncertainty adds the interval of |H| under the curve of every vehicle whose parameters are
-    determined. The height is in pixels.
+    determined. Measured gains are points with bars. The height is in pixels.
     """
     omega = _frequencies(report)
     gains = np.abs(response(vehicles.parameters, omega))
+    tops = [vehicle.peak.db for vehicle in report.vehicles] + [report.platoon.peaks[-1].db]
+    tops += [float(decibels(m.gain.upper[compared(m.gain)]).max(initial=1.0)) for m in measured]
     traces = [*_bands(vehicles, uncertainty, omega)] if uncertainty else []
+    tops += [float(np.max(trace["y"])) for trace in traces]
+    top = min(max(*tops, 1.0) * 1.12 + 0.4, CEILING)
+    traces += [part for one in measured for part in _points(one, top)]
     for k, (label, colour) in enumerate(zip(vehicles.labels, colours(vehicles), strict=True)):
         line = {"color": colour, "width": 2.2}
         traces.append(_clickable(omega, gains[k], k, html.escape(label), line))
@@ -104,8 +127,6 @@ def bode(
         whole = gains.prod(axis=0)
         traces.append(_clickable(omega, whole, -1, "Leader to last follower", line))
     traces += _peaks(vehicles, report)
-    tops = [vehicle.peak.db for vehicle in report.vehicles] + [report.platoon.peaks[-1].db]
-    top = min(max(*tops, 1.0) * 1.12 + 0.4, CEILING)
     amplified = style.across("y", 0, top, fillcolor=L2_UNSTABLE, line={"width": 0}, layer="below")
     ends = np.log10(omega[[0, -1]]).tolist()
     axes = {
@@ -117,6 +138,32 @@ def bode(
         clickmode="event+select", annotations=[style.corner("amplified", 0.995, 0.995)],
         shapes=[amplified, style.across("y", 0, line=LIMIT, layer="below")],
     )  # fmt: skip
+
+
+def _points(measured: Measured, top: float) -> Iterator[style.Part]:
+    """A measured gain with its band as bars: full where it is compared with a model's.
+
+    Bars end at the axes, of which ``top`` in dB is one end.
+    """
+    gain, label = measured.gain, html.escape(measured.label)
+    inside = (gain.omega <= SPAN[1]) & (decibels(gain.gain) >= FLOOR)
+    sure = compared(gain)
+    for part, name, opacity in (
+        (sure & inside, f"{label}, measured", 1.0),
+        (gain.coherent & ~sure & inside, f"{label}, less coherent", 0.35),
+    ):
+        levels, lower, upper = (
+            np.clip(decibels(end[part]), FLOOR, top) for end in (gain.gain, gain.lower, gain.upper)
+        )
+        yield {
+            "x": gain.omega[part], "y": levels, "name": name, "mode": "markers", "opacity": opacity,
+            "marker": {"color": measured.colour, "size": 6, "line": {"width": 0}},
+            "error_y": {"type": "data", "symmetric": False, "array": upper - levels,
+                        "arrayminus": levels - lower, "width": 0, "thickness": 1.2,
+                        "color": measured.colour},
+            "showlegend": False,
+            "hovertemplate": f"%{{y:.2f}} dB at %{{x:.3f}} rad/s<extra>{name}</extra>",
+        }  # fmt: skip
 
 
 def _frequencies(report: StabilityReport) -> FloatArray:
@@ -156,11 +203,6 @@ def _bands(
                 for end in (gain.lower, gain.upper)
             )
             yield style.band(omega, lower, upper, colour, BAND_OPACITY, f"band {k}")
-
-
-def decibels(gain: FloatArray) -> FloatArray:
-    """A gain in dB, finite whatever it is."""
-    return np.asarray(20 * np.log10(np.clip(gain, 1e-6, 1e6)))
 
 
 def _peaks(vehicles: ParameterSet, report: StabilityReport) -> Iterator[style.Part]:

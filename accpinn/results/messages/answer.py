@@ -22,7 +22,6 @@ def assumption(answer: Answer) -> str:
     windows = "one window" if count == 1 else f"{count} windows"
     return (
         f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over {windows}."
-        " The tab Measured holds it against the gain measured from the recording."
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import isinf, isnan
 
 from accpinn.findings import joined, probability
+from accpinn.inference.gain_check import COHERENT, FASTEST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import AFTER_COLLISION, PlatoonRun
@@ -65,6 +66,13 @@ BY_ESTIMATES = (
     " certain they are."
 )
 """The caption of verdicts on an estimate whose posterior is known."""
+MEASURED = (
+    "Points: the gain measured from the recorded speeds alone by Welch's method, |Ĝ| = |S_uv|/S_uu;"
+    " bars: |Ĝ| exp(±z ε) with ε² = (1 - γ²)/(2nγ²), at the level of the bands (Bendat and Piersol,"
+    f" Random Data, 2010). Full points: coherence γ² of at least {COHERENT:g} up to {FASTEST:g}"
+    " rad/s, which the sentences compare; faint: less, but above that of unrelated signals."
+)
+"""What the measured gain in the Bode magnitude is."""
 SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""
 
@@ -236,9 +244,17 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
     return f"{_capital(start)} vehicles amplify disturbances, {name} the most: {most}."
 
 
-def headline(chosen: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None) -> str:
-    """The headline on L₂ string stability, by the posterior where it is known, and who drives."""
-    said = _verdict(chosen, uncertainty) if uncertainty else amplification(chosen, report)
+def headline(
+    chosen: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty | None,
+    checks: Sequence[GainCheck] = (),
+) -> str:
+    """The headline on L₂ string stability, by the posterior where it is known, and who drives.
+
+    A verdict that the measured gain contradicts is called the model's.
+    """
+    said = _verdict(chosen, uncertainty, checks) if uncertainty else amplification(chosen, report)
     return f"{said} {not_acc(chosen)}".rstrip()
 
 
@@ -252,21 +268,38 @@ def not_acc(chosen: ParameterSet) -> str:
     return f"Driven by hand, not by ACC: {', '.join(labels)}."
 
 
-def _verdict(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
+def _verdict(
+    chosen: ParameterSet, uncertainty: Uncertainty, checks: Sequence[GainCheck] = ()
+) -> str:
     stable = uncertainty.probability_l2
+    against = _contradicted(chosen, checks)
+    end = f"{' by the model' if against else ''}{_odds(stable)}{against}."
     if len(chosen) == 1:
-        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])][0]}{_odds(stable)}."
+        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])][0]}{end}"
     counts = Counter(map(assessment, stable))
     total = _number(len(chosen))
     if len(counts) == 1:
         (only,) = counts
-        return f"All {total} vehicles {_ASSESSED[only][1]}{_odds(stable)}."
+        return f"All {total} vehicles {_ASSESSED[only][1]}{end}"
     parts = [
         f"{_number(counts[kind])} {verbs[counts[kind] > 1]}"
         for kind, verbs in _ASSESSED.items()
         if counts[kind]
     ]
-    return f"Of {total} vehicles {joined(parts)}."
+    by = " by the model" if against else ""
+    return f"Of {total} vehicles {joined(parts)}{by}{against}."
+
+
+def _contradicted(chosen: ParameterSet, checks: Sequence[GainCheck]) -> str:
+    """The clause on verdicts that the measured gain contradicts; empty where it does none."""
+    against = [check for check in checks if check.contradiction]
+    if not against:
+        return ""
+    if len(checks) == 1:
+        return f"; the measured gain contradicts the model ({against[0].short})"
+    spoken = dict(zip(chosen.vehicles[1:], chosen.spoken, strict=True))
+    named = [f"{spoken.get(c.vehicle, f'vehicle {c.vehicle}')} ({c.short})" for c in against]
+    return f"; the measured gain contradicts the model for {joined(named)}"
 
 
 def _odds(stable: FloatArray) -> str:

@@ -14,10 +14,11 @@ from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.registry import METHODS
+from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.recording import FLAGS
 from accpinn.results.messages.stability import headline
-from accpinn.results.tables.estimates import learned_parameters, name_of
+from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import between
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
@@ -37,7 +38,7 @@ def title(snapshot: Result) -> str:
 
 def summary(snapshot: Result) -> tuple[str, ...]:
     """The answer first: time headway, string stability and collisions, with cautions before."""
-    fit, info, uncertainty = snapshot.fit, snapshot.info, snapshot.uncertainty
+    fit, info = snapshot.fit, snapshot.info
     kind, preliminary = METHODS[fit.method], unfinished(fit)
     hand = info.driven_by_hand
     sentences = [
@@ -46,9 +47,9 @@ def summary(snapshot: Result) -> tuple[str, ...]:
         f"From {info.window.duration:g} s of {info.source}, {kind.description or kind.title}"
         f" learned the parameters of the constant time-headway policy of {_headways(snapshot)}.",
     ]
-    if snapshot.stability and not preliminary:
-        vehicles = learned_parameters(info, fit)
-        sentences.append(headline(vehicles, snapshot.stability, uncertainty))
+    of = judged(snapshot)
+    if of.report and not preliminary:
+        sentences.append(headline(of.vehicles, of.report, of.uncertainty, of.checks))
     sentences.append(_collisions(snapshot))
     return tuple(sentence for sentence in sentences if sentence)
 

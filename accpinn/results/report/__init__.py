@@ -37,14 +37,14 @@ from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import loss_history, parameter_history, tracking
+from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
-from accpinn.results.messages.stability import BY_ESTIMATES, PLACES, Places, reason
+from accpinn.results.messages.stability import BY_ESTIMATES, MEASURED, PLACES, Places, reason
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     TITLES,
-    learned_parameters,
     methods_table,
     model_form_table,
     name_of,
@@ -56,6 +56,7 @@ from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.tables.verification import verification_table
 from accpinn.segment.segment import SegmentInfo
+from accpinn.stability.lagged import is_lagged
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.verification import QUICK, Verification, verify
@@ -126,8 +127,8 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
 
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
-    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
-    report, adequacy = snapshot.stability, snapshot.parts.adequacy
+    info, fit = snapshot.info, snapshot.fit
+    subject, adequacy = judged(snapshot), snapshot.parts.adequacy
     paints = vehicle_colours(info.vehicles)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
     tables = dict[str, Table]()
@@ -138,9 +139,11 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     forms = adequacy.forms if adequacy else ()
     for k in range(info.followers if forms else 0):
         tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
-    if report:
-        vehicles = learned_parameters(info, fit)
-        tables["stability"] = stability_table(vehicles, report, uncertainty).coloured(paints[1:])
+    if subject.report:
+        verdicts = stability_table(
+            subject.vehicles, subject.report, subject.uncertainty, subject.checks
+        )
+        tables["stability"] = verdicts.coloured(paints[1:])
     for k in range(info.followers if snapshot.compared else 0):
         tables[f"methods_{k + 1}"] = methods_table(info, snapshot.compared, k)
     return tables
@@ -172,6 +175,7 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "estimates": _about_estimates(snapshot),
         "by_estimates": BY_ESTIMATES,
         "reasons": _reasons(snapshot),
+        "measured": messages(snapshot.gain_checks, info),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
         "run": run[0] if run else None,
@@ -202,7 +206,7 @@ def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
 
     The table has all that is to be said about a vehicle's L₂ verdict.
     """
-    report = snapshot.stability
+    report = judged(snapshot).report
     if report is None:
         return []
     reasons = [
@@ -308,15 +312,17 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
 
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
-    report, uncertainty = snapshot.stability, snapshot.uncertainty
+    subject = judged(snapshot)
+    report, uncertainty, vehicles = subject.report, subject.uncertainty, subject.vehicles
     if report is None:
         return
-    vehicles = learned_parameters(snapshot.info, snapshot.fit)
-    bode = stability_figures.bode(vehicles, report, uncertainty)
+    measured = stability_figures.measured_of(snapshot) if subject.checks else ()
+    bode = stability_figures.bode(vehicles, report, uncertainty, measured)
     words = (
         "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
         " Rings: below that frequency the vehicle amplifies."
-        f" Shaded: {100 * uncertainty.level:.0f} % intervals."
+        + (f" Shaded: {100 * uncertainty.level:.0f} % intervals." if uncertainty else "")
+        + (f" {MEASURED}" if measured else "")
     )
     yield Picture("bode", with_legend(bode), words)
     if len(vehicles) > 1:
@@ -327,24 +333,27 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         chart = stability_figures.criteria_by_vehicle(vehicles, report)
         yield Picture("criteria", with_legend(chart), words)
     held = len(vehicles) - 1
+    if is_lagged(vehicles.parameters):
+        return
     chart = stability_figures.stability_map(vehicles, report, held, "beta", uncertainty)
     words = (
         f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
         " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
-        f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
+        + (f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
     )
     yield Picture("map", with_legend(chart), words)
 
 
 def _places(snapshot: Result) -> Places:
     """What sentences call the platoon's vehicles: their labels, or places among equal ones."""
-    vehicles = learned_parameters(snapshot.info, snapshot.fit)
+    vehicles = judged(snapshot).vehicles
     return Places(vehicles.spoken) if len(vehicles) > 1 else PLACES
 
 
 def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """The followers in their order, or eight like the only one, at the frequency amplified most."""
-    report, vehicles = snapshot.stability, learned_parameters(snapshot.info, snapshot.fit)
+    subject = judged(snapshot)
+    report, vehicles = subject.report, subject.vehicles
     if report is None:
         return None
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS

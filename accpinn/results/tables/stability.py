@@ -7,6 +7,7 @@ from math import nan
 import numpy as np
 
 from accpinn.channels import FREQUENCY, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS
+from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
@@ -21,6 +22,7 @@ from accpinn.results.tables.table import (
     Cell,
     Column,
     Filled,
+    Marked,
     Table,
     estimate_cells,
     percent_cells,
@@ -47,13 +49,18 @@ WORDS: Mapping[Assessment, str] = {
 
 
 def stability_table(
-    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
+    vehicles: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty | None = None,
+    checks: Sequence[GainCheck] = (),
 ) -> Table:
     """One row a vehicle: parameters, verdicts, peak, crossover, exact gain, smallest headways.
 
-    The uncertainty of the fit adds probabilities, the posterior's verdicts, and intervals.
+    The uncertainty of the fit adds probabilities, the posterior's verdicts, and intervals; a
+    verdict that the measured gain contradicts is marked.
     """
     assessed, known = report.vehicles, uncertainty
+    against = _contradictions(vehicles, checks)
     headways = [vehicle.smallest_tau for vehicle in assessed]
     parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
@@ -65,7 +72,7 @@ def stability_table(
             *driver_cells(vehicles.drivers),
             *parameter_cells(parameters, columns=supported_columns(known)),
             *_term_cells(parameters),
-            *_posterior(L2, known.probability_l2 if known else None),
+            *_posterior(L2, known.probability_l2 if known else None, against),
             (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
@@ -87,11 +94,14 @@ def criteria_part(table: Table) -> Table:
 
 
 def verdict_table(
-    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None
+    vehicles: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty | None = None,
+    checks: Sequence[GainCheck] = (),
 ) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     aside = [BELOW.title, "Paper's criterion", *([STABLE, EXACT.title] if uncertainty else [])]
-    table = stability_table(vehicles, report, uncertainty)
+    table = stability_table(vehicles, report, uncertainty, checks)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
 
@@ -116,11 +126,26 @@ def _decibels(gain: Interval) -> Interval:
         return Interval(20 * np.log10(gain.lower), 20 * np.log10(gain.upper))
 
 
-def _posterior(group: str, shares: FloatArray | None) -> Iterator[Filled]:
-    """The probability of string stability, and what it amounts to."""
+def _contradictions(vehicles: ParameterSet, checks: Sequence[GainCheck]) -> list[str]:
+    """For each vehicle the sentence by which the measured gain contradicts its verdict, or none.
+
+    A row that stands for all followers has the number 0.
+    """
+    said = {c.vehicle: c.sentence(vehicles) for c in checks if c.contradiction}
+    everyone = next(iter(said.values()), "")
+    return [said.get(number, "" if number else everyone) for number in vehicles.vehicles[1:]]
+
+
+def _posterior(
+    group: str, shares: FloatArray | None, against: Sequence[str] = ()
+) -> Iterator[Filled]:
+    """The probability of string stability, and what it amounts to; marked where contradicted."""
     if shares is not None:
         yield Column(PROBABILITY, "%", 0, group), percent_cells(shares)
-        yield Column(VERDICT, group=group), [WORDS[assessment(share)] for share in shares]
+        words: list[Cell] = [WORDS[assessment(share)] for share in shares]
+        for k, why in enumerate(against):
+            words[k] = Marked(str(words[k]), why) if why else words[k]
+        yield Column(VERDICT, group=group), words
 
 
 def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:

@@ -45,7 +45,19 @@ class Estimate(NamedTuple):
         return not (self.value < self.low or self.value > self.high)
 
 
-Cell = str | float | Range | Estimate | None
+@dataclass(frozen=True)
+class Marked:
+    """A text with an asterisk, and the sentence that changes how it is read."""
+
+    text: str
+    why: str
+
+    def __str__(self) -> str:
+        """The text with its mark."""
+        return f"{self.text}*"
+
+
+Cell = str | float | Range | Estimate | Marked | None
 Values = Sequence[float] | FloatArray
 
 ABSENT = "–"
@@ -142,8 +154,8 @@ class Column:
             return "{} ({})".format(*self._estimate(cell))
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
-        if isinstance(cell, str):
-            return cell
+        if isinstance(cell, str | Marked):
+            return str(cell)
         digits = self.digits or 0
         shown = f"{cell:.{digits}f}"
         if self.least and cell > 0 and float(shown) == 0:
@@ -156,6 +168,8 @@ class Column:
             mark = "" if cell.is_inside else Markup('<b title="outside its interval">*</b>')
             value, ends = self._estimate(cell)
             return Markup("{}{} <span>({})</span>").format(value, mark, ends)
+        if isinstance(cell, Marked):
+            return Markup('{}<b title="{}">*</b>').format(cell.text, cell.why)
         return self.shown(cell)
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
@@ -354,6 +368,8 @@ def _parts(cell: Cell, count: int) -> tuple[Cell, ...]:
 def _csv_cell(cell: Cell) -> Cell:
     if cell is None or cell != cell:
         return ""
+    if isinstance(cell, Marked):
+        return str(cell)
     if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell

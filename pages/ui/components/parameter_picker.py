@@ -1,20 +1,21 @@
 """Whose parameters the pages Stability and Platoon show: the answer's, published, or typed in."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
 import pandas as pd
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
+from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, of_first
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
+from accpinn.results.judged import judged
 from accpinn.results.messages.summary import unfinished
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, learned_parameters
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
@@ -53,6 +54,8 @@ class Chosen:
     """Whose parameters they are; None for those that are published or typed in."""
     uncertainty: Uncertainty | None = None
     """That of the vehicles; None for a training that was stopped, too."""
+    checks: tuple[GainCheck, ...] = ()
+    """What the measured gain says of each follower's answer; empty for other parameters."""
 
     @cached_property
     def report(self) -> StabilityReport:
@@ -169,18 +172,15 @@ def parameters_from(
 
 def _of_result(result: Result, source: Source) -> Chosen:
     """A result's followers; in Case I, where they share their parameters, one stands for all."""
-    info, fit, stored = result.info, result.fit, result.known_answer
-    vehicles = learned_parameters(info, fit)
-    known = None if unfinished(fit) else result.uncertainty
-    if stored and np.isfinite(stored.parameters.values).all():
-        vehicles, known = replace(vehicles, parameters=stored.parameters), stored.uncertainty
+    info, fit, subject = result.info, result.fit, judged(result)
+    vehicles, known = subject.vehicles, subject.uncertainty
     if info.shares(fit.case):
         known = of_first(known) if known else None
         vehicles = ParameterSet(
             vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1], (info.vehicles[0], 0),
             drivers=tuple(filter(None, vehicles.drivers))[:1],
         )  # fmt: skip
-    return Chosen(vehicles, source, result, known)
+    return Chosen(vehicles, source, result, known, subject.checks)
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
-from accpinn.inference.intervals import from_draws
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.results.messages.summary import (
@@ -115,9 +114,9 @@ def test_a_stopped_training_is_called_so_first() -> None:
 
 def test_stable_vehicles_are_called_so() -> None:
     stable = Parameters.of([[0.05, 0.6, 3.0]])
-    known = from_draws(stable, Parameters.of([stable.values] * 20), 0.9)
-    found = altered(small(), fit=replace(small().fit, parameters=stable), uncertainty=known)
-    assert "is L₂ string stable" in said(found)
+    drawn = Parameters.of([stable.values] * 20)
+    answer = replace(small().answer, parameters=stable, typical=drawn, further=drawn)
+    assert "is L₂ string stable" in said(altered(small(), answer=answer, gain_checks=()))
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:

@@ -12,8 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.results.report import fit_pictures, motion_picture, platoon_pictures, render_report
+from accpinn.results.judged import judged
+from accpinn.results.report import (
+    fit_pictures,
+    motion_picture,
+    platoon_pictures,
+    render_report,
+    tables_of,
+)
 from accpinn.results.tables.estimates import name_of
+from accpinn.results.tables.stability import GAIN
 from accpinn.study.verification import QUICK, Verification, verify
 from tests.support.snapshots import altered, delayed, small, whole
 
@@ -125,8 +133,11 @@ class TestContents:
         for one in whole().fit.parameters:
             for number in (f"{one.alpha:.4f}", f"{one.tau:.3f}"):
                 assert any(cell.startswith(number) for cell in cells)
-        for vehicle in whole().stability.vehicles:
-            assert any(cell.startswith(f"{vehicle.linf_gain:.3f}") for cell in cells)
+        table = tables_of(whole())["stability"]
+        at = table.columns.index(GAIN)
+        for row, vehicle in zip(table.rows, judged(whole()).report.vehicles, strict=True):
+            assert row[at].value == vehicle.linf_gain
+            assert any(cell.startswith(GAIN.shown(row[at]).split()[0]) for cell in cells)
 
     def test_tables_are_offered_as_files(self) -> None:
         files = {a["download"]: a["href"] for _, a in Reader(page()).tags if "download" in a}
@@ -161,7 +172,7 @@ class TestContents:
         assert names == {name_of(whole().fit)}
 
     def test_the_platoon_is_that_of_the_study(self) -> None:
-        stability, made = whole().stability, platoon_pictures(whole())
+        stability, made = judged(whole()).report, platoon_pictures(whole())
         run, pictures, who = made
         assert who == "The 4 followers in their order"
         assert run.leader.frequency == stability.platoon.peaks[-1].omega

@@ -1,0 +1,157 @@
+"""The answer's |H| against the gain that the recording itself has, by Welch's method.
+
+Both have a band. They are compared at the frequencies up to `FASTEST` at which the coherence is
+at least `COHERENT`: the root mean square of the difference of both gains in dB, the difference of
+their peaks, and the share of the frequencies at which the bands have nothing in common. A verdict
+on string stability is contradicted where the measured gain does not allow it at any of K
+frequencies together: the measured band has the level 1 - (1 - level)/K there (Bonferroni), as one
+of many single bands lies apart by chance.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from accpinn.errors import SegmentError
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.inference.answer import Answer
+from accpinn.inference.intervals import gain_band
+from accpinn.segment.segment import Segment
+from accpinn.stability.criteria import response
+from accpinn.stability.measured_gain import LEVEL, MeasuredGain, measured_gain
+from accpinn.stability.report import assessment
+from accpinn.units import FloatArray, Mask, RadiansPerSecond
+
+COHERENT = 0.8
+"""Least coherence at which a measured gain is compared."""
+FASTEST: RadiansPerSecond = 1.0
+"""Highest frequency at which it is compared."""
+LEAST = 4
+"""Fewer frequencies than these say nothing about a model."""
+APART = 1 / 3
+"""Share of the frequencies beyond which bands that lie apart contradict the model."""
+
+Contradiction = Literal["", "amplifies", "damps", "apart"]
+"""What the measured gain does that the model's verdict denies; "apart" for bands that differ."""
+_TEXTS: dict[Contradiction, str] = {
+    "": "{vehicle}: {distance}.",
+    "amplifies": "{vehicle}: L₂ string stable by the model; the measured gain contradicts it (peak"
+    " {peak:.1f} dB at {omega:.2g} rad/s). {Distance}.",
+    "damps": "{vehicle}: amplifies disturbances by the model; the measured gain contradicts it (at"
+    " most {highest:.1f} dB where the model amplifies). {Distance}.",
+    "apart": "{vehicle}: the verdict is the model's; the measured gain contradicts the model, as"
+    " their bands lie apart at {apart:.0%} of the frequencies. {Distance}.",
+}
+
+
+class GainCheck(Finding, frozen=True):
+    """How far the answer's gain of a vehicle is from the measured one, and what that says."""
+
+    vehicle: int
+    frequencies: int
+    """Number of frequencies compared; with fewer than `LEAST` there is no comparison."""
+    rms: float = 0.0
+    """Root mean square of the difference in dB."""
+    peak: float = 0.0
+    """Largest measured gain at these frequencies in dB."""
+    model_peak: float = 0.0
+    """The model's largest gain at these frequencies in dB."""
+    omega: RadiansPerSecond = 0.0
+    """Frequency of the measured peak."""
+    apart: float = 0.0
+    """Share of the frequencies at which the bands have nothing in common."""
+    highest: float = 0.0
+    """Largest measured gain in dB where the model amplifies; 0 where it does not."""
+    contradiction: Contradiction = ""
+
+    @property
+    def short(self) -> str:
+        """What contradicts the verdict, in a few words; empty where nothing does."""
+        return {
+            "": "",
+            "amplifies": f"peak {self.peak:.1f} dB",
+            "damps": f"at most {self.highest:.1f} dB",
+            "apart": f"{self.rms:.1f} dB apart",
+        }[self.contradiction]
+
+    def sentence(self, about: Labelled) -> str:
+        """The verdict where it is contradicted, and how far model and measurement are apart."""
+        if self.frequencies < LEAST:
+            text = (
+                "{vehicle}: the verdict could not be held against a measured gain, as too few"
+                " frequencies are coherent; a longer window has more."
+            )
+            return self.filled(text, about)
+        return self.filled(_TEXTS[self.contradiction], about)
+
+    def _words(self, about: Labelled) -> Words:
+        more = self.model_peak - self.peak
+        distance = (
+            f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
+            f" frequencies), its peak {abs(more):.1f} dB too {'high' if more > 0 else 'low'}"
+        )
+        return {"distance": distance, "Distance": distance[:1].upper() + distance[1:]}
+
+
+def gain_checks(segments: Sequence[Segment], answer: Answer) -> tuple[GainCheck, ...]:
+    """Hold each follower's answer against its measured gain.
+
+    Args:
+        segments: (K,) the windows of the answer.
+        answer: of M followers; one that is not determined has no check.
+
+    Returns:
+        One finding a follower that is determined.
+    """
+    return tuple(
+        _check(segments, answer, k, number)
+        for k, number in enumerate(segments[0].vehicles[1:])
+        if np.isfinite(answer.parameters[k].complete).all()
+    )
+
+
+def compared(measured: MeasuredGain) -> Mask:
+    """(K,) the frequencies at which a measured gain is compared with a model's."""
+    return (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
+
+
+def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) -> GainCheck:
+    try:
+        measured = measured_gain(segments, k)
+    except SegmentError:
+        return GainCheck(vehicle, 0)
+    at = compared(measured)
+    count = int(at.sum())
+    if count < LEAST:
+        return GainCheck(vehicle, count)
+    sure = measured_gain(segments, k, 1.0 - (1.0 - LEVEL) / count)
+    omega, gain = measured.omega[at], measured.gain[at]
+    model = np.abs(response(answer.parameters[[k]], omega))[0]
+    band = gain_band(answer.uncertainty, k, omega)
+    apart = (band.lower > measured.upper[at]) | (band.upper < measured.lower[at])
+    amplified = band.lower > 1.0
+    levels = decibels(gain)
+    found = GainCheck(
+        vehicle,
+        count,
+        rms=float(np.sqrt(np.mean((decibels(model) - levels) ** 2))),
+        peak=float(levels.max()),
+        model_peak=float(decibels(model).max()),
+        omega=float(omega[levels.argmax()]),
+        apart=float(apart.mean()),
+        highest=float(levels[amplified].max()) if amplified.any() else 0.0,
+    )
+    verdict = assessment(float(answer.uncertainty.probability_l2[k]))
+    contradiction: Contradiction = "apart" if found.apart > APART else ""
+    if verdict == "stable" and (sure.lower[at] > 1.0).any():
+        contradiction = "amplifies"
+    elif verdict == "unstable" and amplified.any() and (sure.upper[at][amplified] < 1.0).all():
+        contradiction = "damps"
+    return msgspec.structs.replace(found, contradiction=contradiction)
+
+
+def decibels(gain: FloatArray) -> FloatArray:
+    """A gain in dB, finite whatever it is."""
+    return np.asarray(20 * np.log10(np.clip(gain, 1e-6, 1e6)))

@@ -1,0 +1,96 @@
+"""The answer held against the measured gain: agreement, contradiction in both directions."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from accpinn.inference.answer import Answer, answer
+from accpinn.inference.gain_check import LEAST, GainCheck, gain_checks
+from accpinn.model.cthp import Parameters
+from accpinn.model.published import ParameterSet
+from accpinn.results.messages.stability import headline
+from accpinn.results.tables.stability import verdict_table
+from accpinn.results.tables.table import Marked
+from accpinn.segment.segment import Segment
+from accpinn.stability.report import stability_report
+from bench.disturbed import Disturbance, disturbed
+
+LOUD, CALM = Parameters([0.07], 0.1, 1.1), Parameters([0.05], 0.6, 2.5)
+"""A car that amplifies by 4 dB, and one that amplifies nothing."""
+
+
+@cache
+def driven(car: str) -> tuple[Segment, ...]:
+    """Two windows of ten minutes of a car that obeys the CTHP, slightly disturbed."""
+    parameters = {"loud": LOUD, "calm": CALM}[car]
+    return tuple(
+        disturbed(parameters, seed, Disturbance(deviation=0.05), duration=600.0) for seed in (3, 4)
+    )
+
+
+def given(parameters: Parameters) -> Answer:
+    """An answer whose draws lie within a per cent of some parameters."""
+    known = answer(driven("loud")[:1], model="cthp")
+    spread = 1.0 + 0.01 * np.random.default_rng(0).standard_normal((100, 1, 6))
+    drawn = Parameters.of(parameters.complete * spread)
+    return replace(known, parameters=parameters, typical=drawn, further=drawn)
+
+
+def check(car: str, parameters: Parameters) -> tuple[GainCheck, Answer]:
+    said = given(parameters)
+    (found,) = gain_checks(driven(car), said)
+    return found, said
+
+
+def test_a_car_that_obeys_its_answer_is_not_contradicted() -> None:
+    for car, parameters in (("loud", LOUD), ("calm", CALM)):
+        found, _ = check(car, parameters)
+        assert found.contradiction == ""
+        assert found.frequencies >= 8
+        assert found.rms < 0.8
+        assert abs(found.peak - found.model_peak) < 0.8
+
+
+@pytest.mark.parametrize(
+    ("car", "parameters", "kind", "part"),
+    [
+        ("loud", CALM, "amplifies", "L₂ string stable by the model; the measured gain contradicts"),
+        ("calm", LOUD, "damps", "amplifies disturbances by the model; the measured gain contra"),
+        ("loud", Parameters([0.2], 0.1, 0.9), "apart", "their bands lie apart at"),
+    ],
+)
+def test_a_verdict_that_the_recording_denies_is_the_models_alone(
+    car: str, parameters: Parameters, kind: str, part: str
+) -> None:
+    found, said = check(car, parameters)
+    assert found.contradiction == kind
+    names = ("Audi",)
+    chosen = ParameterSet("made", names, parameters)
+    assert part in found.sentence(chosen)
+    report = stability_report(parameters)
+    firm = headline(chosen, report, said.uncertainty)
+    loose = headline(chosen, report, said.uncertainty, (found,))
+    assert " by the model" in loose
+    assert f"the measured gain contradicts the model ({found.short})" in loose
+    assert "by the model" not in firm
+    table = verdict_table(chosen, report, said.uncertainty, (found,))
+    (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))
+    assert mark.why == found.sentence(chosen)
+    assert f'title="{mark.why}"' in table.to_html().replace("&#39;", "'")
+    assert f"{mark.text}*" in table.to_text()
+
+
+def test_too_few_coherent_frequencies_say_nothing() -> None:
+    calm = driven("calm")[0]
+    short = replace(calm, time=calm.time[:400], speeds=calm.speeds[:400], gaps=calm.gaps[:400])
+    (found,) = gain_checks([short], given(LOUD))
+    assert found.frequencies < LEAST
+    assert not found.contradiction
+    assert "could not be held against" in found.sentence(ParameterSet("made", ("Audi",), LOUD))
+
+
+def test_windows_are_averaged_as_one_measurement() -> None:
+    one, both = (gain_checks(driven("loud")[:n], given(LOUD))[0] for n in (1, 2))
+    assert both.rms < 0.5 * one.rms
