@@ -1,0 +1,302 @@
+"""Estimates of any car-following model by closed-loop simulation over several windows.
+
+A window is driven from its first measured state on with only the speed ahead given. With the errors
+e of gap [m] and speed [m/s] at N instants of all windows, the parameters θ of a model minimise
+
+    ½ m ln(Σ e² / N) + ½ |z|²,     m = time simulated / `MEMORY`
+
+where z are the parameters in standard deviations of their priors (see `model.following`). As errors
+of a closed loop last for seconds, m and not N is the number of independent ones. The search is
+Levenberg and Marquardt's with exact derivatives of the simulation by the complex step, for many
+data sets and starts at once: all of them are one array, so that the only loop is that over time.
+
+Intervals are those of the Laplace approximation, with Ĵ = ∂e/∂z, w = m / Σ e² and blocks b of
+`BLOCK` seconds, across which errors are taken as independent,
+
+    cov z = H⁻¹ (w² Σ_b g_b g_bᵀ + 1) H⁻¹,    H = w ĴᵀĴ + 1,    g_b = Σ_{t in b} Ĵᵀe
+
+A parameter whose deviation is more than `OPEN` of its prior's is not determined by the data.
+
+Sources: Punzo and Montanino, Transportation Research Part B 91 (2016) 21-33, for closed-loop
+simulation of the gap; Newey and West, Econometrica 55 (1987) 703-708, for errors that last.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from accpinn.errors import SegmentError
+from accpinn.findings import Finding
+from accpinn.methods.method import one_thread
+from accpinn.model.following import COMPLEX_STEP, FollowingModel
+from accpinn.segment.segment import Segment
+from accpinn.units import FloatArray, Mask, Seconds
+
+STEP: Seconds = 0.4
+"""Step of the integration; half of it with a lag or a delay, which may be as fast."""
+MEMORY: Seconds = 10.0
+"""Time that an independent error of a closed loop is worth."""
+BLOCK: Seconds = 30.0
+"""Blocks across which errors are taken as independent for the intervals."""
+OPEN = 0.8
+"""Posterior deviation, as a share of the prior's, from which a parameter is not determined."""
+LEVEL = 0.9
+"""Probability that an interval is to cover the parameter."""
+STARTS = 4
+"""Parameter sets from which each search begins: the typical one and draws from the prior."""
+ROUNDS = 40
+"""Most steps of a search."""
+CONVERGED = 1e-4
+"""Decrease of the objective in one step below which a search ends."""
+ALIKE = 5
+"""Rounds after which starts end that are `BEHIND` the best one."""
+BEHIND = 5.0
+
+
+class NotDetermined(Finding, frozen=True):
+    """Parameters of a model about which the data say hardly more than the prior."""
+
+    text = (
+        "{vehicle}: these data do not determine {symbols} of the {model}; the intervals are those"
+        " of what is known of cars beforehand."
+    )
+
+    vehicle: int
+    model: str
+    symbols: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """W windows of single followers on even instants, ready to be simulated together."""
+
+    step: Seconds
+    """Between the K+1 instants."""
+    ahead: FloatArray
+    """(2K+1, W) speed ahead at every half step, in m/s."""
+    gaps: FloatArray
+    """(K+1, W) measured, in m."""
+    speeds: FloatArray
+    """(K+1, W) measured, in m/s."""
+    counts: Mask
+    """(K+1, W) instants within the window at which all is measured and none is excluded."""
+
+    @classmethod
+    def of(cls, segments: Sequence[Segment], model: FollowingModel) -> "Drives":
+        """The windows of segments with one follower each, as the model is to be simulated.
+
+        Shorter windows are filled up with their last row, which does not count.
+
+        Raises:
+            SegmentError: where a window is shorter than a block.
+        """
+        step = STEP / 2 if model.terms else STEP
+        parts = []
+        for segment in segments:
+            if segment.window.duration < BLOCK:
+                raise SegmentError(
+                    f"{segment.source}: {segment.window} is too short to judge a model by; choose"
+                    f" a window of at least {BLOCK:g} s."
+                )
+            count = int(segment.window.duration / step + 1e-6)
+            half = segment.time[0] + step / 2 * np.arange(2 * count + 1)
+            channels = np.column_stack([segment.speeds, segment.gaps])
+            values = np.array([np.interp(half, segment.time, part) for part in channels.T])
+            nearest = np.abs(segment.time[:, None] - half[None, ::2]).argmin(axis=0)
+            parts.append((values, segment.counts[nearest, 0]))
+        longest = max(len(counts) for _, counts in parts)
+        ahead = np.empty((2 * longest - 1, len(parts)))
+        speeds, gaps = np.empty((2, longest, len(parts)))
+        known = np.zeros(gaps.shape, bool)
+        for k, (values, counts) in enumerate(parts):
+            more = 2 * (longest - len(counts))
+            filled = np.pad(values, ((0, 0), (0, more)), "edge")
+            ahead[:, k], speeds[:, k], gaps[:, k] = filled[0], filled[1, ::2], filled[2, ::2]
+            known[: len(counts), k] = counts
+        return cls(step, ahead, gaps, speeds, known)
+
+    def __getitem__(self, index: NDArray[np.intp]) -> "Drives":
+        """The windows at an array of indices, in its shape."""
+        ahead, gaps, speeds = (part[:, index] for part in (self.ahead, self.gaps, self.speeds))
+        return Drives(self.step, ahead, gaps, speeds, np.asarray(self.counts[:, index]))
+
+    def simulated(self, model: FollowingModel, theta: FloatArray) -> FloatArray:
+        """(K+1, 2, W) gaps and speeds by θ (n, W) from the first measured state on."""
+        start = self.gaps[:1], self.speeds[:1]
+        return np.asarray(model.integrate(theta[:, None], self.ahead, *start, self.step)[:, :, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The parameters of one follower under one model, complete and with intervals."""
+
+    model: FollowingModel
+    theta: FloatArray
+    """(n,) in the order of the model's parameters."""
+    lower: FloatArray
+    """(n,) lower ends of the intervals of `LEVEL`."""
+    upper: FloatArray
+    """(n,) upper ends."""
+    determined: Mask
+    """(n,) whether the data say more of a parameter than the prior."""
+    rmse: float
+    """Of the gap in the windows it was learned from, in m."""
+    converged: bool
+    """Whether the search ended by itself."""
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Symbols of the parameters that the data do not determine."""
+        pairs = zip(self.model.parameters, self.determined, strict=True)
+        return tuple(parameter.symbol for parameter, known in pairs if not known)
+
+
+@one_thread
+def estimate(
+    model: FollowingModel,
+    drives: Drives,
+    groups: Sequence[Sequence[int]],
+    should_stop: Callable[[], bool] | None = None,
+) -> tuple[Estimate, ...]:
+    """The best parameters for each of several groups of windows, all searched at once.
+
+    Args:
+        model: what to estimate.
+        drives: the windows.
+        groups: indices of windows that share one parameter set, one or more each.
+        should_stop: asked before every round; True ends the search with what it has.
+
+    Returns:
+        One estimate a group.
+    """
+    search = _Search(model, drives, groups)
+    problems, rng = len(groups), np.random.default_rng(0)
+    count = len(model.parameters)
+    z = np.concatenate([np.zeros((1, count)), 0.7 * rng.standard_normal((STARTS - 1, count))])
+    z = np.clip(np.tile(z, (problems, 1)), *search.bounds)  # (P·S, n)
+    owner = np.repeat(np.arange(problems), STARTS)
+    damping, active = np.full(len(z), 1e-2), np.ones(len(z), bool)
+    value, gradient, curvature = search.expanded(z, owner)
+    for turn in range(ROUNDS):
+        if not active.any() or (should_stop and should_stop()):
+            break
+        rows = np.flatnonzero(active)
+        trial = search.step(z[rows], gradient[rows], curvature[rows], damping[rows])
+        lost = ~np.isfinite(value[rows])
+        trial[lost] = 0.5 * z[rows][lost]  # a start that cannot be simulated moves to the middle
+        new, slope, bend = search.expanded(trial, owner[rows])
+        gain = np.subtract(value[rows], new, out=np.full(len(rows), np.inf), where=~lost)
+        better = np.isfinite(new) & (gain >= 0)
+        kept = rows[better]
+        z[kept], value[kept] = trial[better], new[better]
+        gradient[kept], curvature[kept] = slope[better], bend[better]
+        damping[rows] *= np.where(better, 0.2, 8.0)
+        active[rows] = ~(better & (gain < CONVERGED)) & (damping[rows] < 1e8)
+        if turn >= ALIKE:
+            best = np.full(problems, np.inf)
+            np.minimum.at(best, owner, value)
+            active &= value < best[owner] + BEHIND
+    chosen = [int(rows[np.argmin(value[rows])]) for rows in np.arange(len(z)).reshape(problems, -1)]
+    return search.estimates(z[chosen], (~active)[chosen])
+
+
+class _Search:
+    """The objective of P groups of windows, and its derivatives."""
+
+    def __init__(
+        self, model: FollowingModel, drives: Drives, groups: Sequence[Sequence[int]]
+    ) -> None:
+        self._model, self._drives, size = model, drives, max(map(len, groups))
+        self._index = np.array([[*group] + [group[0]] * (size - len(group)) for group in groups])
+        self._used = np.array([np.arange(size) < len(group) for group in groups])
+        parameters = model.parameters
+        self.bounds = np.array([[p.score(getattr(p, end)) for p in parameters]
+                                for end in ("lower", "upper")])  # fmt: skip
+
+    def expanded(
+        self, z: FloatArray, owner: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Objective (B,), gradient (B, n) and Gauss-Newton curvature (B, n, n) at z (B, n)."""
+        errors, slopes, freedom = self._linear(z, owner)
+        squares = np.einsum("kcbw,kcbw->b", errors, errors)
+        count = np.maximum(freedom[0], 1)
+        weight = (freedom[1] / squares)[:, None]
+        gradient = weight * np.einsum("kcbw,kcbwn->bn", errors, slopes) + z
+        flat = slopes.transpose(2, 0, 1, 3, 4).reshape(len(z), -1, z.shape[1])
+        curvature = weight[..., None] * (flat.transpose(0, 2, 1) @ flat) + np.eye(z.shape[1])
+        value = 0.5 * freedom[1] * np.log(squares / count) + 0.5 * (z**2).sum(axis=1)
+        return np.where(np.isfinite(value), value, np.inf), gradient, curvature
+
+    def step(
+        self, z: FloatArray, gradient: FloatArray, curvature: FloatArray, damping: FloatArray
+    ) -> FloatArray:
+        """(B, n) the next z within the bounds; one at a bound that pushes outward stays there."""
+        lower, upper = self.bounds
+        diagonal = np.einsum("bii->bi", curvature)
+        system = curvature + np.einsum("bi,ij->bij", damping[:, None] * diagonal, np.eye(len(z.T)))
+        usable = np.isfinite(system).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
+        outward = np.where(gradient > 0, z <= lower, z >= upper) & (gradient != 0)
+        fixed: Mask = np.logical_or(outward, np.reshape(~usable, (-1, 1)))
+        system = np.where(fixed[:, :, None] | fixed[:, None, :], np.eye(len(z.T)), system)
+        down = np.where(fixed, 0.0, -gradient)
+        move = np.linalg.solve(system, down[..., None])[..., 0]
+        return np.clip(z + np.clip(move, -2.0, 2.0), lower, upper)
+
+    def estimates(self, z: FloatArray, converged: Mask) -> tuple[Estimate, ...]:
+        """The estimates of all groups, with intervals."""
+        owner, model = np.arange(len(z)), self._model
+        errors, slopes, freedom = self._linear(z, owner)
+        _, _, curvature = self.expanded(z, owner)
+        weight = freedom[1] / np.einsum("kcbw,kcbw->b", errors, errors)
+        scores = np.einsum("kcbw,kcbwn->kbwn", errors, slopes) * weight[:, None, None]
+        ends = np.arange(0, len(scores), max(1, round(BLOCK / self._drives.step)))
+        blocks = np.add.reduceat(scores, ends, axis=0)
+        meat = np.einsum("kbwi,kbwj->bij", blocks, blocks) + np.eye(z.shape[1])
+        inverse = np.linalg.inv(curvature)
+        deviation = np.sqrt(np.einsum("bii->bi", inverse @ meat @ inverse)).clip(max=1.0)
+        reach = ndtri(0.5 + LEVEL / 2) * deviation
+        ends_of = (z, np.maximum(z - reach, self.bounds[0]), np.minimum(z + reach, self.bounds[1]))
+        values = [
+            np.stack([p.value(part[:, k]) for k, p in enumerate(model.parameters)], axis=1)
+            for part in ends_of
+        ]
+        gap_squares = (errors[:, 0] ** 2).sum(axis=(0, 2)) / (freedom[0] / 2)
+        theta, lower, upper = values
+        return tuple(
+            Estimate(
+                model,
+                theta[k],
+                lower[k],
+                upper[k],
+                determined=np.asarray(deviation[k] < OPEN),
+                rmse=float(np.sqrt(gap_squares[k])),
+                converged=bool(converged[k]),
+            )
+            for k in range(len(z))
+        )
+
+    def _linear(
+        self, z: FloatArray, owner: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+        """Errors (K+1, 2, B, W), their derivatives (.., n), and N and m of each row."""
+        drives, used = self._drives[self._index[owner]], self._used[owner]
+        count = z.shape[1]
+        at = z[:, None, :] + 1j * COMPLEX_STEP * np.eye(
+            count
+        )  # (B, n, n): one perturbed copy a parameter
+        theta = np.array([p.value(at[..., k]) for k, p in enumerate(self._model.parameters)])
+        starts = drives.gaps[:1, ..., None], drives.speeds[:1, ..., None]
+        moved = self._model.integrate(
+            theta[:, None, :, None, :], drives.ahead[..., None], *starts, drives.step
+        )[:, :, 0]  # (K+1, 2, B, W, n)
+        counts = drives.counts & used
+        measured = np.stack([drives.gaps, drives.speeds], axis=1)
+        diverged = ~np.isfinite(moved).all(axis=(0, 1, 3, 4))
+        errors = (moved[..., 0].real - measured) * counts[:, None]
+        slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
+        errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
+        samples = counts.sum(axis=(0, 2))
+        return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)

@@ -1,0 +1,36 @@
+"""The CTHP as an entry of the registry: f = α (p - s₀ - τv) + β (u - v).
+
+Its exact solutions are in `model.cthp`; tests compare those of every model with them.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from accpinn.model.following import FollowingModel, Parameter
+
+_ALPHA = Parameter("alpha", "α", "1/s²", 1e-4, 10.0, 0.08, 1.0)
+_BETA = Parameter("beta", "β", "1/s", 1e-4, 10.0, 0.2, 1.0)
+_TAU = Parameter("tau", "τ", "s", 0.05, 10.0, 1.4, 0.3)
+_TAU_BESIDE_S0 = Parameter("tau", "τ", "s", 0.05, 10.0, 1.0, 0.5)
+_S0 = Parameter("s0", "s₀", "m", -50.0, 100.0, 5.0, 6.0)
+
+
+def acceleration(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from α, β, τ and, where it is given, s₀; the paper's model without it."""
+    alpha, beta, tau = theta[:3]
+    return alpha * (p - tau * v) + beta * (u - v)
+
+
+def acceleration_with_intercept(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from α, β, τ, s₀."""
+    alpha, beta, tau, s0 = theta[:4]
+    return alpha * (p - s0 - tau * v) + beta * (u - v)
+
+
+CTHP = FollowingModel("cthp", "CTHP", (_ALPHA, _BETA, _TAU), acceleration)
+CTHP_S0 = FollowingModel(
+    "cthp-s0",
+    "CTHP with intercept s₀",
+    (_ALPHA, _BETA, _TAU_BESIDE_S0, _S0),
+    acceleration_with_intercept,
+)

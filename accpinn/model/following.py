@@ -1,0 +1,263 @@
+"""What a car-following model is, and all that follows from its acceleration.
+
+A model is an acceleration f(p, v, u; θ) of the space-gap p [m], the own speed v [m/s] and the speed
+ahead u [m/s], with names, units, bounds and typical values of its parameters θ:
+
+    equilibrium     f(p_e, v, v) = 0, and the time gap p_e / v
+    linearisation   δp' = δu - δv,   δv' = f_p δp + f_v δv + f_u δu      at (p_e, v, v)
+    response        H(s) = (f_u s + f_p) / (s² - f_v s + f_p)
+
+That is a CTHP with α = f_p, β = f_u and τ = -(f_v + f_u) / f_p, so whatever is known of the CTHP's
+string stability holds for every model at a stated speed. Derivatives are exact: by the complex step
+f(x + ih) = f(x) + ih f'(x) with h = 1e-30 nothing cancels. A lag or a delay may stand between f and
+the acceleration, as `model.models` has it; the delay is its Padé approximant in simulations.
+
+Simulations integrate f by the classical Runge-Kutta method with a fixed step. Complex parameters
+give exact derivatives of a simulation by the same integration.
+
+Sources: Wilson and Ward, Transportation Planning and Technology 34 (2011) 3-18, for linearisation
+and stability; Squire and Trapp, SIAM Review 40 (1998) 110-112, for the complex step.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from accpinn.errors import ParameterError
+from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.models import Term
+from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
+
+Acceleration = Callable[[Any, Any, Any, Any, ModuleType | Any], Any]
+"""f(p, v, u, θ, xp) in m/s²: p, v, u and each of θ are arrays of one library or plain numbers, and
+xp is that library (numpy or torch). Only operators and functions of xp that both have, and that
+have a derivative for complex numbers (sqrt, exp, log, tanh; no abs, no maximum), may be used."""
+Values = Sequence[float] | FloatArray
+"""(n,) parameters of one vehicle."""
+COMPLEX_STEP = 1e-30
+WIDEST: Metres = 2000.0
+"""Gap beyond which no equilibrium is looked for."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a model; its prior is log-normal, or normal where it may be negative."""
+
+    name: str
+    """In files, documents and on the command line."""
+    symbol: str
+    unit: str
+    lower: float
+    upper: float
+    typical: float
+    """The median of the prior, from which searches start."""
+    spread: float
+    """The prior's standard deviation: of the logarithm, or of the value where ``lower`` < 0."""
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether it is positive, so that the prior is log-normal."""
+        return self.lower > 0
+
+    def value(self, z: Any) -> Any:
+        """The parameter that lies z standard deviations of the prior above its median."""
+        if self.is_positive:
+            return self.typical * np.exp(self.spread * z)
+        return self.typical + self.spread * z
+
+    def score(self, value: Any) -> Any:
+        """The z of a value."""
+        if self.is_positive:
+            return np.log(value / self.typical) / self.spread
+        return (value - self.typical) / self.spread
+
+
+LAG = Parameter("lag", "λ", "s", 0.15, 3.0, 0.4, 0.5)
+DELAY = Parameter("delay", "d", "s", 0.15, 3.0, 0.6, 0.5)
+
+
+@dataclass(frozen=True)
+class FollowingModel:
+    """A car-following model; an entry of `model.registry`."""
+
+    key: str
+    """Its name on the command line and in files."""
+    title: str
+    """Its name for people."""
+    parameters: tuple[Parameter, ...]
+    """In the order of θ; those of a lag and a delay are last."""
+    acceleration: Acceleration
+    """See `Acceleration`; it is given the whole θ."""
+    terms: tuple[Term, ...] = ()
+    """Which of "lag" and "delay" stands between f and the acceleration."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def typical(self) -> FloatArray:
+        """(n,) θ at its typical values."""
+        return np.array([parameter.typical for parameter in self.parameters])
+
+    def behind_a(self, term: Term) -> "FollowingModel":
+        """The model with a lag or a delay between f and the acceleration."""
+        added = {"lag": (LAG, "lag λ"), "delay": (DELAY, "delay d")}[term]
+        joined = "and" if " with " in self.title else "with"
+        return replace(
+            self,
+            key=f"{self.key}-{term}",
+            title=f"{self.title} {joined} {added[1]}",
+            parameters=(*self.parameters, added[0]),
+            terms=(*self.terms, term),
+        )
+
+    def term(self, theta: Any, name: Term) -> Any:
+        """Lag or delay in s; 0 where the model has none."""
+        return theta[self.names.index(name)] if name in self.terms else 0.0
+
+    def equilibrium_gap(self, theta: Values, speed: MetresPerSecond) -> Metres:
+        """The gap p_e that is kept at a constant speed.
+
+        Args:
+            theta: (n,) parameters.
+            speed: of the vehicle and of the one ahead, in m/s.
+
+        Raises:
+            ParameterError: where there is none, as above the IDM's desired speed.
+        """
+        from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
+
+        def excess(gap: Metres) -> float:
+            return float(self.acceleration(gap, speed, speed, theta, np))
+
+        ends = np.geomspace(1e-3, WIDEST, 60)
+        signs = np.sign([excess(gap) for gap in ends])
+        rising = np.flatnonzero((signs[:-1] <= 0) & (signs[1:] > 0))
+        if not len(rising):
+            raise ParameterError(
+                f"{self.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
+                " another speed."
+            )
+        at = int(rising[0])
+        return float(brentq(excess, ends[at], ends[at + 1], xtol=1e-13, rtol=1e-14))
+
+    def linearised(self, theta: Values, speed: MetresPerSecond) -> Parameters:
+        """The CTHP, lag and delay included, that the model is near equilibrium at a speed in m/s.
+
+        Its s₀ makes the equilibrium gap s₀ + τv.
+
+        Raises:
+            ParameterError: where there is no equilibrium.
+        """
+        gap = self.equilibrium_gap(theta, speed)
+        slopes = []
+        for k in range(3):
+            at = np.array([gap, speed, speed], complex)
+            at[k] += 1j * COMPLEX_STEP
+            p, v, u = at
+            slopes.append(self.acceleration(p, v, u, theta, np).imag / COMPLEX_STEP)
+        by_gap, by_speed, by_ahead = slopes
+        tau = -(by_speed + by_ahead) / by_gap
+        lag, delay = (float(self.term(theta, name)) for name in ("lag", "delay"))
+        return Parameters(by_gap, by_ahead, tau, gap - tau * speed, lag, delay)
+
+    def simulate(
+        self,
+        theta: Any,
+        time: FloatArray,
+        leader_speed: FloatArray,
+        initial_speeds: FloatArray,
+        initial_gaps: FloatArray,
+        substeps: int = 1,
+    ) -> Trajectories:
+        """Simulate a platoon in closed loop: only the leader's speed is given.
+
+        A follower that collides drives on through the vehicle ahead, as `cthp.simulate` has it.
+
+        Args:
+            theta: (n,) parameters of all followers, or (n, M) of each.
+            time: (N,) in s, evenly spaced.
+            leader_speed: (N,) in m/s; straight between samples.
+            initial_speeds: (M,) in m/s.
+            initial_gaps: (M,) in m.
+            substeps: steps of the integration between two samples.
+        """
+        theta = np.asarray(theta, float).reshape(len(self.parameters), -1)
+        fine = np.linspace(time[0], time[-1], 2 * substeps * (len(time) - 1) + 1)
+        step = (time[-1] - time[0]) / (len(time) - 1) / substeps
+        leader = np.interp(fine, time, leader_speed)
+        moved = self.integrate(theta, leader, initial_gaps, initial_speeds, step)[::substeps]
+        speeds = np.column_stack([np.asarray(leader_speed, float), moved[:, 1]])
+        return Trajectories(np.asarray(time, float), speeds, moved[:, 0])
+
+    def integrate(self, theta: Any, ahead: Any, gaps: Any, speeds: Any, step: Seconds) -> Any:
+        """Gaps and speeds by the classical Runge-Kutta method, of platoons of M vehicles at once.
+
+        Args:
+            theta: (n, M, ..) or what broadcasts so; complex parameters give derivatives.
+            ahead: (2K+1, ..) speed ahead of the first vehicle at every half step, in m/s.
+            gaps: (M, ..) in m, at first.
+            speeds: (M, ..) in m/s, at first.
+            step: in s.
+
+        Returns:
+            (K+1, 2, M, ..) gaps and speeds; what diverges is not finite.
+        """
+        parts = np.broadcast_arrays(gaps, speeds, theta[0], ahead[0][None])
+        start = np.zeros((2 + ("lag" in self.terms) + 2 * ("delay" in self.terms), *parts[0].shape))
+        state = start.astype(np.result_type(*theta, ahead, gaps))
+        state[:2] = parts[:2]
+        command = self._command(theta, state, ahead[0])
+        if "delay" in self.terms:
+            state[2] = command * self.term(theta, "delay") ** 2 / 12.0
+        if "lag" in self.terms:
+            state[-1] = command
+        moved = np.empty((len(ahead) // 2 + 1, 2, *state.shape[1:]), state.dtype)
+        moved[0] = state[:2]
+        with np.errstate(all="ignore"):  # what diverges is the caller's to judge
+            for k in range(len(moved) - 1):
+                first, middle, last = ahead[2 * k : 2 * k + 3]
+                one = self._rates(theta, state, first)
+                two = self._rates(theta, state + one * (step / 2), middle)
+                three = self._rates(theta, state + two * (step / 2), middle)
+                four = self._rates(theta, state + three * step, last)
+                two += three
+                two *= 2.0
+                two += one
+                two += four
+                two *= step / 6
+                state = state + two
+                moved[k + 1] = state[:2]
+        return moved
+
+    def _command(self, theta: Any, state: Any, leader: Any) -> Any:
+        return self.acceleration(state[0], state[1], _ahead(state, leader), theta, np)
+
+    def _rates(self, theta: Any, state: Any, leader: Any) -> Any:
+        """Time derivatives of gap, speed, the delay's two states and the lag's acceleration."""
+        rates = np.empty_like(state)
+        np.subtract(_ahead(state, leader), state[1], out=rates[0])
+        reached = self._command(theta, state, leader)
+        if "delay" in self.terms:
+            delay = self.term(theta, "delay")
+            rates[2] = state[3]
+            rates[3] = reached - 12.0 / delay**2 * state[2] - 6.0 / delay * state[3]
+            reached = reached - 12.0 / delay * state[3]
+        if "lag" in self.terms:
+            rates[-1] = (reached - state[-1]) / self.term(theta, "lag")
+            reached = state[-1]
+        rates[1] = reached
+        return rates
+
+
+def _ahead(state: Any, leader: Any) -> Any:
+    """(M, ..) the speed ahead of each vehicle."""
+    if state.shape[1] == 1:
+        return leader
+    first = np.broadcast_to(leader, state[1, :1].shape)
+    return np.concatenate([first, state[1, :-1]])

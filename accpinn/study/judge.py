@@ -1,0 +1,311 @@
+"""Which car-following model describes a car? Each is judged in windows that it has not seen.
+
+One window of K is left out; a model is fitted by closed-loop simulation to the other windows
+together (`methods.following`) and then drives in the one left out from its first state on, with
+only the speed ahead given. The error is the RMSE of the gap; that of the time gap is the error of
+the gap over the measured speed, where that is above `SLOW`. Of two models with RMSE x_k and y_k,
+ln(x_k / y_k) has mean d and standard error s over the windows, and one is said to be better where
+|d| exceeds s by the 95 % quantile of Student's distribution with K - 1 degrees of freedom.
+
+A second judge is the measured gain: in stretches of at least `STRETCH` seconds, |H| of the model,
+fitted to all windows and linearised at the stretch's median speed, is compared with Welch's
+estimate where the coherence is at least `COHERENT`; the error is the rms difference in dB.
+
+Where a recording has one window alone, blocks of it are left out in turn.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import stdtrit
+
+from accpinn.errors import ParameterError, SegmentError
+from accpinn.findings import Finding, Labelled
+from accpinn.methods.following import Drives, Estimate, NotDetermined, estimate
+from accpinn.model.registry import following_model
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.cut import cut, default_vehicles
+from accpinn.segment.segment import Segment
+from accpinn.stability.lagged import lagged_response
+from accpinn.stability.measured_gain import measured_gain
+from accpinn.study.plan import car_following
+from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, RadiansPerSecond, Seconds
+
+LONGEST: Seconds = 150.0
+"""Longest window of car-following that is left out."""
+BLOCKS_OF: Seconds = 100.0
+"""Length of the blocks of a single window, of which there are three at least."""
+STRETCH: Seconds = 250.0
+"""Shortest stretch whose gain is measured."""
+LONGEST_STRETCH: Seconds = 700.0
+"""Longer stretches are cut, as their setting may change."""
+FASTEST: RadiansPerSecond = 1.0
+COHERENT = 0.8
+LEAST_FREQUENCIES = 5
+"""Highest frequency, least coherence and least number of such frequencies of a measured gain."""
+SLOW: MetresPerSecond = 5.0
+LARGEST: Metres = 100.0
+"""Error of the gap with which a follower counts that diverges, or collides and goes astray."""
+TOUCH: Metres = 0.1
+"""Depth to which a gap may fall below zero without a collision: the CTHP stops at gap 0."""
+CONFIDENCE = 0.95
+LEAST_WINDOWS = 3
+"""Fewer windows say nothing about which model is better."""
+
+
+class Describes(Finding, frozen=True):
+    """Which model describes a follower best in windows left out, and whether that is certain."""
+
+    text = (
+        "{vehicle}: the {model} describes this car best. In {windows} windows left out its gap"
+        " error is {rmse:.2f} m (median), {less:.0f} % (± {error:.0f} %) below that of the"
+        " {other}, the next best."
+    )
+    unclear = (
+        "{vehicle}: no model is clearly better. In {windows} windows left out the {model} has the"
+        " least gap error, {rmse:.2f} m (median), but its advantage of {less:.0f} % (± {error:.0f}"
+        " %) over the {other} may be nothing."
+    )
+    few = (
+        "{vehicle}: {windows} windows are too few to say which model is better. The {model} has the"
+        " least gap error in them, {rmse:.2f} m (median), {less:.0f} % below the {other}."
+    )
+
+    vehicle: int
+    model: str
+    other: str
+    windows: int
+    rmse: Metres
+    less: float
+    """Gap error below that of the next best model, in percent."""
+    error: float
+    """Standard error of that, in percent."""
+    clear: bool
+
+    def sentence(self, about: Labelled) -> str:
+        """The finding, as clear as it is."""
+        if self.windows < LEAST_WINDOWS:
+            return self.filled(self.few, about)
+        return self.filled(self.text if self.clear else self.unclear, about)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """One follower and the data by which models are judged on it."""
+
+    windows: tuple[Segment, ...]
+    """(K,) of this follower alone behind the measured vehicle ahead, two at least."""
+    stretches: tuple[Segment, ...]
+    """For the measured gain; overlapping the windows."""
+
+    @property
+    def vehicle(self) -> int:
+        """Its number in the file."""
+        return self.windows[0].vehicles[1]
+
+    @property
+    def label(self) -> str:
+        """Its label."""
+        return self.windows[0].labels[1]
+
+    def gain_error(self, estimated: Estimate) -> float:
+        """Rms error of |H| in dB, the median over the stretches; nan where none is measured."""
+        errors = []
+        for stretch, (omega, gain) in zip(self.stretches, self._gains, strict=True):
+            speed = float(np.median(stretch.speeds[:, 1]))
+            try:
+                near = estimated.model.linearised(estimated.theta, speed)
+            except ParameterError:
+                continue
+            if len(omega) >= LEAST_FREQUENCIES:
+                with np.errstate(all="ignore"):
+                    ratio = 20.0 * np.log10(np.abs(lagged_response(near[None], omega)[0]) / gain)
+                errors.append(float(np.sqrt(np.mean(ratio**2))))
+        return float(np.median(errors)) if errors else float("nan")
+
+    @cached_property
+    def _gains(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Frequencies and measured gains of each stretch; none where it cannot be measured."""
+        found = []
+        for stretch in self.stretches:
+            try:
+                measured = measured_gain(stretch, 0)
+            except SegmentError:
+                found.append((np.empty(0), np.empty(0)))
+                continue
+            kept = (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
+            found.append((measured.omega[kept], measured.gain[kept]))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ModelScore:
+    """How one model does on one follower."""
+
+    estimate: Estimate
+    """From all windows together."""
+    rmse: FloatArray
+    """(K,) of the gap in each window left out, in m."""
+    time_gap_rmse: FloatArray
+    """(K,) in s; nan in a window where the vehicle is slower than `SLOW`."""
+    collided: Mask
+    """(K,) whether the vehicle collides in the window left out."""
+    gain_error: float
+    """Rms error of |H| in dB; nan where no gain is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """The models on one follower, in the order in which they were judged."""
+
+    subject: Subject
+    scores: tuple[ModelScore, ...]
+
+    @cached_property
+    def ranked(self) -> tuple[ModelScore, ...]:
+        """The scores by their mean of ln RMSE, the best first."""
+        return tuple(sorted(self.scores, key=lambda score: float(np.log(score.rmse).mean())))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Which model describes the follower, then what the data do not determine."""
+        found: list[Finding] = []
+        if len(self.scores) > 1:
+            best, other = self.ranked[:2]
+            mean, error = difference([best], [other])
+            windows = len(best.rmse)
+            quantile = stdtrit(windows - 1, CONFIDENCE)
+            found.append(
+                Describes(
+                    self.subject.vehicle,
+                    best.estimate.model.title,
+                    other.estimate.model.title,
+                    windows,
+                    float(np.median(best.rmse)),
+                    -100.0 * float(np.expm1(mean)),
+                    100.0 * error * float(np.exp(mean)),
+                    bool(windows >= LEAST_WINDOWS and -mean > quantile * error),
+                )
+            )
+        for score in self.scores:
+            if symbols := score.estimate.undetermined:
+                title = score.estimate.model.title
+                found.append(NotDetermined(self.subject.vehicle, title, symbols))
+        return tuple(found)
+
+
+def difference(scores: Sequence[ModelScore], others: Sequence[ModelScore]) -> tuple[float, float]:
+    """Mean of ln RMSE minus that of other scores, window by window, and its standard error."""
+    pairs = zip(scores, others, strict=True)
+    ratios = np.concatenate([np.log(score.rmse / other.rmse) for score, other in pairs])
+    error = ratios.std(ddof=1) / np.sqrt(len(ratios)) if len(ratios) > 1 else np.nan
+    return float(ratios.mean()), float(error)
+
+
+def wins(judgements: Sequence[Judgement]) -> FloatArray:
+    """(models,) the share of windows in which each model has the least RMSE of the gap."""
+    errors = [np.array([score.rmse for score in judged.scores]) for judged in judgements]
+    best = np.concatenate([error.argmin(axis=0) for error in errors])
+    return np.asarray(np.bincount(best, minlength=len(errors[0])) / len(best))
+
+
+def subjects_of(
+    recording: Recording, vehicles: Sequence[int] | None = None, windows: Sequence[Window] = ()
+) -> tuple[Subject, ...]:
+    """The followers of a recording that models can be judged on.
+
+    Args:
+        recording: the data.
+        vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
+        windows: to leave out in turn; by default each follower's windows in car-following under
+            ACC. Of a single one, blocks are left out.
+
+    Raises:
+        SegmentError: where there is none.
+    """
+    subjects, faults = [], []
+    for pair in pairwise(vehicles or default_vehicles(recording)):
+        try:
+            chosen = windows or car_following(recording, pair, LONGEST)
+            long = windows or car_following(recording, pair, LONGEST_STRETCH)
+            segments = [cut(recording, w.start, w.duration, pair) for w in chosen]
+            stretches = [cut(recording, w.start, w.duration, pair) for w in long]
+        except SegmentError as fault:
+            faults.append(fault)
+            continue
+        if len(segments) == 1:
+            segments = [cut(recording, w.start, w.duration, pair) for w in blocks(chosen[0])]
+        kept = tuple(part for part in stretches if part.window.duration >= STRETCH)
+        subjects.append(Subject(tuple(segments), kept))
+    if not subjects:
+        raise faults[0]
+    return tuple(subjects)
+
+
+def blocks(window: Window) -> tuple[Window, ...]:
+    """A window in three blocks at least, each near `BLOCKS_OF` seconds."""
+    count = max(3, round(window.duration / BLOCKS_OF))
+    ends = np.linspace(window.start, window.end, count + 1).round(1).tolist()
+    return tuple(Window(*pair) for pair in pairwise(ends))
+
+
+def judge(
+    subjects: Sequence[Subject],
+    models: Sequence[str],
+    should_stop: Callable[[], bool] | None = None,
+) -> Iterator[tuple[Judgement, ...]]:
+    """Judge one model after the other; yields the judgements so far after each.
+
+    Args:
+        subjects: the followers, all of which are searched at once.
+        models: keys of the registry.
+        should_stop: asked several times a second; True ends after the models that are done.
+
+    Raises:
+        ConfigError: for an unknown model.
+        SegmentError: where a window is too short.
+    """
+    done: list[tuple[ModelScore, ...]] = []
+    for key in models:
+        scores = _scores(subjects, key, should_stop)
+        if should_stop and should_stop():
+            return
+        done.append(scores)
+        yield tuple(
+            Judgement(subject, of_models)
+            for subject, of_models in zip(subjects, zip(*done, strict=True), strict=True)
+        )
+
+
+def _scores(
+    subjects: Sequence[Subject], key: str, should_stop: Callable[[], bool] | None
+) -> tuple[ModelScore, ...]:
+    model = following_model(key)
+    drives = Drives.of([window for subject in subjects for window in subject.windows], model)
+    ends = np.cumsum([0, *(len(subject.windows) for subject in subjects)])
+    of_subjects = [list(range(*pair)) for pair in pairwise(ends.tolist())]
+    groups = [[k for k in rows if k != left_out] for rows in of_subjects for left_out in rows]
+    found = estimate(model, drives, groups + of_subjects, should_stop)
+    theta = np.array([one.theta for one in found[: len(groups)]]).T
+    driven, known = drives.simulated(model, theta)[:, 0], drives.counts
+    errors = np.nan_to_num(driven - drives.gaps, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST)
+    errors = np.where(known, errors.clip(-LARGEST, LARGEST), np.nan)
+    fast = np.where(drives.speeds > SLOW, drives.speeds, np.nan)
+    rmse, time_gap_rmse = (_rms(part) for part in (errors, errors / fast))
+    collided: Mask = np.asarray((known & ~(driven > -TOUCH)).any(axis=0))
+    return tuple(
+        ModelScore(
+            whole, rmse[rows], time_gap_rmse[rows], collided[rows], subject.gain_error(whole)
+        )
+        for subject, rows, whole in zip(subjects, of_subjects, found[len(groups) :], strict=True)
+    )
+
+
+def _rms(errors: FloatArray) -> FloatArray:
+    """(W,) root mean squares of what is known of (N, W); nan where nothing is."""
+    known = np.isfinite(errors)
+    sums = np.where(known, errors**2, 0.0).sum(axis=0)
+    return np.asarray(np.sqrt(sums / np.where(known.any(axis=0), known.sum(axis=0), np.nan)))

@@ -1,0 +1,76 @@
+"""Estimates of the registry's models: the truth from simulated platoons, and honest intervals."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from accpinn.findings import Finding
+from accpinn.methods.following import Drives, NotDetermined, estimate
+from accpinn.model.registry import FOLLOWING
+from tests.support.following import driven
+
+TRUTHS = {
+    "idm": np.array([[1.2, 1.6, 1.1, 3.0, 40.0], [0.8, 2.2, 1.3, 5.0, 38.0]]),
+    "fvdm": np.array([[0.15, 0.3, 20.0, 0.05, 18.0], [0.1, 0.5, 17.0, 0.06, 22.0]]),
+    "cthp-s0": np.array([[0.08, 0.2, 1.2, 4.0], [0.15, 0.1, 0.9, 6.0]]),
+    "idm-delay": np.array([[1.0, 1.8, 1.2, 4.0, 40.0, 0.5], [1.0, 1.8, 1.4, 4.0, 40.0, 0.4]]),
+}
+
+
+@pytest.mark.parametrize("key", TRUTHS)
+def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
+    model, truth = FOLLOWING[key], TRUTHS[key]
+    windows = [part for seed in range(4) for part in driven(model, truth, seed, noise=0.03)]
+    groups = [list(range(k, len(windows), 2)) for k in range(2)]
+    for found, theta in zip(estimate(model, Drives.of(windows, model), groups), truth, strict=True):
+        assert found.converged
+        assert found.rmse < 0.15
+        assert found.theta == pytest.approx(theta, rel=0.15)
+        near = model.linearised(found.theta, 25.0), model.linearised(theta, 25.0)
+        assert near[0].values == pytest.approx(near[1].values, rel=0.05)
+
+
+def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
+    model = FOLLOWING["idm"]
+    (window,) = driven(model, TRUTHS["idm"][:1], 7, noise=0.03)
+    unrest = np.random.default_rng(0).standard_normal(window.speeds.shape)
+    gaps = np.full(window.gaps.shape, 36.0)
+    steady = replace(window, speeds=25.0 + 0.02 * unrest, gaps=gaps)
+    (known,) = estimate(model, Drives.of([window], model), [[0]])
+    (found,) = estimate(model, Drives.of([steady], model), [[0]])
+    assert {"b", "v₀"} <= set(found.undetermined)
+    assert set(known.undetermined) < set(found.undetermined)
+    finding: Finding = NotDetermined(2, model.title, found.undetermined)
+    assert "2 behind: these data do not determine" in finding.sentence(steady)
+    assert (found.lower < found.theta).all()
+    assert (found.theta < found.upper).all()
+
+
+@pytest.mark.parametrize("key", ["idm", "fvdm"])
+def test_intervals_cover_the_truth_under_disturbances_that_last(key: str) -> None:
+    """Nominal 90 %, over 20 simulated cars; fewer than 75 % covered would be a fault."""
+    model, rng = FOLLOWING[key], np.random.default_rng(5)
+    theta = TRUTHS[key][0]
+    windows = [driven(model, theta[None], seed, noise=0.03)[0] for seed in range(100, 180)]
+    disturbed = []
+    for window in windows:
+        draws = rng.standard_normal(window.samples) * 0.1
+        moved = np.empty(window.samples)
+        moved[0] = 0.0
+        for k in range(1, window.samples):  # an Ornstein-Uhlenbeck error of the gap over 6 s
+            moved[k] = moved[k - 1] * np.exp(-0.1 / 6.0) + draws[k]
+        disturbed.append(replace(window, gaps=window.gaps + moved[:, None]))
+    groups = [list(range(k, k + 4)) for k in range(0, len(disturbed), 4)]
+    found = estimate(model, Drives.of(disturbed, model), groups)
+    inside = [(one.lower <= theta) & (theta <= one.upper) for one in found]
+    assert np.mean(inside) > 0.75
+
+
+def test_one_follower_takes_at_most_a_second_and_a_half() -> None:
+    model = FOLLOWING["idm"]
+    (window,) = driven(model, TRUTHS["idm"][:1], 3, noise=0.03, seconds=300.0)
+    began = time.process_time()
+    estimate(model, Drives.of([window], model), [[0]])
+    assert time.process_time() - began < 1.5

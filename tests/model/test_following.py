@@ -1,0 +1,97 @@
+"""All that follows from a model's acceleration, for every model of the registry."""
+
+import numpy as np
+import pytest
+
+from accpinn.errors import ConfigError, ParameterError
+from accpinn.model import cthp
+from accpinn.model.cthp import Parameters
+from accpinn.model.following import FollowingModel
+from accpinn.model.idm import IDM
+from accpinn.model.models import MODELS
+from accpinn.model.registry import FOLLOWING, JUDGED, following_model
+from accpinn.stability.criteria import response
+
+SPEED = 22.0
+TIME = np.arange(0.0, 60.05, 0.1)
+DRIVE = 24.0 + 4.0 * np.sin(0.11 * TIME) + np.sin(0.6 * TIME)
+
+
+@pytest.mark.parametrize("model", FOLLOWING.values(), ids=FOLLOWING)
+def test_the_linearised_response_is_the_gain_of_a_small_sinusoid(model: FollowingModel) -> None:
+    theta, near = model.typical, model.linearised(model.typical, SPEED)
+    gap = model.equilibrium_gap(theta, SPEED)
+    for omega in (0.15, 0.6):
+        time = np.arange(0.0, 150.0 + 4 * np.pi / omega, 0.1)
+        wave = SPEED + 0.01 * np.sin(omega * time)
+        run = model.simulate(theta, time, wave, np.array([SPEED]), np.array([gap]))
+        late = time > 150.0
+        phases = np.column_stack([np.ones(late.sum()), np.sin(omega * time[late])])
+        basis = np.column_stack([phases, np.cos(omega * time[late])])
+        _, sine, cosine = np.linalg.lstsq(basis, run.speeds[late, 1], rcond=None)[0]
+        linear = abs(response(near[None], np.array([omega]))[0, 0])
+        assert np.hypot(sine, cosine) / 0.01 == pytest.approx(linear, rel=0.01)
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_the_cthp_is_its_closed_form(key: str) -> None:
+    model = FOLLOWING[key]
+    theta = model.typical
+    near = model.linearised(theta, SPEED)
+    stated = {name: getattr(near, name) for name in model.names}
+    assert stated == pytest.approx(dict(zip(model.names, theta, strict=True)), rel=1e-12)
+    assert near.s0 == pytest.approx(stated.get("s0", 0.0), abs=1e-11)
+    starts = np.array([23.0, 25.0]), np.array([36.0, 41.0])
+    exact = cthp.simulate(Parameters.of([near.complete] * 2), TIME, DRIVE, *starts)
+    run = model.simulate(theta, TIME, DRIVE, *starts, substeps=16 if model.terms else 4)
+    assert run.gaps == pytest.approx(exact.gaps, abs=1e-8)
+    assert run.speeds == pytest.approx(exact.speeds, abs=1e-8)
+
+
+@pytest.mark.parametrize("key", JUDGED)
+def test_an_acceleration_is_the_same_in_numpy_and_torch(key: str) -> None:
+    torch = pytest.importorskip("torch")
+    model, at = FOLLOWING[key], np.array([[30.0, 12.0], [25.0, 8.0], [24.0, 9.0]])
+    tensors = torch.tensor(at), torch.tensor(model.typical)
+    by_torch = model.acceleration(*tensors[0], tensors[1], torch).numpy()
+    assert by_torch == pytest.approx(model.acceleration(*at, model.typical, np), rel=1e-12)
+
+
+@pytest.mark.parametrize("key", ["idm", "fvdm-lag"])
+def test_the_fixed_step_agrees_with_an_adaptive_solver(key: str) -> None:
+    from scipy.integrate import solve_ivp
+
+    model, theta = FOLLOWING[key], FOLLOWING[key].typical
+    run = model.simulate(theta, TIME, DRIVE, np.array([23.0]), np.array([36.0]))
+
+    def rates(t: float, x: np.ndarray) -> np.ndarray:
+        return model._rates(theta, x[:, None], np.interp(t, TIME, DRIVE))[:, 0]
+
+    start = [36.0, 23.0, *[model._command(theta, np.array([[36.0], [23.0]]), DRIVE[0])[0]]]
+    size = 2 + len(model.terms)
+    ends = {"rtol": 1e-9, "atol": 1e-9, "max_step": 0.1, "t_eval": TIME}
+    exact = solve_ivp(rates, (0.0, TIME[-1]), start[:size], **ends)
+    assert run.gaps[:, 0] == pytest.approx(exact.y[0], abs=1e-4)
+
+
+@pytest.mark.parametrize("model", FOLLOWING.values(), ids=FOLLOWING)
+def test_a_complex_step_gives_the_derivatives_of_a_simulation(model: FollowingModel) -> None:
+    count = len(model.parameters)
+    steps = np.eye(count) * 1e-6 * model.typical
+
+    def gaps(theta: np.ndarray) -> np.ndarray:
+        start = np.array([36.0])[:, None], np.array([23.0])[:, None]
+        return model.integrate(theta[:, None], DRIVE[:, None], *start, 0.2)[:, 0, 0]
+
+    slopes = gaps(model.typical[:, None] + 1e-30j * np.eye(count)).imag / 1e-30
+    for k, step in enumerate(steps):
+        up, down = (gaps((model.typical + sign * step)[:, None]).real[:, 0] for sign in (1, -1))
+        by_difference = (up - down) / (2 * step[k])
+        assert slopes[:, k] == pytest.approx(by_difference, rel=1e-4, abs=1e-4)
+
+
+def test_what_no_model_can_do_ends_in_one_sentence() -> None:
+    with pytest.raises(ParameterError, match=r"IDM: .* no equilibrium at 60.0 m/s; choose"):
+        IDM.linearised(IDM.typical, 60.0)
+    with pytest.raises(ConfigError, match="models: krauss is not known; choose from cthp"):
+        following_model("krauss")

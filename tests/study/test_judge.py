@@ -1,0 +1,91 @@
+"""The judge: which model a simulated car follows, and what the data leave open."""
+
+import numpy as np
+import pytest
+
+from accpinn.errors import SegmentError
+from accpinn.model.registry import FOLLOWING, JUDGED
+from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Window
+from accpinn.segment.segment import Segment
+from accpinn.study.judge import Describes, Judgement, Subject, blocks, judge, subjects_of, wins
+from tests.support.following import driven
+from tests.support.samples import FOLDER, PLATOON
+
+TRUTHS = {
+    "cthp-s0": [0.08, 0.2, 1.2, 6.0],
+    "idm": [1.2, 1.6, 1.1, 3.0, 40.0],
+    "fvdm": [0.15, 0.3, 20.0, 0.05, 18.0],
+}
+
+
+def subject(key: str, noise: float = 0.05) -> Subject:
+    """A simulated car in four windows."""
+    model, theta = FOLLOWING[key], np.array([TRUTHS[key]])
+    windows = tuple(driven(model, theta, seed, noise)[0] for seed in range(4))
+    return Subject(windows, driven(model, theta, 9, noise, seconds=400.0)[:1])
+
+
+@pytest.mark.parametrize("truth", TRUTHS)
+def test_the_true_model_is_picked(truth: str) -> None:
+    *_, (judged,) = judge([subject(truth)], JUDGED)
+    best = judged.ranked[0]
+    assert best.estimate.model.key == truth
+    assert np.median(best.rmse) < 0.3
+    assert best.gain_error < 1.5  # over so wide a range of speeds no linear gain holds
+    assert not best.collided.any()
+    share = dict(zip(JUDGED, wins([judged]), strict=True))
+    assert share[truth] >= 0.75
+    assert sum(share.values()) == pytest.approx(1.0)
+    finding = judged.findings[0]
+    assert isinstance(finding, Describes)
+    assert finding.clear
+    title = best.estimate.model.title
+    sentence = finding.sentence(judged.subject.windows[0])
+    assert sentence.startswith(f"2 behind: the {title} describes this car best. In 4 windows left")
+
+
+def test_models_that_are_alike_are_not_told_apart() -> None:
+    """The CTHP with an intercept of about zero is the CTHP."""
+    model = FOLLOWING["cthp"]
+    windows = [driven(model, np.array([[0.1, 0.2, 1.3]]), seed, 0.3)[0] for seed in range(4)]
+    *_, (judged,) = judge([Subject(tuple(windows), ())], ["cthp", "cthp-s0"])
+    finding = judged.findings[0]
+    assert isinstance(finding, Describes)
+    assert not finding.clear
+    assert "may be nothing" in finding.sentence(windows[0])
+    two = Judgement(Subject(tuple(windows[:2]), ()), judged.scores)
+    assert np.isnan(two.scores[0].gain_error)
+
+
+def test_the_window_left_out_teaches_nothing() -> None:
+    """Its own motion changes the error there and no parameter that is judged in it."""
+    windows = subject("idm").windows
+    other = driven(FOLLOWING["cthp"], np.array([[0.02, 0.05, 2.0]]), 3, 0.05)[0]
+    ((first,),) = judge([Subject(windows[:3], ())], ["idm"])
+    ((second,),) = judge([Subject((*windows[:2], other), ())], ["idm"])
+    assert second.scores[0].rmse[2] > 5 * first.scores[0].rmse[2]
+    assert second.scores[0].rmse[0] > 2 * first.scores[0].rmse[0]  # it is learned from the others
+
+
+def test_a_stop_ends_with_the_models_that_are_done() -> None:
+    asked: list[int] = []
+
+    def should_stop() -> bool:
+        asked.append(1)
+        return len(asked) > 30
+
+    done = list(judge([subject("idm")], JUDGED, should_stop))
+    assert 0 < len(done) < len(JUDGED)
+    assert len(done[-1][0].scores) == len(done)
+
+
+def test_one_window_is_judged_by_its_blocks() -> None:
+    recording = read(FOLDER / f"{PLATOON}.csv")
+    assert [part.duration for part in blocks(Window(10.0, 310.0))] == pytest.approx([100.0] * 3)
+    subjects = subjects_of(recording, windows=[Window(0.0, 300.0)])
+    assert [len(one.windows) for one in subjects] == [3] * len(subjects)
+    assert all(isinstance(part, Segment) for one in subjects for part in one.stretches)
+    short = subjects_of(recording, (1, 2), [Window(0.0, 60.0)])
+    with pytest.raises(SegmentError, match="too short to judge a model by; choose a window"):
+        list(judge(short, ["cthp"]))
