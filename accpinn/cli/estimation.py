@@ -297,6 +297,11 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--methods", default="all", metavar="all | A,B", help="some of those below (all)"
     )
+    parser.add_argument(
+        "--models", nargs="?", const="all", metavar="all | A,B",
+        help="car-following models in place of methods, each judged in windows left out: all in"
+        " car-following, or blocks of the one given",
+    )  # fmt: skip
     add_run_options(parser)
 
 
@@ -308,6 +313,10 @@ def add_method_help(parser: argparse.ArgumentParser) -> None:
 
 def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
+    if options.models:
+        from accpinn.cli.models import run_judge  # not needed for methods
+
+        return run_judge(options)
     methods = parse_methods(options.methods)
     analysis, recording = chosen_analysis(options)
     compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))

@@ -140,6 +140,7 @@ def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
         is_present = path.is_file()
         if is_present and run.sha256 and pooch.file_hash(path) != run.sha256:
             return failed(f"{path}: this is not the published file; move it away to download it.")
+        path.parent.mkdir(parents=True, exist_ok=True)  # two transfers would both try, and one fail
         fetcher.fetch(run.key, downloader=lambda url, place, _: publisher.deliver(run, url, place))
         state = DownloadState.PRESENT if is_present else DownloadState.DOWNLOADED
         return Download(run, path, state, path.stat().st_size)

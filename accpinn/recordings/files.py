@@ -113,11 +113,14 @@ class _File:
 
     @property
     def is_unknown(self) -> bool:
-        """Whether it is a table of no known layout."""
-        known = (
-            self.mapping or self.is_pair_table or _first_cell(self.content) == TIME.column.lower()
-        )
-        return self.layout is not None and not known
+        """Whether it is a table of no known layout.
+
+        A run begins with its time, as tables of one's own do, and has numbered vehicles.
+        """
+        if self.layout is None or self.mapping or self.is_pair_table:
+            return False
+        has_vehicles = openacc.has_numbered_speeds(self.layout)
+        return not has_vehicles or _first_cell(self.content) != TIME.column.lower()
 
     @cached_property
     def runs(self) -> tuple[TableRun, ...]:

@@ -277,6 +277,12 @@ def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingErro
     return source_file.refusal(fault, _CHOOSE_RUN, place)
 
 
+def has_numbered_speeds(layout: Layout) -> bool:
+    """Whether a column is the speed of a numbered vehicle, as in every run."""
+    found = map(_NUMBERED.fullmatch, layout.names)
+    return any(numbered[1] == SPEED.column for numbered in found if numbered)
+
+
 def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
     place = f"row {layout.header_row}"
     columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}

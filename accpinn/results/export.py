@@ -26,11 +26,16 @@ from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import Labelled
 from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.inference.gain_check import GainCheck
+from accpinn.methods.following import LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.catalogue import make_and_model
+from accpinn.results.messages import messages
 from accpinn.segment.segment import SegmentInfo
+from accpinn.stability.at_speed import stability_at
+from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
+from accpinn.units import MetresPerSecond
 
 SAMPLES = 100
 """Number of posterior draws in a distribution of vehicle types."""
@@ -190,6 +195,52 @@ def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
 def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:
     """How far the answer's gain is from the measured one, ready for JSON."""
     return {**msgspec.structs.asdict(check), "sentence": check.sentence(about)}
+
+
+def judgement_document(judged: Judgement) -> dict[str, Any]:
+    """The models of one follower as the command line and files have them, ready for JSON."""
+    subject, about = judged.subject, judged.subject.windows[0]
+    low, speed, high = subject.speeds
+    return {
+        "vehicle": subject.vehicle,
+        "name": about.names[1],
+        "windows": [[s.window.start, s.window.duration] for s in subject.windows],
+        "speeds": {"low": low, "median": speed, "high": high},
+        "models": [
+            _score_document(score, speed, share)
+            for score, share in zip(judged.scores, wins([judged]), strict=True)
+        ],
+        "best": judged.ranked[0].estimate.model.key,
+        "clear": judged.is_clear,
+        "sentences": messages(judged.findings, about),
+    }
+
+
+def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> dict[str, Any]:
+    found = score.estimate
+    model, vehicle = found.model, stability_at(found.model, found.theta, speed)
+    named = zip(model.names, found.theta, found.lower, found.upper, found.determined, strict=True)
+    return {
+        "model": model.key,
+        "title": model.title,
+        "parameters": {
+            name: {"value": value, "interval": [low, high], "determined": bool(known)}
+            for name, value, low, high, known in named
+        },
+        "level": LEVEL,
+        "gap_rmse": score.rmse.tolist(),
+        "time_gap_rmse": score.time_gap_rmse.tolist(),
+        "collided": score.collided.tolist(),
+        "wins": float(share),
+        "gain_error": score.gain_error,
+        "stability": vehicle
+        and {
+            "speed": speed,
+            "peak_db": vehicle.peak.db,
+            "l2_stable": vehicle.l2.stable,
+            "linf_gain": vehicle.linf_gain,
+        },
+    }
 
 
 def _card_of(snapshot: Result, k: int) -> dict[str, Any]:

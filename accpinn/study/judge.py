@@ -11,7 +11,7 @@ A second judge is the measured gain: in stretches of at least `STRETCH` seconds,
 fitted to all windows and linearised at the stretch's median speed, is compared with Welch's
 estimate where the coherence is at least `COHERENT`; the error is the rms difference in dB.
 
-Where a recording has one window alone, blocks of it are left out in turn.
+Where a recording has fewer than three windows, blocks of them are left out in turn.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -37,7 +37,7 @@ from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, RadiansPerS
 LONGEST: Seconds = 150.0
 """Longest window of car-following that is left out."""
 BLOCKS_OF: Seconds = 100.0
-"""Length of the blocks of a single window, of which there are three at least."""
+"""Length of the blocks where there are too few windows."""
 STRETCH: Seconds = 250.0
 """Shortest stretch whose gain is measured."""
 LONGEST_STRETCH: Seconds = 700.0
@@ -111,6 +111,14 @@ class Subject:
         """Its label."""
         return self.windows[0].labels[1]
 
+    @cached_property
+    def speeds(self) -> tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond]:
+        """Its least, median and largest speed; 5 % of the time it is slower or faster."""
+        low, middle, high = np.nanquantile(
+            np.concatenate([window.speeds[:, 1] for window in self.windows]), (0.05, 0.5, 0.95)
+        )
+        return float(low), float(middle), float(high)
+
     def gain_error(self, estimated: Estimate) -> float:
         """Rms error of |H| in dB, the median over the stretches; nan where none is measured."""
         errors = []
@@ -170,24 +178,31 @@ class Judgement:
         return tuple(sorted(self.scores, key=lambda score: float(np.log(score.rmse).mean())))
 
     @property
+    def is_clear(self) -> bool:
+        """Whether the best model is better than the next by more than chance explains."""
+        windows = len(self.subject.windows)
+        if len(self.scores) < 2 or windows < LEAST_WINDOWS:
+            return False
+        mean, error = difference(self.ranked[:1], self.ranked[1:2])
+        return bool(-mean > stdtrit(windows - 1, CONFIDENCE) * error)
+
+    @property
     def findings(self) -> tuple[Finding, ...]:
         """Which model describes the follower, then what the data do not determine."""
         found: list[Finding] = []
         if len(self.scores) > 1:
             best, other = self.ranked[:2]
             mean, error = difference([best], [other])
-            windows = len(best.rmse)
-            quantile = stdtrit(windows - 1, CONFIDENCE)
             found.append(
                 Describes(
                     self.subject.vehicle,
                     best.estimate.model.title,
                     other.estimate.model.title,
-                    windows,
+                    len(best.rmse),
                     float(np.median(best.rmse)),
                     -100.0 * float(np.expm1(mean)),
                     100.0 * error * float(np.exp(mean)),
-                    bool(windows >= LEAST_WINDOWS and -mean > quantile * error),
+                    self.is_clear,
                 )
             )
         for score in self.scores:
@@ -221,7 +236,7 @@ def subjects_of(
         recording: the data.
         vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
         windows: to leave out in turn; by default each follower's windows in car-following under
-            ACC. Of a single one, blocks are left out.
+            ACC. Of fewer than three, blocks are left out.
 
     Raises:
         SegmentError: where there is none.
@@ -236,8 +251,11 @@ def subjects_of(
         except SegmentError as fault:
             faults.append(fault)
             continue
-        if len(segments) == 1:
-            segments = [cut(recording, w.start, w.duration, pair) for w in blocks(chosen[0])]
+        if len(segments) < LEAST_WINDOWS:
+            parts = [
+                part for whole in chosen for part in blocks(whole, -(-LEAST_WINDOWS // len(chosen)))
+            ]
+            segments = [cut(recording, part.start, part.duration, pair) for part in parts]
         kept = tuple(part for part in stretches if part.window.duration >= STRETCH)
         subjects.append(Subject(tuple(segments), kept))
     if not subjects:
@@ -245,9 +263,9 @@ def subjects_of(
     return tuple(subjects)
 
 
-def blocks(window: Window) -> tuple[Window, ...]:
-    """A window in three blocks at least, each near `BLOCKS_OF` seconds."""
-    count = max(3, round(window.duration / BLOCKS_OF))
+def blocks(window: Window, least: int) -> tuple[Window, ...]:
+    """A window in blocks near `BLOCKS_OF` seconds, ``least`` of them at least."""
+    count = max(least, round(window.duration / BLOCKS_OF))
     ends = np.linspace(window.start, window.end, count + 1).round(1).tolist()
     return tuple(Window(*pair) for pair in pairwise(ends))
 

@@ -27,10 +27,12 @@ from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
+from accpinn.model.registry import following_model
 from accpinn.recordings.recording import Recording
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import Refused, compare, starts
+from accpinn.study.judge import Judgement, Subject, judge
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.store import Store
@@ -430,6 +432,26 @@ def comparison_seconds(segment: Segment) -> Seconds:
     """How long a comparison of all methods takes on two cores, to within a factor of two or so."""
     typical = sum(method.typical_seconds for method in METHODS.values()) + FORMS_SECONDS
     return relative_size(segment) * typical
+
+
+def judgement_task(
+    owner: str, subjects: Sequence[Subject], models: Sequence[str]
+) -> Task[tuple[Judgement, ...]]:
+    """Car-following models in windows left out; each result has all models so far."""
+
+    def steps(context: TaskContext) -> Iterator[tuple[Judgement, ...]]:
+        return judge(subjects, models, context.should_stop)
+
+    following = [following_model(key) for key in models]
+    weights = [len(model.parameters) ** 2 for model in following]
+    titles = tuple(model.title for model in following)
+    return Task(owner, "judgement of models", steps, titles, weights)
+
+
+def judgement_seconds(subjects: Sequence[Subject]) -> Seconds:
+    """How long a judgement of the usual models takes, to within a factor of two or so."""
+    windows = sum(len(subject.windows) for subject in subjects)
+    return 0.3 + 0.5 * windows
 
 
 def starts_task(

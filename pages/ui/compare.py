@@ -31,6 +31,7 @@ from accpinn.study.comparison import Refused, refused_among, spread_of
 from accpinn.study.result import Result
 from accpinn.tasks.task import comparison_seconds
 from accpinn.units import FloatArray, known_mean
+from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.result import (
@@ -40,12 +41,13 @@ from pages.ui.components.result import (
     show_intervals,
 )
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import pick_follower, tabs
+from pages.ui.components.widgets import pick_follower, segments, tabs
 from pages.ui.session.workspace import Workspace, recording_duration
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 ONLINE = "α, β, τ by the online methods"
 """What is drawn over time in place of one method's curves."""
+VIEWS = {"methods": "Methods of estimation", "models": "Car-following models"}
 MOST = 8
 """Earlier fits over the chart at once."""
 
@@ -86,6 +88,9 @@ def show_page() -> None:
         return
     st.caption(frame.segment_line(segment, workspace.case))
     show.not_acc(segment)
+    if segments("Compare", VIEWS, "methods", "compare_view", workspace) == "models":
+        models.show_models(workspace)
+        return
     _controls(workspace, segment)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))

@@ -298,6 +298,12 @@ def compare(camera: Camera) -> None:
                 page.get_by_text("All 5 trainings").wait_for(timeout=TRAINING_MS)
                 idle(page)
             camera.shoot(page, f"compare_{title.lower().replace(' ', '_')}")
+        page.get_by_text("Car-following models").click()
+        page.get_by_role("button", name="Judge 4 models").click()
+        chart(page, "models_peak")
+        idle(page)
+        camera.shoot(page, "compare_models_fold", whole=False)
+        camera.shoot(page, "compare_models")
 
 
 def snapshots(camera: Camera) -> None:

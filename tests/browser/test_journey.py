@@ -3,10 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from accpinn.methods.registry import METHODS
+from accpinn.model.registry import FOLLOWING
 from tests.browser.conftest import Open
 from tests.browser.running import (
     ESTIMATES,
@@ -28,6 +30,7 @@ from tests.browser.running import (
     upload,
     watched,
 )
+from tests.support.following import driven
 from tests.support.server import ROOT
 
 pytestmark = pytest.mark.browser
@@ -342,3 +345,28 @@ def test_a_chart_is_saved_as_svg_and_as_png_and_values_by_hand_are_typed_into_th
     # What was typed is there on the other page, too.
     go(page, "Platoon")
     expect(page.get_by_text("The oscillation fades to")).to_be_visible()
+
+
+def test_which_model_does_this_car_follow(opened: Open) -> None:
+    """From a table of one's own to the answer and its evidence in four clicks."""
+    idm = FOLLOWING["idm"]
+    windows = driven(idm, idm.typical[None], 4, 0.05, seconds=400.0)[0]
+    values = [windows.time, windows.speeds[:, 0], windows.speeds[:, 1], windows.gaps[:, 0]]
+    lines = "".join(f"{t:.1f},{u:.3f},{v:.3f},{p:.3f}\n" for t, u, v, p in np.array(values).T)
+    page = opened("/Data")
+    upload(page, ("own.csv", f"time,v_lead,v_ego,gap_ego\n{lines}".encode()))
+    opened_now = page.get_by_text("Preview of the window")
+    mapped = page.get_by_role("button", name="Open with these columns")
+    opened_now.or_(mapped).first.wait_for()
+    if mapped.count():
+        mapped.click()
+    opened_now.wait_for()
+    idle(page)
+    go(page, "Compare")
+    page.get_by_text("Car-following models").click()
+    page.get_by_role("button", name="Judge 4 models").click()
+    expect(page.get_by_text(re.compile("the IDM describes this car best"))).to_be_visible(
+        timeout=TRAINING_MS
+    )
+    expect(chart(page, "models_peak")).to_be_visible()
+    assert not exceptions(page)

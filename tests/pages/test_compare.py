@@ -10,6 +10,7 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
+from accpinn.results.messages import messages
 from accpinn.results.messages.summary import outside_intervals
 from accpinn.results.tables.answer import answer_table
 from accpinn.study.comparison import Refused, compare
@@ -115,6 +116,25 @@ def test_a_stop_keeps_the_rows_and_offers_to_run_again(session: Workspace) -> No
     page = open_page(COMPARE, session)
     assert "Stopped: no result" in page.plain()
     assert page.button(key="compare_run").label.startswith("Run all methods (about ")
+
+
+def test_which_model_this_car_follows(session: Workspace) -> None:
+    page = open_page(COMPARE, session).choose("compare_view", "models")
+    assert page.button(key="models_run").label.startswith("Judge 4 models (about ")
+    page.choose("models_chosen", ["cthp", "cthp-s0"]).press("models_run")
+    assert session.judgement.wait(WAIT)
+    assert session.judgement.status is Status.DONE
+    (judged,) = session.judgement.result
+    page = open_page(COMPARE, session)
+    said = messages(judged.findings, judged.subject.windows[0])
+    assert all(sentence in page.plain() for sentence in said)
+    assert "CTHP with intercept s₀" in page.everything()
+    assert len(page.figures()) == 2
+    page.choose(f"models_speed_{judged.subject.vehicle}", 90.0)
+    assert "At 90 km/h" in page.everything()
+
+    session.choose(vehicles=(2, 3))
+    assert session.judgement is None, "it was of other vehicles"
 
 
 def test_earlier_fits_are_bounded_and_shown_without_a_comparison(session: Workspace) -> None:

@@ -67,6 +67,7 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
         read(raw, "mine.csv")
     assert preview(raw, "mine.csv").mapping is None
     assert is_unknown(raw, "mine.csv")
+    assert is_unknown(b"time,lead,ego,gap\n" + b"0,1,2,3\n" * 40, "mine.csv")
     assert not is_unknown(csv(frame, metadata(("A", "B"))), "run.csv")
     first = read(raw, "mine.csv", mapping=mapping)
     assert not is_unknown(raw, "next.csv")

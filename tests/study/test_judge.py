@@ -82,7 +82,7 @@ def test_a_stop_ends_with_the_models_that_are_done() -> None:
 
 def test_one_window_is_judged_by_its_blocks() -> None:
     recording = read(FOLDER / f"{PLATOON}.csv")
-    assert [part.duration for part in blocks(Window(10.0, 310.0))] == pytest.approx([100.0] * 3)
+    assert [part.duration for part in blocks(Window(10.0, 310.0), 2)] == pytest.approx([100.0] * 3)
     subjects = subjects_of(recording, windows=[Window(0.0, 300.0)])
     assert [len(one.windows) for one in subjects] == [3] * len(subjects)
     assert all(isinstance(part, Segment) for one in subjects for part in one.stretches)

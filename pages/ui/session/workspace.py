@@ -21,11 +21,18 @@ from accpinn.segment.cut import DURATION, complete_windows, default_vehicles
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import Refused, results_among
+from accpinn.study.judge import Judgement, Subject, subjects_of
 from accpinn.study.plan import car_following
 from accpinn.study.result import Result
 from accpinn.study.snapshot import named
 from accpinn.study.store import Entry
-from accpinn.tasks.task import Task, comparison_task, starts_task, training_task
+from accpinn.tasks.task import (
+    Task,
+    comparison_task,
+    judgement_task,
+    starts_task,
+    training_task,
+)
 from accpinn.units import Seconds
 from pages.ui.session.resources import store, task_queue
 
@@ -88,6 +95,8 @@ class Workspace:
     """All methods on the segment, while they run and when they are done."""
     starts: Task[Result] | None = None
     """Trainings of the segment from several initial values."""
+    judgement: Task[tuple[Judgement, ...]] | None = None
+    """Car-following models on the recording's windows."""
     restored: Result | None = None
     """The result shown while no newer training has one: a snapshot, or an earlier training."""
     validation: Segment | None = None
@@ -356,9 +365,24 @@ class Workspace:
             self.starts = task_queue().submit(task)
 
     @property
+    def subjects(self) -> tuple[Subject, ...]:
+        """The followers that models can be judged on: in all windows, or blocks of the chosen one.
+
+        Raises:
+            SegmentError: where the chosen window is too short.
+        """
+        if self.recording is None:
+            return ()
+        return judged_subjects(self.recording, self.vehicles, self.window)
+
+    def judge_models(self, models: Sequence[str]) -> None:
+        """Queue car-following models on the recording."""
+        self.judgement = task_queue().submit(judgement_task(self.id, self.subjects, models))
+
+    @property
     def tasks(self) -> tuple[Task[Any], ...]:
         """All that were asked for on this segment."""
-        every = (self.training, self.comparison, self.starts)
+        every = (self.training, self.comparison, self.starts, self.judgement)
         return tuple(task for task in every if task)
 
     def _leave(self) -> None:
@@ -370,7 +394,7 @@ class Workspace:
         source = self.chosen_source = self.parameter_source
         for task in self.tasks:
             task.stop()
-        self.training = self.comparison = self.starts = None
+        self.training = self.comparison = self.starts = self.judgement = None
         if source == "fit":
             self.forget_vehicles()
 
@@ -422,6 +446,16 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
         windows = car_following(recording, vehicles)
         return windows if len(windows) > 1 else ()
     return ()
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def judged_subjects(
+    recording: Recording, vehicles: tuple[int, ...], window: Window
+) -> tuple[Subject, ...]:
+    """Followers in their windows in car-following; in blocks of ``window`` where there is none."""
+    with suppress(SegmentError):
+        return subjects_of(recording, vehicles)
+    return subjects_of(recording, vehicles, [window])
 
 
 def first_window(

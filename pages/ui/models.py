@@ -1,0 +1,111 @@
+"""The part of page Compare that asks which car-following model describes this car."""
+
+from pathlib import Path
+
+import streamlit as st
+
+from accpinn.model.registry import FOLLOWING, JUDGED
+from accpinn.results.figures import models as figures
+from accpinn.results.messages import messages
+from accpinn.results.tables.models import judged_table, model_parameters_table
+from accpinn.study.judge import Judgement
+from accpinn.tasks.task import judgement_seconds
+from pages.ui.components import show
+from pages.ui.components.monitor import monitor, stop_button
+from pages.ui.components.result import recording_needed
+from pages.ui.components.show import escape_markdown
+from pages.ui.components.widgets import kept
+from pages.ui.session.workspace import Workspace
+
+LEAD = (
+    "Which model does this car follow? Each is fitted to all windows but one by closed-loop"
+    " simulation and then drives in the one left out, with only the speed ahead given."
+)
+ABOUT = (
+    "RMSE of the gap: median over the windows left out. Beyond the best: error above that of the"
+    " best model, mean ± one standard error over windows. |H| off: rms difference from the gain"
+    " measured from the recording (Welch's method), a dash where none is measured. Stability holds"
+    " for small disturbances at the stated speed."
+)
+KMH = 3.6
+
+
+def show_models(workspace: Workspace) -> None:
+    """The question, its work, and the answer of each follower."""
+    if workspace.recording is None:
+        recording_needed(workspace, "To judge models, the page needs")
+        return
+    subjects = show.attempt(lambda: workspace.subjects)
+    if not subjects:
+        return
+    st.markdown(LEAD)
+    task = workspace.judgement
+    if task and task.is_active:
+        stop_button(task, "Stop", "models_stop")
+    else:
+        chosen = st.multiselect(
+            "Models", list(FOLLOWING), label_visibility="collapsed",
+            format_func=lambda key: FOLLOWING[key].title, placeholder="Choose models",
+            **kept(workspace, "models_chosen", list(JUDGED), default="default"),
+        )  # fmt: skip
+        share = sum(len(FOLLOWING[key].parameters) for key in chosen) / 17
+        takes = show.format_duration(share * judgement_seconds(subjects))
+        if st.button(
+            f"Judge {len(chosen)} models (about {takes})", key="models_run", disabled=not chosen,
+            type="secondary" if task else "primary", icon=":material/gavel:",
+        ):  # fmt: skip
+            workspace.judge_models(chosen)
+            st.rerun()
+    if task:
+        monitor(workspace, task, lambda polled: _show(workspace, task.result or (), polled))
+
+
+def _show(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool) -> None:
+    """Each follower's answer; charts and details of one once all models are judged."""
+    if not judged:
+        return
+    if polled:
+        show.table(judged_table(judged[0], judged[0].subject.speeds[1]))
+        return
+    for one in judged:
+        (said, *_) = messages(one.findings, one.subject.windows[0]) or ("",)
+        st.markdown(f"**{escape_markdown(said)}**")
+    labels = [one.subject.label for one in judged]
+    at = 0
+    if len(judged) > 1:
+        at = st.selectbox(
+            "Follower", range(len(judged)), format_func=labels.__getitem__, width=320,
+            key="models_follower", label_visibility="collapsed",
+        )  # fmt: skip
+    _show_follower(workspace, judged[at])
+
+
+def _show_follower(workspace: Workspace, one: Judgement) -> None:
+    low, middle, high = (KMH * speed for speed in one.subject.speeds)
+    key = f"models_speed_{one.subject.vehicle}"
+    speed = st.number_input(
+        "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
+        help="Nonlinear models answer small disturbances differently at every speed. Recorded:"
+        f" {low:.0f} to {high:.0f} km/h, median {middle:.0f}.",
+        **kept(workspace, key, float(round(middle))),
+    ) / KMH  # fmt: skip
+    table, stem = judged_table(one, speed), Path(one.subject.windows[0].source).stem
+    show.table(table)
+    st.caption(ABOUT)
+    show.key(figures.colours(one))
+    left, right = st.columns(2)
+    with left:
+        show.chart(figures.errors_by_window(one), "models_errors")
+        st.caption("The gap's error in each window left out.")
+    with right:
+        show.chart(figures.peak_over_speed(one, speed), "models_peak")
+        st.caption(
+            "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."
+            " Dashed: the speed chosen."
+        )
+    with st.expander("Parameters of each model, and what the data leave open"):
+        parameters = model_parameters_table(one)
+        show.table(parameters)
+        show.messages(messages(one.findings[1:], one.subject.windows[0]))
+        show.downloads(parameters, f"{stem}_model_parameters", "model_parameters")
+    show.downloads(table, f"{stem}_models", "models")
