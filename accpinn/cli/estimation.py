@@ -191,7 +191,8 @@ def _progress_bar() -> Iterator[OnProgress]:
             )  # fmt: skip
             first = now.parameters[0]
             values = f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
-            bar.set_postfix_str(f"Ψ={now.total:.3g} {values}", refresh=False)
+            said = now.phase if now.is_part else f"Ψ={now.total:.3g}"
+            bar.set_postfix_str(f"{said} {values}", refresh=False)
             bar.update(now.iteration - bar.n)
 
         yield show_progress

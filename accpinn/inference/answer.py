@@ -24,6 +24,7 @@ from accpinn.findings import Finding
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
 from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, sampled_population
 from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
+from accpinn.inference.trust import Trust, trust
 from accpinn.methods.likelihood import Held, Maximum
 from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
 from accpinn.methods.method import one_thread
@@ -93,8 +94,12 @@ class Answer:
     """(K, M) lower ends of the windows' own intervals."""
     windows_upper: Parameters
     """(K, M) upper ends."""
+    windows_gap: FloatArray
+    """(2, K, M) ends of the windows' own intervals of the time gap at `stated_speed`."""
     differ: FloatArray
     """(M,) probability that windows differ as much by sampling error alone; nan for one window."""
+    trust: tuple[Trust, ...]
+    """What its own windows say of each follower's answer; one where all share it."""
     findings: tuple[HeterogeneousWindows, ...]
     seconds: Seconds
 
@@ -106,7 +111,7 @@ class Answer:
     @property
     def stated_speed(self) -> MetresPerSecond:
         """The highest of `SPEEDS`; the lowest where the followers' median speed is below it."""
-        return SPEEDS[0] if np.median(self.speeds) < SPEEDS[0] else SPEEDS[-1]
+        return _stated(self.speeds)
 
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower, by its name in `Parameters`."""
@@ -220,7 +225,9 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     windows = [window_posterior(segment, case, model, held) for segment in segments]
     own = np.array([window.estimates for window in windows])
     drawn = np.array([window.drawn for window in windows])
-    lower, upper = interval_ends(np.moveaxis(from_features(model, drawn), 2, 0), LEVEL)
+    alone = np.moveaxis(from_features(model, drawn), 2, 0)
+    lower, upper = interval_ends(alone, LEVEL)
+    speeds = np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0)
     followers = range(segments[0].followers)
     typical = [_typical(drawn[:, k], model, held) for k in followers]
     drawn_values, drawn_further = (np.stack(rows, axis=1) for rows in zip(*typical, strict=True))
@@ -228,17 +235,24 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     middle = np.clip(drawn_values.mean(axis=0), *ends)  # a mean of equal values may round
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
     vehicles = (0,) if case == "I" else segments[0].vehicles[1:]
+    parameters, estimates = Parameters.of(from_features(model, middle)), Parameters.of(own)
+    rows = [list(followers)] if case == "I" else [[k] for k in followers]
     return Answer(
         model=model,
         level=LEVEL,
-        speeds=np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0),
-        parameters=Parameters.of(from_features(model, middle)),
+        speeds=speeds,
+        parameters=parameters,
         typical=Parameters.of(from_features(model, drawn_values)),
         further=Parameters.of(from_features(model, drawn_further)),
-        windows=Parameters.of(own),
+        windows=estimates,
         windows_lower=Parameters.of(np.where(own == 0.0, 0.0, lower)),
         windows_upper=Parameters.of(upper),
+        windows_gap=np.array(interval_ends(Parameters.of(alone).time_gap(_stated(speeds)), LEVEL)),
         differ=differ,
+        trust=tuple(
+            trust(segments, vehicle, row, parameters[row[0]], estimates[:, row[0]])
+            for vehicle, row in zip(vehicles, rows, strict=True)
+        ),
         findings=tuple(
             HeterogeneousWindows(vehicle, len(segments), float(p))
             for vehicle, p in zip(vehicles, differ, strict=False)
@@ -246,6 +260,10 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
         ),
         seconds=time.perf_counter() - started,
     )
+
+
+def _stated(speeds: FloatArray) -> MetresPerSecond:
+    return SPEEDS[0] if np.median(speeds) < SPEEDS[0] else SPEEDS[-1]
 
 
 def _typical(drawn: FloatArray, model: Model, held: Held) -> tuple[FloatArray, FloatArray]:

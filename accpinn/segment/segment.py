@@ -1,7 +1,7 @@
 """A segment: a window of a recording and the vehicles in it, the data every method works on."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -301,6 +301,20 @@ class Segment(_Platoon):
             counts &= ~(speeds[:, 1:] | speeds[:, :-1] | gaps)
         counts.setflags(write=False)
         return counts
+
+    def pair(self, follower: int) -> "Segment":
+        """One follower, 0 for the first, behind the measured vehicle ahead of it."""
+        ahead, count = slice(follower, follower + 2), len(self.vehicles)
+        missing, own = self.missing, [follower, follower + 1, count + follower]
+        return replace(
+            self,
+            speeds=self.speeds[:, ahead],
+            gaps=self.gaps[:, [follower]],
+            vehicles=self.vehicles[ahead],
+            names=self.names[ahead],
+            mask=None if self.mask is None else self.mask[:, [follower]],
+            missing=None if missing is None else missing[:, own],
+        )
 
     @property
     def blocks_missing(self) -> tuple[BlocksMissing, ...]:

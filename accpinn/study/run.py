@@ -1,11 +1,12 @@
 """`run`: the only way from an `Analysis` to its `Result`."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import CacheProblem, Fit
+from accpinn.methods.fit import CacheProblem, Fit, Progress
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
@@ -120,14 +121,24 @@ def _together(
             " choose one of them, or one window."
         )
     check_windows(segments, analysis.case)
+    began, done, planned = time.perf_counter(), 0, 2 * len(segments)
 
     def fit(several: tuple[Segment, ...], drawn: Segment) -> Fit:
+        nonlocal done
         if context and context.is_stopped:
             raise ConfigError(
                 f"windows: stopped; {len(segments)} windows have no result before all are"
                 " estimated. Take fewer windows, or one."
             )
-        return among(several, drawn, analysis.case, config)
+        estimated = among(several, drawn, analysis.case, config)
+        done += 1
+        if context and context.on_progress:
+            part = "each window" if done < len(segments) else "all windows together"
+            elapsed = time.perf_counter() - began
+            context.on_progress(
+                Progress.of_part(f"Estimating {part}", done, planned, elapsed, estimated)
+            )
+        return estimated
 
     windows = tuple(
         result_of(

@@ -204,8 +204,8 @@ class Task(Generic[Found]):
         try:
             for result in self._steps(TaskContext(None, threads, self._note, self._stop.is_set)):
                 self._add(result)
-        except AccpinnError as fault:
-            self._end(Status.FAILED, str(fault))
+        except AccpinnError as fault:  # a stop may leave nothing to answer with
+            self._end(Status.STOPPED if self._stop.is_set() else Status.FAILED, str(fault))
         except Exception as fault:
             _log.exception("A %s ended unexpectedly", self.kind)
             self._end(
@@ -221,7 +221,8 @@ class Task(Generic[Found]):
             if not self._recent and self.results:
                 self.recorder = Recorder()
             self._recent.append(progress)
-            self.recorder.add(progress)
+            if not progress.is_part:
+                self.recorder.add(progress)
             self.surrogate = progress.surrogate or self.surrogate
 
     def _add(self, result: Found) -> None:

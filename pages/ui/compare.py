@@ -105,7 +105,7 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
     recording_needed(workspace, "To run the methods, the page needs")
     info, rows = restored.info, restored.compared
     if restored.segments or restored.parts.answer:
-        show_answer(info, restored.answer, restored.fit.case, with_headlines=False)
+        show_answer(info, restored.answer, restored.fit.case)
     show_intervals(info, restored.uncertainty, "", restored.fit.case)
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
@@ -150,7 +150,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     rows = workspace.compared_with_training()
     trained = workspace.result
     answered = (trained or rows[0]).answer
-    show_answer(segment.info, answered, workspace.case, with_headlines=False)
+    show_answer(segment.info, answered, workspace.case)
     st.caption(_about_methods(rows))
     follower = pick_follower(segment, "compare_follower", labelled=False)
     shown = _Shown(workspace, segment, rows, follower)

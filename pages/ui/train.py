@@ -114,7 +114,8 @@ def _show_page(workspace: Workspace) -> None:
         return
     banner(workspace)
     if about := workspace.info:
-        st.caption(frame.segment_line(about, workspace.case))
+        windows = result.analysis.windows if result else workspace.several_windows
+        st.caption(frame.segment_line(about, workspace.case, windows))
         show.not_acc(about)
     if segment:
         # On a narrow screen a result comes before what led to it, while a training can be stopped.

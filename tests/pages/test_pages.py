@@ -18,7 +18,6 @@ from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.table import supported_digits
-from accpinn.segment.cut import cut
 from accpinn.tasks.task import Status, training_task
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
@@ -28,7 +27,12 @@ from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, sample, store, task_queue
-from pages.ui.session.workspace import ALL_WINDOWS, MODEL, Workspace
+from pages.ui.session.workspace import (
+    ALL_WINDOWS,
+    MODEL,
+    Workspace,
+    windows_in_car_following,
+)
 from tests.support.apptest import (
     COMPARE,
     DATA,
@@ -98,7 +102,8 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(path: s
 def test_one_click_on_home_trains_a_sample() -> None:
     session = open_page(HOME).press("Train a sample now").workspace()
     asked, (recording, truth) = session.training.analysis, sample(FIRST_SAMPLE)
-    assert (asked.config, asked.segments(recording)) == (CALIBRATED, (cut(recording),))
+    windows = windows_in_car_following(recording, session.vehicles) or (session.window,)
+    assert (asked.config, asked.windows) == (CALIBRATED, windows)
     assert session.true_parameters == truth.parameters
     stop_training(session)
     assert "**Training** was stopped" in open_page(HOME, session).texts()
@@ -408,15 +413,14 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
     for k, label in enumerate(result.info.labels[1:]):
         span = answered.time_gap(speed, k)
         digits = supported_digits(span.lower, span.upper, 2)
-        said = f"{label} keeps a time gap of {span.value:.{digits}f} s at {speed * 3.6:.0f} km/h"
-        ends = f"({span.lower:.{digits}f}–{span.upper:.{digits}f})"
-        further = f"in another window {span.further_lower:.{digits}f}–"
-        assert f"{said} {ends}; {further}{span.further_upper:.{digits}f}." in shown
+        said = f"{label} keeps {span.value:.{digits}f} s at {speed * 3.6:.0f} km/h"
+        assert f"{said} ({span.lower:.{digits}f}–{span.upper:.{digits}f})." in shown
+        assert answered.trust[k].in_words in shown
     table = answer_table(result.info, answered)
     (drawn,) = [e.proto.body for e in page.get("html") if "Further window" in e.proto.body]
     for column, cells in zip(table.columns, zip(*table.rows, strict=True), strict=True):
         assert all(str(column.html(cell)) in drawn for cell in cells)
-    assert shown.index("keeps a time gap") < shown.index("The CTHP's parameters by Least squares")
+    assert shown.index(" km/h (") < shown.index("The CTHP's parameters by Least squares")
     assert "biased if disturbances last" not in shown.partition("The CTHP's parameters")[2]
 
     alone = page.open_tab("train_tabs", "Windows").texts()
@@ -434,7 +438,7 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
 def test_an_unfinished_training_has_neither_intervals_nor_probabilities(outcome: Outcome) -> None:
     page = open_page(TRAIN, fitted(Window(0.0, 60.0), outcome=outcome))
     shown = page.plain()
-    assert "keeps a time gap of" in shown, "the answer does not depend on the training"
+    assert "s at 100 km/h (" in shown, "the answer does not depend on the training"
     assert "they have no intervals or probabilities" in shown
     assert "Probability of string stability" not in shown
     assert "Estimate (90 % interval)" not in shown
@@ -607,7 +611,7 @@ def test_another_window_ends_a_training_and_forgets_choices_among_the_former_veh
     job, chosen = session.training, session.choices
     chosen |= {"platoon_own": "1-4", "platoon_frequency": 0.3, "stability_held": 3}
     session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
-    assert chosen == {}
+    assert chosen == {"data_all_windows": False}, "a window chosen by hand is the one that counts"
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
     session.choose_source("published")

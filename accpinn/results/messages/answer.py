@@ -1,14 +1,16 @@
 """The answer in sentences, one a follower, and the label of estimates that are the paper's."""
 
-from math import isnan
+from math import ceil, inf, isnan, sqrt
+from typing import NamedTuple
 
-from accpinn.findings import joined, percent, who
-from accpinn.inference.answer import Answer, Span
+from accpinn.findings import joined, percent, probability, who
+from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
-from accpinn.model.cthp import Case
 from accpinn.model.models import TITLES
+from accpinn.results.judged import Judged
 from accpinn.results.tables.table import between, supported_digits
 from accpinn.segment.segment import SegmentInfo
+from accpinn.stability.report import assessment
 
 PAPERS_PRESETS = ("fast", "paper")
 """Presets that minimise the paper's loss."""
@@ -25,17 +27,35 @@ def assumption(answer: Answer) -> str:
     )
 
 
-def headlines(info: SegmentInfo, answer: Answer, case: Case = "II") -> tuple[str, ...]:
-    """The time gap of each follower in equilibrium; one sentence for all that share it.
+class Card(NamedTuple):
+    """What is said first of a follower, or of all that share their parameters."""
+
+    lead: str
+    """The answer: time gap, gains, what becomes of disturbances."""
+    trust: str
+    """How far to trust it, by its own windows."""
+
+
+def cards(info: SegmentInfo, answer: Answer, subject: Judged) -> tuple[Card, ...]:
+    """The answer of each follower in sentences; one card for all that share it.
 
     Args:
         info: names the followers.
         answer: their parameters.
-        case: "I" if they share one parameter set.
+        subject: their string stability.
     """
-    vehicles = (0,) if info.shares(case) else info.vehicles[1:]
     return tuple(
-        _headline(who(vehicle, info), vehicle == 0, answer, k) for k, vehicle in enumerate(vehicles)
+        Card(
+            " ".join(
+                (
+                    _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k),
+                    *_gains(answer, k),
+                    *_disturbances(subject, k),
+                )
+            ),
+            " ".join((trust.in_words, *_against(subject, k))),
+        )
+        for k, trust in enumerate(answer.trust)
     )
 
 
@@ -75,17 +95,46 @@ def _headline(label: str, are_several: bool, answer: Answer, follower: int) -> s
     span = answer.time_gap(speed, follower)
     if isnan(span.value):
         return f"{label}: the data do not determine the time gap."
-    value, typical, further = _digits(span)
-    verb = "keep" if are_several else "keeps"
-    return (
-        f"{label} {verb} a time gap of {value} s at {speed * 3.6:.0f} km/h ({typical}); in another"
-        f" window {further}."
-    )
-
-
-def _digits(span: Span) -> tuple[str, str, str]:
-    """The value and both intervals with the digits that the narrower interval supports."""
     digits = supported_digits(span.lower, span.upper, 2)
-    ends = ((span.lower, span.upper), (span.further_lower, span.further_upper))
-    typical, further = (between(*pair, digits).replace(" to ", "–") for pair in ends)
-    return f"{span.value:.{digits}f}", typical, further
+    typical = between(span.lower, span.upper, digits).replace(" to ", "–")
+    verb = "keep" if are_several else "keeps"
+    return f"{label} {verb} {span.value:.{digits}f} s at {speed * 3.6:.0f} km/h ({typical})."
+
+
+def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
+    """How well α and β are known: the less known one counts."""
+    spans = [answer.span(name, follower) for name in ("alpha", "beta")]
+    if any(isnan(span.value) for span in spans):
+        return ()
+    factor = max(sqrt(span.upper / span.lower) if span.lower > 0 else inf for span in spans)
+    if factor <= 2.0:
+        return (f"Its gains are known within {5 * ceil(20 * (factor - 1)):.0f} %.",)
+    known = f"are known within a factor of {factor:.0f}" if factor <= 5 else "are hardly known"
+    return (f"Its gains {known}.",)
+
+
+def _disturbances(subject: Judged, follower: int) -> tuple[str, ...]:
+    """Whether disturbances grow, as sure as posterior and measured gain make it."""
+    report, known = subject.report, subject.uncertainty
+    if report is None or known is None:
+        return ()
+    stable = float(known.probability_l2[follower])
+    by = " by the model" if _against(subject, follower) else ""
+    match assessment(stable):
+        case "unstable":
+            growth = report.vehicles[follower].peak.gain
+            most = f"by up to {growth - 1:.0%}" if growth < 3 else f"up to {growth:.1f} times"
+            return (f"Disturbances grow {most}{by}.".replace("%", " %"),)
+        case "stable":
+            return (f"Disturbances do not grow{by}.",)
+        case "open":
+            odds = probability(stable)
+            return (f"Whether disturbances grow is open (probability of stability {odds}).",)
+    return ()
+
+
+def _against(subject: Judged, follower: int) -> tuple[str, ...]:
+    """What the measured gain has against the model's verdict; nothing where it has none."""
+    number = subject.vehicles.vehicles[follower + 1]
+    short = next((check.short for check in subject.checks if check.vehicle == number), "")
+    return (f"The measured gain contradicts the model ({short}).",) if short else ()

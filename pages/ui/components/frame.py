@@ -1,5 +1,6 @@
 """What every page begins with: who may use it, its title, links to pages, the session's state."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 # Whole before any chart is drawn: plotly looks into one that another thread has half imported.
@@ -7,6 +8,7 @@ import pandas  # noqa: F401
 import streamlit as st
 from streamlit.errors import StreamlitAuthError
 
+from accpinn.recordings.recording import Window
 from accpinn.results.glossary import GROUPS
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.tasks.task import Status
@@ -117,14 +119,22 @@ def empty_state(workspace: Workspace, nothing: str) -> None:
     link(DATA, "Go to Data", workspace)
 
 
-def segment_line(segment: Segment | SegmentInfo, case: str) -> str:
-    """File, window, vehicles, Case and excluded regimes, for a caption."""
+def segment_line(segment: Segment | SegmentInfo, case: str, windows: Sequence[Window] = ()) -> str:
+    """File, window or ``windows``, vehicles, Case and excluded regimes, for a caption."""
     platoon = f"{segment.labels[0]} to {segment.labels[-1]}"
-    parts = [segment.source, str(segment.window), platoon]
+    parts = [segment.source, in_words(segment.window, windows), platoon]
     parts += [f"Case {case}"] if segment.followers > 1 else []
     excluded = segment.excluded_regimes
     parts += [f"without {', '.join(excluded)}"] if excluded else []
     return " · ".join(map(escape_markdown, parts))
+
+
+def in_words(window: Window, windows: Sequence[Window] = ()) -> str:
+    """A window, or how many ``windows`` there are in place of it, and from when to when."""
+    if len(windows) < 2:
+        return str(window)
+    whole = Window(windows[0].start, max(other.end for other in windows))
+    return f"{len(windows)} windows in {whole}"
 
 
 def session_state(workspace: Workspace) -> list[str]:
@@ -139,7 +149,8 @@ def session_state(workspace: Workspace) -> list[str]:
     if info := workspace.info:
         case = f", Case {workspace.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
-        lines.append(f"**Window** {info.window}, {vehicles}{case}")
+        window = in_words(info.window, workspace.several_windows)
+        lines.append(f"**Window** {window}, {vehicles}{case}")
         if excluded := ", ".join(info.excluded_regimes):
             lines.append(f"**Without** {escape_markdown(excluded)}")
     else:

@@ -74,7 +74,7 @@ def show_status(workspace: Workspace, task: Task[Any]) -> None:
         kept = f"{done} of {planned} results are kept" if done else "no result is there yet"
         show.messages(f"Stopped: {kept}.", icon="stop_circle")
     elif status is Status.STOPPED and not done:
-        show.messages("Stopped before it began.", icon="stop_circle")
+        show.messages(task.error or "Stopped before it began.", icon="stop_circle")
 
 
 def progress_parts(task: Task[Any]) -> list[str]:
@@ -86,8 +86,9 @@ def progress_parts(task: Task[Any]) -> list[str]:
         return parts + ([f"about {duration} left"] if duration else [])
     if now is None:
         return ["Getting ready …"]
-    parts = [f"{now.phase}: iteration {now.iteration:,} of {now.iterations:,}"]
-    parts += [f"{task.rate:,.0f} iterations/s"] if task.rate else []
+    which = "part" if now.is_part else "iteration"
+    parts = [f"{now.phase}: {which} {now.iteration:,} of {now.iterations:,}"]
+    parts += [f"{task.rate:,.0f} iterations/s"] if task.rate and not now.is_part else []
     return parts + ([f"{duration} left at most"] if duration else [])
 
 

@@ -16,15 +16,17 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case, Parameters
-from accpinn.results.checks import MEANING, Check, CheckName, checks, label_of
+from accpinn.results.checks import MEANING, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
+from accpinn.results.figures.answer import forest
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
+from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import (
     about_answer,
+    cards,
     differing_windows,
-    headlines,
     papers_estimate,
 )
 from accpinn.results.messages.summary import BAND, about_curves, conditional
@@ -37,15 +39,20 @@ from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import pick_follower, tabs
+from pages.ui.components.widgets import bound, pick_follower, tabs
 from pages.ui.session.resources import library
 from pages.ui.session.sessions import owner_mark
-from pages.ui.session.workspace import Workspace, recording_duration
+from pages.ui.session.workspace import (
+    WINDOWS_OFF,
+    Workspace,
+    recording_duration,
+    windows_in_car_following,
+)
 from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
-HEADLINES = 5
+MOST_CARDS = 5
 """Followers beyond which the table alone states the answer."""
 BESIDE = 400
 """Height in pixels of the chart beside the table."""
@@ -73,10 +80,13 @@ def show_result(
     truth = workspace.true_parameters if workspace.segment == result.segment else None
     _show_outcome(result)
     if result.segments or result.parts.answer:
+        _show_cards(result)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        if next_step:
+            next_step()
+        _show_checks(result)
+    if result.segments or result.parts.answer:
         show_answer(info, result.answer, fit.case)
-    _show_checks(result)
-    if next_step:
-        next_step()
     left, right = st.columns((1.3, 1), gap="medium")
     table = _parameter_table(result)
     with left:
@@ -89,32 +99,66 @@ def show_result(
     if history := fit.history:
         views["Training"] = lambda: _show_history(result, history, truth, page)
     if result.segments or result.parts.answer:
-        views["Windows"] = lambda: _show_windows(result, follower)
+        views["Windows"] = lambda: _show_windows(workspace, result, follower)
     views["Comparison"] = lambda: _show_comparison(workspace, result, truth, page, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
         "Export": lambda: _show_export(result, table, page, snapshot),
     })  # fmt: skip
 
 
-def show_answer(info: SegmentInfo, answer: Answer, case: Case, with_headlines: bool = True) -> None:
-    """The answer in a sentence a follower, as a table, and what to know of its windows."""
-    sentences = headlines(info, answer, case) if with_headlines else ()
-    if 0 < len(sentences) <= HEADLINES:
-        st.markdown("  \n".join(f"**{escape_markdown(sentence)}**" for sentence in sentences))
+def _show_cards(result: Result) -> None:
+    """What is said first: the answer of each follower, and how far to trust it."""
+    said = cards(result.info, result.answer, judged(result))
+    if len(said) > MOST_CARDS:
+        return
+    with st.container(border=True):
+        for card in said:
+            lead, trust = (escape_markdown(text) for text in card)
+            st.markdown(f"**{lead}**  \n:small[{trust}]")
+
+
+def show_answer(info: SegmentInfo, answer: Answer, case: Case) -> None:
+    """The answer as a table, and what to know of its windows."""
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
-    st.caption(escape_markdown(about_answer(answer)))
-    show.messages(differing_windows(info, answer), "warning")
+    about = f"{about_answer(answer)} {differing_windows(info, answer)}"
+    st.caption(escape_markdown(about.rstrip()))
 
 
-def _show_windows(result: Result, follower: int) -> None:
-    """The estimates of each window by itself, of the answer's model."""
+def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
+    """The estimates of each window by itself, of the answer's model, over the recording's time."""
+    colour = vehicle_colours(result.info.vehicles)[follower + 1]
+    show.chart(forest(result.infos, result.answer, follower, colour), "windows_forest")
+    st.caption(
+        f"Time gap at {3.6 * result.answer.stated_speed:.0f} km/h of each window alone with its"
+        " interval. Line and dark band: the answer, the vehicle's typical value. Light band: the"
+        " interval for a further window."
+    )
+    _choose_windows(workspace)
     show.table(own_windows_table(result.infos, result.answer, follower))
     st.caption(
         "What a window says by itself. The answer is the vehicle's typical value over windows: it"
         " also takes into account how much the windows of other vehicles differ, most of all where"
         " there is one window."
     )
+
+
+def _choose_windows(workspace: Workspace) -> None:
+    """Windows switched off and on; the next training takes those that are on."""
+    if not (workspace.recording and workspace.several_windows):
+        return
+    every = windows_in_car_following(workspace.recording, workspace.vehicles)
+    starts = {window.start: str(window) for window in every}
+    off = workspace.choices.get(WINDOWS_OFF, ())
+
+    def change(chosen: Sequence[float]) -> None:
+        workspace.choices[WINDOWS_OFF] = [start for start in starts if start not in chosen]
+
+    st.pills(
+        "Windows of the next training", list(starts), selection_mode="multi",
+        format_func=starts.__getitem__,
+        **bound("windows_on", [s for s in starts if s not in off], change, default="default"),
+    )  # fmt: skip
 
 
 def _about_estimates(result: Result) -> str:
@@ -150,23 +194,23 @@ def _show_checks(result: Result) -> None:
         "collision-free": messages(events, info),
         "explained": messages(residual.findings if residual else (), info),
     }
-    answers = checks(result)
-    with st.container(horizontal=True, gap="small", key="checks"):
-        for name, group in groupby(answers, lambda check: check.name):
-            _show_check(info, name, [*group], evidence[name])
-
-
-def _show_check(
-    info: SegmentInfo, name: CheckName, group: Sequence[Check], evidence: Sequence[str]
-) -> None:
-    answers = {check.passed for check in group}
-    worst = next(answer for answer in (False, None, True) if answer in answers)
-    colour, icon = MARKS[worst]
-    with st.popover(f":{colour}[:material/{icon}:] {label_of(group)}"):
-        st.markdown(escape_markdown(MEANING[name]))
-        failing = [reason for check in group if (reason := check.reason(info))]
-        if reasons := (*failing, *evidence):
-            st.markdown(show.bullets(reasons))
+    groups = [[*group] for _, group in groupby(checks(result), lambda check: check.name)]
+    worst = [next(a for a in (False, None, True) if a in {c.passed for c in g}) for g in groups]
+    failing = sum(answer is False for answer in worst)
+    colour, icon = MARKS[False if failing else True]
+    said = f"{len(groups) - failing} of {len(groups)} checks" if failing else "All checks"
+    with st.popover(
+        f":{colour}[:material/{icon}:] {said} of the method's estimate passed", key="checks"
+    ):
+        for group, answer in zip(groups, worst, strict=True):
+            colour, icon = MARKS[answer]
+            st.markdown(
+                f":{colour}[:material/{icon}:] **{escape_markdown(label_of(group))}**",
+                help=MEANING[group[0].name],
+            )
+            failing_ones = [reason for check in group if (reason := check.reason(info))]
+            if reasons := (*failing_ones, *evidence[group[0].name]):
+                st.caption(show.bullets(reasons))
 
 
 def _parameter_table(result: Result) -> Table:

@@ -323,7 +323,7 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
     count = len(windows_in_car_following(recording, workspace.vehicles))
     if count and workspace.preset == "calibrated":
         st.toggle(
-            f"All {count} windows in car-following", **kept(workspace, ALL_WINDOWS, False),
+            f"All {count} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
             help="The answer's interval narrows with every window of the same vehicles, more than"
             " by any refinement in one. Methods on page Compare keep the window above.",
         )  # fmt: skip
@@ -332,7 +332,7 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
 def _train_button(workspace: Workspace) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
     segment, parts, config = workspace.segment, [f"{workspace.preset} preset"], None
-    several = workspace.several_windows if workspace.preset == "calibrated" else ()
+    several = workspace.several_windows
     which = f"{len(several)} windows" if several else "this window"
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"

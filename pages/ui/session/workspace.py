@@ -46,7 +46,9 @@ OF_VEHICLES = (
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
 ALL_WINDOWS = "data_all_windows"
-"""The choice to train on all windows in car-following."""
+"""The choice to train on all windows in car-following, which a window chosen by hand ends."""
+WINDOWS_OFF = "windows_off"
+"""The starts of those that are left out."""
 MODEL = "train_model"
 """The choice of the answer's model."""
 KEPT_RECORDINGS = 4
@@ -170,20 +172,23 @@ class Workspace:
         return same.with_method("pinn", config)
 
     def training_analysis(self, config: PinnConfig) -> Analysis | None:
-        """What a training answers: `analysis`, on all windows in car-following if these are chosen.
-
-        Several windows take the preset calibrated; others keep the chosen window.
-        """
+        """What a training answers: `analysis`, on `several_windows` if these are chosen."""
         asked = self.analysis(config)
         several = self.several_windows if config.preset == "calibrated" else ()
         return replace(asked, windows=several) if asked and several else asked
 
     @property
     def several_windows(self) -> tuple[Window, ...]:
-        """The windows in car-following if they are chosen; empty where there are not several."""
-        if not (self.recording and self.choices.get(ALL_WINDOWS)):
+        """The windows in car-following if they are chosen; empty where there are not several.
+
+        Only the preset calibrated takes several; others keep the chosen window.
+        """
+        chosen = self.preset == "calibrated" and self.choices.get(ALL_WINDOWS, True)
+        if not (self.recording and self.vehicles and chosen):
             return ()
-        return windows_in_car_following(self.recording, self.vehicles)
+        off = self.choices.get(WINDOWS_OFF, ())
+        every = windows_in_car_following(self.recording, self.vehicles)
+        return tuple(window for window in every if window.start not in off) or every
 
     @property
     def _data(self) -> tuple[Segment, ...]:
@@ -269,14 +274,17 @@ class Workspace:
             return
         vehicles = default_vehicles(recording)
         self._leave()
+        self.choices.pop(WINDOWS_OFF, None)
         self.recording, self.truth, self.refusal = recording, truth, ""
         self.validation = None
         self.remember(recording, truth)
         if awaited and awaited.source.sha256 == recording.sha256:
             self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
+            self.choices[ALL_WINDOWS] = len(awaited.windows) > 1
         else:
             stretches = complete_windows(recording, vehicles)
             self.choose(vehicles, first_window(recording, stretches), DEFAULT_CASE, ())
+            self.choices[ALL_WINDOWS] = True
 
     def remember(self, recording: Recording, truth: Truth | None = None) -> None:
         """Put a recording among those opened last."""
@@ -325,6 +333,10 @@ class Workspace:
         """
         self._leave()
         self.restored = None
+        if window and window != self.window:
+            self.choices[ALL_WINDOWS] = False
+        if vehicles and tuple(vehicles) != self.vehicles:
+            self.choices.pop(WINDOWS_OFF, None)
         self.vehicles = tuple(vehicles or self.vehicles)
         self.window, self.case = window or self.window, case or self.case
         self.excluded = self.excluded if excluded is None else excluded

@@ -5,9 +5,12 @@ from dataclasses import replace
 import pytest
 
 from accpinn.inference.answer import Answer, HeterogeneousWindows, answer
+from accpinn.inference.gain_check import GainCheck
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig
-from accpinn.results.messages.answer import differing_windows, headlines, papers_estimate
+from accpinn.model.published import ParameterSet
+from accpinn.results.judged import Judged
+from accpinn.results.messages.answer import cards, differing_windows, papers_estimate
 from accpinn.results.tables.answer import answer_table
 from accpinn.segment.segment import Segment
 from tests.support.samples import PLATOON, sample
@@ -23,22 +26,44 @@ def answered(segment: Segment) -> Answer:
     return answer((segment,), model="cthp")
 
 
-def test_followers_that_share_their_parameters_have_one_sentence_and_one_row(
+def subject(segment: Segment, answered: Answer) -> Judged:
+    vehicles = ParameterSet(
+        segment.source, segment.names[1:], answered.parameters, segment.vehicles, segment.labels[1:]
+    )
+    return Judged(vehicles, answered.uncertainty)
+
+
+def test_followers_that_share_their_parameters_have_one_card_and_one_row(segment: Segment) -> None:
+    for case, count in (("I", 1), ("II", segment.followers)):
+        answered = answer((segment,), case, "cthp")
+        said = cards(segment.info, answered, subject(segment, answered))
+        assert len(said) == len(answer_table(segment.info, answered, case).rows) == count
+    (said,) = cards(segment.info, answer((segment,), "I", "cthp"), subject(segment, answered))
+    assert said.lead.startswith("All followers keep ")
+
+
+def test_a_card_has_time_gap_gains_disturbances_and_trust(
     segment: Segment, answered: Answer
 ) -> None:
-    followers = segment.followers
-    assert len(headlines(segment.info, answered)) == followers
-    assert len(answer_table(segment.info, answered).rows) == followers
-    (said,) = headlines(segment.info, answered, "I")
-    assert said.startswith("All followers keep a time gap of ")
-    assert len(answer_table(segment.info, answered, "I").rows) == 1
+    judged = subject(segment, answered)
+    card = cards(segment.info, answered, judged)[0]
+    span = answered.time_gap(answered.stated_speed, 0)
+    assert f"keeps {span.value:.2f} s at 100 km/h" in card.lead
+    gain = judged.report.vehicles[0].peak.gain
+    assert f"Disturbances grow by up to {100 * (gain - 1):.0f} %." in card.lead
+    assert card.trust.startswith("Known from one window alone. Reproduces the drive within ")
+    check = GainCheck(segment.vehicles[1], 9, rms=3.0, contradiction="apart")
+    against = replace(judged, checks=(check,))
+    card = cards(segment.info, answered, against)[0]
+    assert "by the model" in card.lead
+    assert card.trust.endswith("The measured gain contradicts the model (3.0 dB apart).")
 
 
 def test_slow_followers_have_their_time_gap_stated_at_the_lower_speed(
     segment: Segment, answered: Answer
 ) -> None:
     slow = replace(answered, speeds=0.0 * answered.speeds + 5.0)
-    assert "at 50 km/h" in headlines(segment.info, slow)[0]
+    assert "at 50 km/h" in cards(segment.info, slow, subject(segment, slow))[0].lead
 
 
 def test_windows_that_differ_are_one_sentence(segment: Segment, answered: Answer) -> None:
