@@ -5,15 +5,22 @@ from msgspec.structs import asdict
 
 from accpinn.evaluation import closed_loop, evaluation, whiteness
 from accpinn.findings import Finding, joined, probability
-from accpinn.inference import answer, identifiability, intervals, model_adequacy, prediction
-from accpinn.methods import fit, maximum_likelihood
+from accpinn.inference import (
+    answer,
+    identifiability,
+    intervals,
+    model_adequacy,
+    prediction,
+    trust,
+)
+from accpinn.methods import fit, following, maximum_likelihood
 from accpinn.platoon import simulation
 from accpinn.recordings import openacc
 from accpinn.recordings import recording as recordings
 from accpinn.recordings.recording import Window
 from accpinn.segment import quality
 from accpinn.segment import segment as segments
-from accpinn.study import comparison, windows
+from accpinn.study import comparison, judge, windows
 
 BLOCKS = (Window(1.0, 2.5), Window(4.0, 4.0))
 WIDE = intervals.ParameterInterval("α", 0.01, 0.2, 0.1, 0.05)
@@ -35,6 +42,9 @@ SAID = [
     (recordings.ValuesFrozen("IVS", 3, BLOCKS[0]), ["space-gap", "1.5 s", "1–2.5 s"]),
     (recordings.LittleLeaderMotion(2, 0.021), ["0.02 m/s"]),
     (recordings.MappingRemembered(), []),
+    (following.NotDetermined(2, "IDM", ("b", "v₀")), ["2 Audi", "b and v₀", "IDM"]),
+    (judge.Describes(2, "IDM", "CTHP", 5, 1.5, 20.0, 4.0, True), ["2 Audi", "IDM", "CTHP", "20 %"]),
+    (trust.Trust(2, 5, 4, 25.0, 1.9, 6.1, False), ["2 Audi", "4 of 5", "1.9 m", "6.1 m"]),
     (segments.WindowMoved(5.04, 5.0), ["5 s", "5.04 s"]),
     (segments.WindowShortened(300.0, Window(20.0, 39.9)), ["39.9 s", "19.9 s", "300 s"]),
     (segments.Resampled(0.1), ["0.1 s"]),

@@ -52,7 +52,9 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.model.published import ParameterSet
 from accpinn.results.export import answer_document, check_document
+from accpinn.results.judged import judged
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import cards
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     intervals_table,
@@ -272,7 +274,9 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     said = [f"{fit.outcome.value} ({effort})", *_incidents(result)]
     notes = [f"Note: {note}" for note in _notes(result, uncertainty, between)]
     tables.insert(0, answer_table(result.info, result.answer))
-    return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said, *notes])
+    first = [" ".join(card) for card in cards(result.info, result.answer, judged(result))]
+    text = "\n\n".join(table.to_text() for table in tables)
+    return "\n".join([*first, "", text, "", *said, *notes])
 
 
 def _notes(

@@ -26,6 +26,7 @@ from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import Labelled
 from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.inference.gain_check import GainCheck
+from accpinn.inference.trust import Trust
 from accpinn.methods.following import LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.catalogue import make_and_model
@@ -186,10 +187,17 @@ def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
                 "median_speed": median,
                 "windows": len(answer.windows),
                 "windows_differ_p": float(answer.differ[k]),
+                "trust": _trust_document(answer.trust[min(k, len(answer.trust) - 1)]),
                 "level": answer.level,
             }
         )
     return entries
+
+
+def _trust_document(trust: Trust) -> dict[str, Any]:
+    document = msgspec.structs.asdict(trust)
+    del document["vehicle"]
+    return {**document, "reproduced": trust.is_reproduced, "in_words": trust.in_words}
 
 
 def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:

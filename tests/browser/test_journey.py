@@ -86,7 +86,7 @@ def test_the_whole_journey_with_a_real_recording(opened: Open, openacc_dir: Path
     expect(page.locator("strong").filter(has_text="part7.csv").first).to_be_visible()
     expect(page.get_by_text("1,523 s at 10 Hz")).to_be_visible()
     expect(page.get_by_text("Samples complete")).to_be_visible()
-    page.get_by_role("button", name="Train on this window").click()
+    page.get_by_role("button", name=re.compile("Train on ")).click()
     (follower,) = rows(page, ESTIMATES)
     for check in ("Converged", "Inside the interval", "Identified", "Residual explained"):
         expect(page.get_by_role("button", name=check)).to_be_visible()

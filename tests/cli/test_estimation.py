@@ -143,9 +143,10 @@ def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
 def test_text_has_the_table_and_progress_is_for_terminals(capsys: Capture) -> None:
     assert main(["fit", str(STUDY), *SHORT]) == 0
     printed = capsys.readouterr()
-    answer, *_, estimates = printed.out.split("\n\n")[:2]
+    first, answer, estimates, *_ = printed.out.split("\n\n")
+    assert "Known from one window alone." in first
     assert answer.startswith("Answer: CTHP with intercept s₀ and delay d, one window")
-    lines = [*estimates.splitlines(), "", *printed.out.split("\n\n")[2].splitlines()]
+    lines = [*estimates.splitlines(), "", *printed.out.split("\n\n")[3].splitlines()]
     assert lines[0] == "PiNN (calibrated preset), synthetic_paper_study.csv, 0–30 s"
     assert "α [1/s²]" in lines[2]
     assert [line[:11] for line in lines[3:5]] == ["1 Synthetic", "2 Synthetic"]

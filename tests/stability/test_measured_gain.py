@@ -10,7 +10,7 @@ from accpinn.errors import SegmentError
 from accpinn.model.cthp import Parameters, Trajectories, simulate
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import response
-from accpinn.stability.measured_gain import WINDOW, MeasuredGain, measured_gain
+from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.units import FloatArray, Stretch
 from tests.support.driving import segment_of, standing_still
 from tests.support.holes import with_holes
@@ -87,7 +87,7 @@ def test_independent_signals_are_not_coherent(segment: Segment) -> None:
 def test_one_stretch_has_the_coherence_that_scipy_finds(segment: Segment) -> None:
     found = measured_gain(segment, 0)
     ahead, own = np.diff(segment.speeds[:, :2], axis=0).T
-    _, expected = coherence(ahead, own, 1 / STEP, WINDOW, round(found.length / STEP))
+    _, expected = coherence(ahead, own, 1 / STEP, "cosine", round(found.length / STEP))
     np.testing.assert_allclose(found.coherence, expected[1 : len(found.omega) + 1], rtol=1e-9)
 
 
