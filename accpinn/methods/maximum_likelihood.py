@@ -17,7 +17,7 @@ from accpinn.findings import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Held, Maximum, maximise
-from accpinn.methods.method import direct
+from accpinn.methods.method import TaskContext, direct
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import Series, measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, state_space
@@ -132,19 +132,18 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     Raises:
         SegmentError: when the window is too short to say anything.
     """
-    return fit_among((segment,), segment, case)
+    return _drawn((segment,), segment, case)
 
 
-def fit_among(
-    segments: tuple[Segment, ...], segment: Segment, case: Case, _settings: None = None
-) -> Fit:
-    """The fit of one of several segments by the maxima of all of them together.
+def fit_together(
+    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext
+) -> tuple[Fit, ...]:
+    """The fit of each of several segments, as for `series_of`, by the maxima of all together."""
+    return tuple(_drawn(segments, segment, case) for segment in segments if not context.is_stopped)
 
-    Args:
-        segments: as for `series_of`.
-        segment: the one: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-    """
+
+def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fit:
+    """The fit of one of several segments by the maxima of all of them together."""
     maxima = joint_maxima(segments, case)
     followers = maxima * segment.followers if case == "I" else maxima
     theta = np.array([maximum.theta for maximum in followers])
@@ -227,6 +226,6 @@ def _at_instants(
 
 METHOD = direct(
     KEY, "Maximum likelihood", fit, typical_seconds=0.9, tolerance=1e-3, allows_missing=True,
-    among=fit_among,
+    together=fit_together,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

@@ -98,8 +98,8 @@ class Method:
     """How long it takes on a segment with settings, where that depends on these."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
-    among: Callable[[tuple[Segment, ...], Segment, Case, Any], Fit] | None = None
-    """The fit of one of several windows by one parameter set of them all; None where the method
+    together: Callable[[tuple[Segment, ...], Case, Any, TaskContext], tuple[Fit, ...]] | None = None
+    """The fit of each of several windows by one parameter set of them all; None where the method
     takes one window alone."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's

@@ -6,7 +6,7 @@ from dataclasses import replace
 from hashlib import sha256
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import CacheProblem, Fit, Progress
+from accpinn.methods.fit import CacheProblem, Progress
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
@@ -113,41 +113,28 @@ def _together(
     context: TaskContext | None = None,
 ) -> Result:
     """Several windows under one likelihood, and each by itself."""
-    among, config = METHODS[analysis.method].among, analysis.config
-    if not among:
-        able = " and ".join(key for key, method in METHODS.items() if method.among)
+    method, config = METHODS[analysis.method], analysis.config
+    if not method.together:
+        able = " and ".join(key for key, method in METHODS.items() if method.together)
         raise ConfigError(
             f"windows: only {able} estimate from several windows, {analysis.method} does not;"
             " choose one of them, or one window."
         )
     check_windows(segments, analysis.case)
-    began, done, planned = time.perf_counter(), 0, 2 * len(segments)
-
-    def fit(several: tuple[Segment, ...], drawn: Segment) -> Fit:
-        nonlocal done
-        if context and context.is_stopped:
+    context = context or TaskContext()
+    fits = method.together(segments, analysis.case, config, context)
+    windows, began = list[Result](), time.perf_counter()
+    quiet = replace(context, on_progress=None, checkpoints=None)
+    for asked, segment in zip(analysis.windows, segments, strict=True):
+        if context.is_stopped or len(fits) < len(segments):
             raise ConfigError(
                 f"windows: stopped; {len(segments)} windows have no result before all are"
                 " estimated. Take fewer windows, or one."
             )
-        estimated = among(several, drawn, analysis.case, config)
-        done += 1
-        if context and context.on_progress:
-            part = "each window" if done < len(segments) else "all windows together"
+        fit, alone = method.fit(segment, analysis.case, config, quiet), (asked,)
+        windows.append(result_of(replace(analysis, windows=alone), (segment,), (fit,), recording))
+        if context.on_progress:
             elapsed = time.perf_counter() - began
-            context.on_progress(
-                Progress.of_part(f"Estimating {part}", done, planned, elapsed, estimated)
-            )
-        return estimated
-
-    windows = tuple(
-        result_of(
-            replace(analysis, windows=(asked,)),
-            (segment,),
-            (fit((segment,), segment),),
-            recording,
-        )
-        for asked, segment in zip(analysis.windows, segments, strict=True)
-    )
-    fits = tuple(fit(segments, segment) for segment in segments)
-    return result_of(analysis, segments, fits, recording, windows)
+            phase = "Estimating each window by itself"
+            context.on_progress(Progress.of_part(phase, len(windows), len(segments), elapsed, fit))
+    return result_of(analysis, segments, fits, recording, tuple(windows))

@@ -20,6 +20,7 @@ from accpinn.results.figures.training import (
     thinned_history,
     tracking,
 )
+from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
 from accpinn.tasks.task import Status, Task
@@ -134,6 +135,10 @@ def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
     """The training, or what was learned once it is over."""
     result, training = workspace.result, workspace.training
     if running and training:
+        asked, recording = training.analysis, workspace.recording
+        if asked and recording and asked.window != workspace.window:  # the first of several
+            window = asked.window
+            segment = cut(recording, window.start, window.duration, asked.vehicles)
         _show_live(training, segment, workspace.case, workspace.true_parameters)
     elif result:
         _show_result(workspace, result)

@@ -182,7 +182,7 @@ def real(camera: Camera) -> None:
         for name, file in REAL_RUNS.items():
             open_real(page, file)
             camera.shoot(page, name)
-        page.get_by_role("button", name="Train on this window").click()
+        page.get_by_role("button", name=re.compile("Train on ")).click()
         table(page, ESTIMATES).wait_for()
         idle(page)
         camera.shoot(page, "train_casale")
@@ -264,7 +264,7 @@ def platoon_recorded(camera: Camera) -> None:
             if start:
                 fill(page, "Window starts at", start)
                 idle(page)
-            page.get_by_role("button", name="Train on this window").click()
+            page.get_by_role("button", name=re.compile("Train on ")).click()
             table(page, "Surrogate fit").wait_for()
             idle(page)
             to(page, "Stability")

@@ -10,7 +10,6 @@ curvature. Rounds and Adam iterations are counted alike.
 """
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,12 +18,11 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.likelihood import (
     Ascending,
     Maximum,
-    end_of,
     log_errors,
     natural,
     vanishing,
 )
-from accpinn.methods.maximum_likelihood import joint_maxima, maxima_of
+from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
@@ -38,13 +36,6 @@ if TYPE_CHECKING:
     from accpinn.methods.pinn.fast import FastTraining
 
 
-@lru_cache(maxsize=16)
-def evidence_maxima(segments: tuple[Segment, ...], case: Case) -> tuple[Maximum, ...]:
-    """The maximum of each group's evidence over several windows, whose logarithms add up."""
-    evidence = Evidence(series_of(segments, case))
-    return tuple(end_of(climb(evidence, joint_maxima(segments, case))))
-
-
 def solution_of(coordinates: FloatArray, followers: int) -> Solution:
     """The parameters at coordinates (G, P), as a solution for all followers."""
     everyone = np.broadcast_to(coordinates, (followers, coordinates.shape[1]))
@@ -52,38 +43,28 @@ def solution_of(coordinates: FloatArray, followers: int) -> Solution:
     return Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
 
 
-def drawn_among(
-    segments: tuple[Segment, ...], segment: Segment, case: Case, config: PinnConfig
-) -> tuple["FastTraining", float]:
-    """The trained network of one window under the parameters of all of them, and their evidence.
-
-    Args:
-        segments: (K,) windows of the same vehicles.
-        segment: the window that is drawn.
-        case: "I" or "II".
-        config: of the preset.
-    """
-    maxima = evidence_maxima(segments, case)
-    z = np.array([maximum.coordinates for maximum in maxima])
-    from accpinn.methods.pinn.fast import FastTraining
-
-    network = FastTraining(segment, case, config, 1, solution_of(z, segment.followers))
-    while network.outcome is None:
-        network.advance()
-    return network, sum(maximum.criterion for maximum in maxima)
-
-
 class CalibratedTraining(Training):
     """See the module's head; one `advance` is a round of the search, or a cycle of `fast`."""
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
-        """Begin the search where the filter's likelihood is largest."""
+    def __init__(
+        self,
+        segment: Segment,
+        case: Case,
+        config: PinnConfig,
+        threads: int = 1,
+        together: tuple[Segment, ...] = (),
+    ) -> None:
+        """Begin the search where the filter's likelihood is largest.
+
+        The segment is drawn; with several segments ``together`` their evidences add up.
+        """
         super().__init__(segment, case, config, threads)
-        self._evidence = Evidence(series_of([segment], case))
+        together = together or (segment,)
+        self._evidence = Evidence(series_of(together, case))
         self._network: FastTraining | None = None
         self._iteration = 0
-        self._search = climb(self._evidence, maxima_of(segment, case))
+        self._search = climb(self._evidence, joint_maxima(together, case))
         self._at: Ascending = next(self._search)
         self._note()
 

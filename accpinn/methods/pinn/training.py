@@ -31,7 +31,7 @@ from accpinn.methods.pinn.config import (
     PinnConfig,
     PresetName,
 )
-from accpinn.methods.pinn.loss import Training, output_columns
+from accpinn.methods.pinn.loss import Learned, Training, output_columns
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -133,13 +133,23 @@ def training(
         ConfigError: when the number of threads is no sensible one.
         SegmentError: when the segment is too long to be trained on.
     """
-    config = settings or FAST
+    return _trained(segment, case, settings or FAST, context)[0]
+
+
+def _trained(
+    segment: Segment,
+    case: Case,
+    config: PinnConfig,
+    context: TaskContext,
+    together: tuple[Segment, ...] = (),
+) -> tuple[Fit, Learned]:
+    """Train on a segment, or draw it with the parameters of several ``together``."""
     threads = _default(config.preset) if context.threads is None else _allowed(context.threads)
     require_memory(segment, config)
     start_loading()
 
     def begin() -> tuple[Training, Recorder]:
-        return _kind(config.preset)(segment, case, config, threads), Recorder()
+        return _begun(segment, case, config, threads, together), Recorder()
 
     started = saved = drawn = time.perf_counter()
     (training, recorder), earlier = begin(), 0.0
@@ -193,7 +203,7 @@ def training(
         if outcome is not Outcome.DIVERGED:
             save()
     learned = training.learned()
-    return Fit.of(
+    fit = Fit.of(
         "pinn",
         segment,
         case,
@@ -209,6 +219,7 @@ def training(
         arrays=learned.arrays,
         findings=[*learned.findings, *begun, *_biased(config.preset)],
     )
+    return fit, learned
 
 
 def _biased(preset: PresetName) -> tuple[PaperEstimate, ...]:
@@ -216,57 +227,79 @@ def _biased(preset: PresetName) -> tuple[PaperEstimate, ...]:
 
 
 @_needing_torch()
-def _among(
-    segments: tuple[Segment, ...], segment: Segment, case: Case, settings: PinnConfig | None
-) -> Fit:
-    """The fit of one of several windows, whose evidences add up; of the preset `calibrated` alone.
+def _together(
+    segments: tuple[Segment, ...], case: Case, settings: PinnConfig | None, context: TaskContext
+) -> tuple[Fit, ...]:
+    """The fits of several windows, whose evidences add up; of the preset `calibrated` alone.
+
+    The first is trained as one window is; the others are drawn with its parameters. A stop leaves
+    fewer fits than windows.
 
     Raises:
         ConfigError: for another preset.
     """
-    from accpinn.methods.pinn.calibrated import drawn_among
-
     config = settings or CALIBRATED
     if config.preset != "calibrated":
         raise ConfigError(
             f"windows: the preset {config.preset} takes one window, as in the paper; choose the"
             " preset calibrated, maximum-likelihood, or one window."
         )
+    first, learned = _trained(segments[0], case, config, context, segments)
+    fits = [first]
+    for segment in segments[1:]:
+        if first.outcome is Outcome.STOPPED or context.is_stopped:
+            break
+        fits.append(_drawn(segment, case, config, learned))
+    return tuple(fits)
+
+
+def _drawn(segment: Segment, case: Case, config: PinnConfig, learned: Learned) -> Fit:
+    """A further window's fit with the parameters that were learned."""
+    from accpinn.methods.pinn.fast import FastTraining
+
     started = time.perf_counter()
     require_memory(segment, config)
-    network, evidence = drawn_among(segments, segment, case, config)
-    learned = network.learned()
+    network = FastTraining(segment, case, config, 1, learned.solution)
+    while network.outcome is None:
+        network.advance()
+    curves = network.learned()
     return Fit.of(
         "pinn",
         segment,
         case,
         learned.solution,
-        surrogate=_motion(segment.time, learned.outputs),
-        outcome=network.outcome or Outcome.FINISHED,
+        surrogate=_motion(segment.time, curves.outputs),
+        outcome=network.outcome,
         seconds=time.perf_counter() - started,
         config=config.to_json(),
-        loss=learned.loss | {"evidence": evidence},
+        loss=curves.loss | {"evidence": learned.loss["evidence"]},
         iterations=network.progress.iteration,
-        network_weights=learned.network_weights,
-        arrays=learned.arrays,
-        findings=list(learned.findings),
+        network_weights=curves.network_weights,
+        arrays=curves.arrays,
+        findings=list(curves.findings),
     )
 
 
-def _kind(preset: PresetName) -> type[Training]:
+def _begun(
+    segment: Segment,
+    case: Case,
+    config: PinnConfig,
+    threads: int,
+    together: tuple[Segment, ...],
+) -> Training:
     """The preset's training, imported only now; the search of `calibrated` needs no PyTorch."""
-    if preset == "calibrated":
+    if config.preset == "calibrated":
         from accpinn.methods.pinn.calibrated import CalibratedTraining
 
-        return CalibratedTraining
+        return CalibratedTraining(segment, case, config, threads, together)
     import_module("torch")
-    if preset == "fast":
+    if config.preset == "fast":
         from accpinn.methods.pinn.fast import FastTraining
 
-        return FastTraining
+        return FastTraining(segment, case, config, threads)
     from accpinn.methods.pinn.paper import PaperTraining
 
-    return PaperTraining
+    return PaperTraining(segment, case, config, threads)
 
 
 def _default(preset: PresetName) -> int:
@@ -357,5 +390,5 @@ METHOD = Method(
     is_iterative=True,
     duration=typical_seconds,
     redraw=redraw,
-    among=_among,
+    together=_together,
 )
