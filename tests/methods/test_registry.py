@@ -130,7 +130,7 @@ def test_adding_a_method_takes_its_module_and_a_line() -> None:
 
 def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    [code] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    code, _ = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     names: dict[str, Any] = {}
     exec(code, names)
     method = names["METHOD"]

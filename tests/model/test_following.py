@@ -1,9 +1,12 @@
 """All that follows from a model's acceleration, for every model of the registry."""
 
+import re
+
 import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError, ParameterError
+from accpinn.methods.following import Drives, estimate
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
@@ -11,6 +14,8 @@ from accpinn.model.idm import IDM
 from accpinn.model.models import MODELS
 from accpinn.model.registry import FOLLOWING, JUDGED, following_model
 from accpinn.stability.criteria import response
+from tests.support.command import ROOT
+from tests.support.following import driven
 
 SPEED = 22.0
 TIME = np.arange(0.0, 60.05, 0.1)
@@ -95,3 +100,20 @@ def test_what_no_model_can_do_ends_in_one_sentence() -> None:
         IDM.linearised(IDM.typical, 60.0)
     with pytest.raises(ConfigError, match="models: krauss is not known; choose from cthp"):
         following_model("krauss")
+
+
+def test_the_further_model_of_the_contributing_guide() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    (code,) = [part for part in re.findall(r"```python\n(.*?)```", text, re.S) if "ovm" in part]
+    names: dict[str, FollowingModel] = {}
+    exec(code, names)
+    model = names["OPTIMAL_VELOCITY"]
+    near, gap = model.linearised(model.typical, SPEED), model.equilibrium_gap(model.typical, SPEED)
+    assert near.alpha > 0
+    assert near.beta == 0
+    run = model.simulate(model.typical, TIME, 0 * TIME + SPEED, np.array([SPEED]), np.array([gap]))
+    assert run.gaps == pytest.approx(gap, abs=1e-9)
+    theta = model.typical * [1.5, 1.1, 0.9, 1.1]
+    windows = [driven(model, theta[None], seed, 0.03)[0] for seed in range(2)]
+    (found,) = estimate(model, Drives.of(windows, model), [[0, 1]])
+    assert found.theta == pytest.approx(theta, rel=0.15)
