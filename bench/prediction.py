@@ -26,7 +26,7 @@ import numpy as np
 
 from accpinn.inference.answer import answer, from_features, window_posterior
 from accpinn.inference.intervals import LEVEL, interval_ends
-from accpinn.inference.population import sampled_population
+from accpinn.inference.population import regularised, sampled_population
 from accpinn.inference.posterior import AT_SPEED, log_prior_of_features
 from accpinn.methods.least_squares import fit as least_squares
 from accpinn.methods.likelihood import Maximum
@@ -147,7 +147,7 @@ def unseen(car: tuple[str, ...], runs: Sequence[Judged]) -> list[tuple[Metres, F
     for run in runs:
         drawn[run.car[:2]] += list(run.drawn)
     taught = [np.array(draws) for name, draws in drawn.items() if draws and name != car]
-    population, rng, judged = learn(taught, BEST, ROUNDS), np.random.default_rng(0), []
+    population, rng, judged = regularised(learn(taught, BEST, ROUNDS)), np.random.default_rng(0), []
     for run in runs:
         for k, left_out in enumerate(run.windows if run.car[:2] == car and run.errors else ()):
             others, away = np.delete(run.drawn, k, axis=0), run.drawn[k] - run.drawn[k].mean(axis=0)
