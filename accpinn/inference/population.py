@@ -36,8 +36,8 @@ LESS_RELATED, MORE_CARS = 0.6, 2.0
 """Factors on the correlations and the variances between cars that were learned: 16 cars leave up to
 15 numbers of S uncertain, and as learned it drew cars unlike these towards them."""
 MORE_BETWEEN = 1.5
-"""Factor on the variances between windows that were learned: with it as many left-out windows lie in
-the interval for a further window as it says (docs/validation.md)."""
+"""Factor on the variances between windows that were learned: with it the interval for a further
+window holds as many left-out windows as it says (docs/validation.md)."""
 LEAST_GAP_SPREAD = 0.08
 """Least scale of ln G between windows: deviations of 11 %. That of the CTHP differed by less
 in the few cars at hand, and typical values of simulated cars were covered too seldom with less."""
