@@ -58,7 +58,8 @@ class Trust(Finding, frozen=True):
         if self.windows == 1:
             same = "Known from one window alone."
         elif self.same == self.windows:
-            same = f"Its time gap is the same within {ALIKE:.0%} in all {self.windows} windows."
+            of = "both windows" if self.windows == 2 else f"all {self.windows} windows"
+            same = f"Its time gap is the same within {ALIKE:.0%} in {of}."
         else:
             of = f"{self.same} of {self.windows} windows"
             same = f"Its time gap is the same within {ALIKE:.0%} in {of}."
