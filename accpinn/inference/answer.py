@@ -14,7 +14,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.special import chdtrc
@@ -22,7 +22,7 @@ from scipy.special import chdtrc
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
-from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, sampled_population
+from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, SCATTER, sampled_population
 from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
 from accpinn.inference.trust import Trust, trust
 from accpinn.methods.likelihood import Held, Maximum
@@ -229,21 +229,18 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     lower, upper = interval_ends(alone, LEVEL)
     speeds = np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0)
     followers = range(segments[0].followers)
-    typical = [_typical(drawn[:, k], model, held) for k in followers]
-    drawn_values, drawn_further = (np.stack(rows, axis=1) for rows in zip(*typical, strict=True))
-    ends = drawn_values.min(axis=0), drawn_values.max(axis=0)
-    middle = np.clip(drawn_values.mean(axis=0), *ends)  # a mean of equal values may round
+    cars = [car_of(drawn[:, k], model, held) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
     vehicles = (0,) if case == "I" else segments[0].vehicles[1:]
-    parameters, estimates = Parameters.of(from_features(model, middle)), Parameters.of(own)
+    parameters, estimates = _parameters(model, [car.middle for car in cars]), Parameters.of(own)
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
     return Answer(
         model=model,
         level=LEVEL,
         speeds=speeds,
         parameters=parameters,
-        typical=Parameters.of(from_features(model, drawn_values)),
-        further=Parameters.of(from_features(model, drawn_further)),
+        typical=_parameters(model, [car.value for car in cars]),
+        further=_parameters(model, [car.further for car in cars]),
         windows=estimates,
         windows_lower=Parameters.of(np.where(own == 0.0, 0.0, lower)),
         windows_upper=Parameters.of(upper),
@@ -262,30 +259,55 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     )
 
 
+def _parameters(model: Model, phi: Sequence[FloatArray]) -> Parameters:
+    """(.., M) from `features` (.., p) of each of M followers."""
+    return Parameters.of(from_features(model, np.stack(phi, axis=-2)))
+
+
 def _stated(speeds: FloatArray) -> MetresPerSecond:
     return SPEEDS[0] if np.median(speeds) < SPEEDS[0] else SPEEDS[-1]
 
 
-def _typical(drawn: FloatArray, model: Model, held: Held) -> tuple[FloatArray, FloatArray]:
-    """Draws (n, p) of one follower's typical value and of a further window's parameters.
+class Car(NamedTuple):
+    """What the windows of one follower say together, in the p coordinates of `features`."""
+
+    middle: FloatArray
+    """(p,) its typical value: the mean of the draws."""
+    value: FloatArray
+    """(n, p) draws of the typical value."""
+    further: FloatArray
+    """(n, p) draws of what a further window has."""
+    covariance: FloatArray
+    """(n, p, p) draws of the covariance between windows; zero for what is held."""
+
+
+def car_of(drawn: FloatArray, model: Model, held: Held = ()) -> Car:
+    """Sample the typical value of one follower, and how its windows differ.
 
     Args:
-        drawn: (K, n, p) draws of its windows.
+        drawn: (K, n, p) draws of its windows; nan for a window that does not determine it.
         model: whose `features` they are.
         held: terms that keep their values.
     """
     drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
-    size = CHAINS * KEPT // EVERY
+    size, count = CHAINS * KEPT // EVERY, 3 + len(terms_of(model))
     if not len(drawn):
-        nothing = np.full((size, 3 + len(terms_of(model))), np.nan)
-        return nothing, nothing
+        nothing = np.full((size, count), np.nan)
+        return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
     fixed = [name for name, _ in held]
     free = np.array([True] * 3 + [term not in fixed for term in terms_of(model)])
     prior = log_prior_of_features(model, drawn)
     sampled = sampled_population(drawn[..., free], prior, POPULATIONS[model].of(free))
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::EVERY], sampled.further[::EVERY]
-    return value, further
+    covariance = np.zeros((size, count, count))
+    covariance[:, *np.ix_(free, free)] = SCATTER * sampled.covariance[::EVERY]
+    return Car(middle_of(value), value, further, covariance)
+
+
+def middle_of(drawn: FloatArray) -> FloatArray:
+    """(p,) the mean of draws (n, p); a mean of equal values may round, so it lies among them."""
+    return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
 
 
 def from_features(model: Model, phi: FloatArray) -> FloatArray:

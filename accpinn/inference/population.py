@@ -43,6 +43,8 @@ LEAST_GAP_SPREAD = 0.08
 in the few cars at hand, and typical values of simulated cars were covered too seldom with less."""
 TAILS = 4.0
 """κ: further windows are more probable with it than under a normal one (docs/validation.md)."""
+SCATTER = TAILS / (TAILS - 2.0)
+"""Covariance of that t over its scale matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +62,11 @@ class Population:
         """The population of some coordinates (p,), where the others are held."""
         square = np.ix_(kept, kept)
         return Population(self.centre[kept], self.cars[square], self.windows[square])
+
+    @property
+    def of_cars(self) -> "Population":
+        """The same one level up: how the typical values of a group's cars may differ."""
+        return Population(self.centre, self.cars, self.cars / SCATTER)
 
     @property
     def freedom(self) -> int:
