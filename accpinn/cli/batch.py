@@ -9,22 +9,22 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.channels import by_key
 from accpinn.cli.estimation import add_method_help
 from accpinn.cli.options import fields
 from accpinn.cli.output import interruptible, print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
-from accpinn.methods.maximum_likelihood import KEY
+from accpinn.model.models import BEST, MODELS
 from accpinn.recordings.mapping import load_mapping
+from accpinn.results.export import groups_document
 from accpinn.results.messages.database import summary_line
 from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
 from accpinn.study.comparison import parse_methods
-from accpinn.study.groups import BY, GROUPABLE, Groups, Share, Typical, group, read_study
+from accpinn.study.groups import BY, GROUPABLE, group, read_study
 from accpinn.study.studies import FAILURES
 
 ALL = "all"
@@ -47,6 +47,7 @@ def add_batch_options(parser: argparse.ArgumentParser) -> None:
     )
     option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)")
     option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
+    option("--model", choices=MODELS, default=BEST, help=f"of the answers ({BEST})")
     option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)")
     option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
@@ -64,6 +65,7 @@ def run_batch(options: argparse.Namespace) -> int:
             window=_seconds(options.window),
             methods=parse_methods(options.methods),
             case=options.case,
+            model=options.model,
             workers=options.workers,
             scheduler=options.scheduler,
             mapping=mapping,
@@ -87,7 +89,7 @@ def _seconds(text: str) -> float:
 def _progress_bar() -> Iterator[Any]:
     """On standard error: share of all work, files, windows, rows, time left."""
     form = "{l_bar}{bar}|{postfix}"
-    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2) as bar:
+    with tqdm(total=1.0, file=sys.stderr, bar_format=form, mininterval=0.2, disable=None) as bar:
 
         def show_progress(now: BatchProgress) -> None:
             bar.n = now.share
@@ -123,59 +125,22 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("study", metavar="STUDY", help="the folder that batch wrote to")
     option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
-    option("--method", metavar="NAME", help=f"whose estimates ({KEY}, where it has some)")
+    option("--wide", action="store_true", help="all columns, beyond the width of a terminal")
     option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
     option("--format", choices=[*FORMATS], default="text", help="(text)")
     add_json_option(parser)
 
 
 def run_table(options: argparse.Namespace) -> int:
-    """Group the rows, and print the table."""
+    """Group the answers, and print the table."""
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
-    grouped = group(read_study(options.study), by, options.method, options.level)
+    grouped = group(read_study(options.study), by, options.level)
     if options.json:
-        print_json(_describe_groups(grouped))
+        print_json(groups_document(grouped))
     else:
-        show(FORMATS[options.format](group_table(grouped)).rstrip("\n"))
+        is_wide = options.wide or options.format != "text"
+        show(FORMATS[options.format](group_table(grouped, is_wide)).rstrip("\n"))
     return 0
 
 
 FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
-
-
-def _describe_groups(grouped: Groups) -> dict[str, Any]:
-    return {
-        "by": list(grouped.by),
-        "method": grouped.method,
-        "level": grouped.level,
-        "groups": [
-            {
-                **dict(zip(grouped.by, row.values, strict=True)),
-                **fields(row, "windows", "vehicles"),
-                **by_key(map(_describe_typical, row.parameters)),
-                "mean_time_gap": {
-                    "median": row.mean_time_gap.value,
-                    "quartiles": [row.mean_time_gap.low, row.mean_time_gap.high],
-                },
-                "l2_stable": _describe_share(row.l2_stable),
-                "linf_stable": _describe_share(row.linf_stable),
-            }
-            for row in grouped.groups
-        ],
-    }
-
-
-def _describe_share(share: Share) -> dict[str, float]:
-    return {"share": share.value, "low": share.low, "high": share.high}
-
-
-def _describe_typical(typical: Typical) -> dict[str, Any]:
-    between = typical.between
-    return {
-        **fields(typical, "median", "low", "high"),
-        "windows": between.windows,
-        "deviation": between.deviation,
-        "deviation_interval": [between.lower, between.upper],
-        "i_squared": between.i_squared,
-        "further_window": list(between.further),
-    }

@@ -22,7 +22,7 @@ from scipy.special import chdtrc
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding
 from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
-from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, SCATTER, sampled_population
+from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, WITHIN, sampled_population
 from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
 from accpinn.inference.trust import Trust, trust
 from accpinn.methods.likelihood import Held, Maximum
@@ -278,7 +278,8 @@ class Car(NamedTuple):
     further: FloatArray
     """(n, p) draws of what a further window has."""
     covariance: FloatArray
-    """(n, p, p) draws of the covariance between windows; zero for what is held."""
+    """(n, p, p) draws of how windows differ: of their scale matrix, such that 68 % of windows lie
+    within the root of its diagonal; zero for what is held."""
 
 
 def car_of(drawn: FloatArray, model: Model, held: Held = ()) -> Car:
@@ -301,7 +302,7 @@ def car_of(drawn: FloatArray, model: Model, held: Held = ()) -> Car:
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::EVERY], sampled.further[::EVERY]
     covariance = np.zeros((size, count, count))
-    covariance[:, *np.ix_(free, free)] = SCATTER * sampled.covariance[::EVERY]
+    covariance[:, np.outer(free, free)] = WITHIN**2 * sampled.covariance[::EVERY].reshape(size, -1)
     return Car(middle_of(value), value, further, covariance)
 
 

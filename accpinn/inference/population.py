@@ -43,8 +43,8 @@ LEAST_GAP_SPREAD = 0.08
 in the few cars at hand, and typical values of simulated cars were covered too seldom with less."""
 TAILS = 4.0
 """κ: further windows are more probable with it than under a normal one (docs/validation.md)."""
-SCATTER = TAILS / (TAILS - 2.0)
-"""Covariance of that t over its scale matrix."""
+WITHIN = 1.1416
+"""Deviation within which 68 % of that t lie, over the root of its scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Population:
     @property
     def of_cars(self) -> "Population":
         """The same one level up: how the typical values of a group's cars may differ."""
-        return Population(self.centre, self.cars, self.cars / SCATTER)
+        return Population(self.centre, self.cars, self.cars / WITHIN**2)
 
     @property
     def freedom(self) -> int:

@@ -15,6 +15,7 @@ Source: Milanés and Shladover, Transportation Research Part C 48 (2014) 285-300
 """
 
 import re
+from dataclasses import asdict
 from typing import Any
 from xml.etree import ElementTree
 
@@ -24,7 +25,7 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import Labelled
-from accpinn.inference.answer import SPEEDS, Answer
+from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.trust import Trust
 from accpinn.methods.following import LEVEL
@@ -33,6 +34,7 @@ from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.at_speed import stability_at
+from accpinn.study.groups import Groups
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
@@ -174,16 +176,7 @@ def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
                 "vehicle": vehicle,
                 "name": name,
                 "model": answer.model,
-                "parameters": {key: span.value for key, span in spans.items()},
-                "intervals": {key: [span.lower, span.upper] for key, span in spans.items()},
-                "further_window": {
-                    key: [span.further_lower, span.further_upper] for key, span in spans.items()
-                },
-                "time_gap": {key: span.value for key, span in gaps.items()},
-                "time_gap_intervals": {key: [g.lower, g.upper] for key, g in gaps.items()},
-                "time_gap_further_window": {
-                    key: [g.further_lower, g.further_upper] for key, g in gaps.items()
-                },
+                **_spans(spans, gaps),
                 "median_speed": median,
                 "windows": len(answer.windows),
                 "windows_differ_p": float(answer.differ[k]),
@@ -192,6 +185,47 @@ def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
             }
         )
     return entries
+
+
+def _spans(parameters: dict[str, Span], gaps: dict[str, Span]) -> dict[str, Any]:
+    """Values and intervals of parameters by name and of time gaps by speed."""
+    document: dict[str, Any] = {}
+    for prefix, named, spans in (("", "parameters", parameters), ("time_gap_", "time_gap", gaps)):
+        document[named] = {key: span.value for key, span in spans.items()}
+        document[f"{prefix}intervals"] = {key: [s.lower, s.upper] for key, s in spans.items()}
+        document[f"{prefix}further_window"] = {
+            key: [s.further_lower, s.further_upper] for key, s in spans.items()
+        }
+    return document
+
+
+def groups_document(grouped: Groups) -> dict[str, Any]:
+    """The groups of a batch, ready for JSON."""
+    return {
+        "by": list(grouped.by),
+        "model": grouped.model,
+        "level": grouped.level,
+        "groups": [
+            {
+                **dict(zip(grouped.by, group.values, strict=True)),
+                "windows": group.windows,
+                "vehicles": group.vehicles,
+                **_spans(
+                    {name: group.span(name) for name in group.names},
+                    {f"{speed * 3.6:.0f}": group.time_gap(speed) for speed in SPEEDS},
+                ),
+                **{name: {key: asdict(spread) for key, spread in getattr(group, name).items()}
+                   for name in ("between_windows", "between_vehicles")},
+                "mean_time_gap": {
+                    "median": group.mean_time_gap.value,
+                    "quartiles": [group.mean_time_gap.low, group.mean_time_gap.high],
+                },
+                "l2_stable": asdict(group.l2_stable),
+                "linf_stable": asdict(group.linf_stable),
+            }
+            for group in grouped.groups
+        ],
+    }  # fmt: skip
 
 
 def _trust_document(trust: Trust) -> dict[str, Any]:

@@ -21,10 +21,12 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.errors import AccpinnError, ConfigError
+from accpinn.inference.answer import window_posterior
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
+from accpinn.model.models import BEST, model_of
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import mapping_of, read_all
 from accpinn.recordings.mapping import CsvMapping, write_mapping
@@ -38,7 +40,7 @@ from accpinn.study.plan import LEAST, Sources, files_of, plan, size_of
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
 from accpinn.study.studies import Failure, KnownFile, Request, Study, read_rows
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 
 PUBLISHED_EVERY: Seconds = 60.0
 """Time between two versions of `results.parquet` while a batch runs."""
@@ -89,6 +91,7 @@ def batch(
     window: Seconds = DURATION,
     methods: Sequence[str] = tuple(METHODS),
     case: Case = "II",
+    model: str = BEST,
     workers: int | None = None,
     scheduler: str | None = None,
     mapping: CsvMapping | None = None,
@@ -103,6 +106,7 @@ def batch(
         window: longest window, in s; infinite for whole stretches.
         methods: keys of `METHODS`.
         case: "I" or "II".
+        model: of the answers; a key of `accpinn.model.models`.
         workers: processes on this machine; by default one for each processor.
         scheduler: address of a dask scheduler, as "tcp://host:8786", in place of ``workers``.
         mapping: of tables that are neither OpenACC runs nor tables of pairs.
@@ -132,6 +136,7 @@ def batch(
         methods=tuple(dict.fromkeys(methods)),
         window=window if math.isfinite(window) else None,
         case=case,
+        model=model_of(model),
         workers=workers,
         scheduler=scheduler,
         mapping=mapping,
@@ -198,7 +203,10 @@ def read_file(path: Path, request: Request, mapping: str) -> FileContents:
         if not planned:
             reasons.append(NOTHING)
         for place in planned:
-            analysis = Analysis(source, place.vehicles, (place.window,), request.case, method=KEY)
+            analysis = Analysis(
+                source, place.vehicles, (place.window,), request.case, model=request.model,
+                method=KEY,
+            )  # fmt: skip
             try:
                 (segment,) = analysis.segments(recording)
             except AccpinnError as fault:
@@ -217,6 +225,8 @@ class Answer:
     analysis: Analysis
     rows: list[dict[str, Any]]
     """One a follower; empty where it failed."""
+    posteriors: FloatArray | None = None
+    """(M, n, p) draws of each follower for the answer over several windows."""
     reason: str = ""
     """Why it failed."""
     is_final: bool = True
@@ -232,11 +242,13 @@ def _answer(window: WindowData, analysis: Analysis) -> Answer:
     segment = replace(window.segment)  # arrays of its own: those received may lie anyhow in memory
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
-        return Answer(analysis, rows_of(result, window.recording, window.modes))
+        posterior = window_posterior(segment, analysis.case, analysis.model)
+        rows = rows_of(result, posterior, window.recording, window.modes)
+        return Answer(analysis, rows, posterior.drawn)
     except AccpinnError as fault:
-        return Answer(analysis, [], str(fault))
+        return Answer(analysis, [], reason=str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time
-        return Answer(analysis, [], sentence_of(fault), is_final=False)
+        return Answer(analysis, [], reason=sentence_of(fault), is_final=False)
 
 
 # In the caller's process
@@ -387,14 +399,14 @@ class _Batch:
         self._advance(file, fraction)
         self._computed += fraction * self._weights[file]
         self._counts["finished"] += 1
-        for answer in answers or [Answer(a, [], fault, is_final=False) for a in asked]:
+        for answer in answers or [Answer(a, [], reason=fault, is_final=False) for a in asked]:
             self._keep(answer, file.name)
 
     def _keep(self, answer: Answer, file: str) -> None:
         """Write what came of an analysis."""
         analysis = answer.analysis
         if answer.rows:
-            self._study.add_rows(analysis, file, answer.rows)
+            self._study.add_rows(analysis, file, answer.rows, answer.posteriors)
             self._counts["rows"] += len(answer.rows)
             return
         self._counts["failed"] += 1

@@ -1,68 +1,68 @@
-"""The rows of a batch by groups: typical parameters, spread between windows, shares of stable ones.
+"""The answers of a batch by groups: typical value, spread between windows and between vehicles.
 
-Within a group the logarithms of α, β and τ over K windows follow the random-effects model of
-`study.windows`: a between-window deviation d beside the sampling error of each window, which here
-is the deviation of its posterior. The median over windows is exp(μ); its interval is
+Each follower of a window has a posterior under the answer's model. The windows of one vehicle
+give its answer (`inference.answer`), the same as for one recording. The vehicles of a group are
+one level up what windows are below: their typical values differ as `inference.population`
+describes, with what all cars taught as the prior; the centre is the typical value of the group.
+So the interval of a group that has few vehicles is as wide as vehicles are known to differ. All of
+it is sampled: no estimate is left out because it is zero, and no window or vehicle counts more than
+it knows.
 
-    exp(μ ± t_{K-1} √(1/Σ w_k))
-
-with d in the weights, so that K windows that differ do not pretend to be one long one. Estimates of
-zero have no logarithm and do not count. A group of one window has that window's interval.
-
-The share of followers that are string stable is the mean of the posterior probabilities p_k. For
-its interval, the number of stable ones among the K is the sum of independent events with these
-probabilities, and given that number S the share has the distribution Beta(S + 1/2, K - S + 1/2)
-(Jeffreys); the interval has the quantiles of this mixture. Windows count as independent, so where a
-few vehicles make up a group, the interval is that of further windows of these vehicles.
+The share of vehicles that are string stable is the mean of the probabilities p_v that the typical
+value of vehicle v is. For its interval, the number of stable ones among V vehicles is the sum of
+independent events with these probabilities, and given that number S the share has the distribution
+Beta(S + 1/2, V - S + 1/2) (Jeffreys); the interval has the quantiles of this mixture.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
-from scipy.special import betainc, stdtrit
+from scipy.special import betainc
+from scipy.stats import multivariate_normal
 
-from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError
-from accpinn.inference.intervals import LEVEL
-from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.registry import METHODS
+from accpinn.inference.answer import (
+    DRAWS,
+    EVERY,
+    JUDGED,
+    Car,
+    Span,
+    car_of,
+    from_features,
+    middle_of,
+)
+from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.inference.population import POPULATIONS, WITHIN, sampled_population
+from accpinn.model.cthp import Parameters
+from accpinn.model.models import BEST, Model, terms_of
+from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import read_rows
-from accpinn.study.windows import RandomEffects, random_effects
-from accpinn.units import FloatArray
+from accpinn.study.studies import read_posteriors, read_request, read_rows
+from accpinn.units import FloatArray, MetresPerSecond
 
-GROUPABLE = (
-    "make", "model", "distance_setting", "campaign", "mode", "name", "file", "date", "method",
-    "case",
-)  # fmt: skip
+GROUPABLE = ("make", "model", "distance_setting", "campaign", "mode", "name", "file", "date")
 """Columns that rows may be grouped by."""
 BY = ("make", "model", "distance_setting")
+PLACE = ["sha256", "start", "vehicle"]
+"""Columns that name one follower of one window, whatever the method."""
+POSTERIOR = "posterior"
+"""The column of the frame with each follower's posterior draws; it is in no file."""
 PROBABILITIES = ("p_l2_stable", "p_linf_stable")
-TRIMMED_EVERY, NEGLIGIBLE = 128, 1e-18
-"""After so many windows, numbers of stable ones with less than that probability are left out."""
-
-
-@dataclass(frozen=True)
-class Typical:
-    """A group's value of one parameter."""
-
-    median: float
-    """Over windows; nan where no window determines it."""
-    low: float
-    """Lower end of its interval."""
-    high: float
-    between: RandomEffects
-    """How far windows differ."""
+FURTHEST = 100.0
+"""Largest coordinate that a draw can have, as in a file that somebody has changed."""
+KEPT_CARS = 1024
+"""Vehicles whose answers are kept, so that other filters and groups take no time."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """A share of a group's followers, 0 to 1; nan where nothing is known."""
+    """A share of a group's vehicles, 0 to 1; nan where nothing is known."""
 
     value: float
     low: float
@@ -70,8 +70,20 @@ class Share:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """The deviation within which 68 % lie, with its interval.
+
+    That of α, β and the time gap is relative, that of the terms absolute.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
 class Group:
-    """What the windows of a group say."""
+    """What the windows of a group say, under one model."""
 
     values: tuple[str, ...]
     """Values of the columns that it is grouped by; empty where a header does not tell."""
@@ -79,18 +91,80 @@ class Group:
     """Followers of windows: K."""
     vehicles: int
     """Different names within a campaign; where a file names none, its vehicles count by number."""
-    alpha: Typical
-    beta: Typical
-    tau: Typical
     mean_time_gap: Share
     """In s: the median, and the quartiles of the windows."""
-    l2_stable: Share
-    linf_stable: Share
+    model: Model
+    level: float
+    """Of all intervals but the quartiles."""
+    drawn: Car
+    """The group as one: its draws are those of a vehicle where it is one vehicle."""
+    cars: tuple[Car, ...]
+    """Its vehicles that some window determines."""
+    differing: tuple[Car, ...]
+    """Those with several windows."""
 
     @property
-    def parameters(self) -> tuple[Typical, Typical, Typical]:
-        """In the order α, β, τ."""
-        return self.alpha, self.beta, self.tau
+    def names(self) -> tuple[str, ...]:
+        """Names of the model's parameters, as `Parameters` has them."""
+        return ("alpha", "beta", "tau", *terms_of(self.model))
+
+    def span(self, name: str) -> Span:
+        """One parameter, by its name in `Parameters`."""
+        return self._span([getattr(part, name) for part in self._parts])
+
+    def time_gap(self, speed: MetresPerSecond) -> Span:
+        """The time gap in equilibrium at a speed, in s."""
+        return self._span([part.time_gap(speed) for part in self._parts])
+
+    @cached_property
+    def between_windows(self) -> dict[str, Spread]:
+        """How far windows of one vehicle differ; empty where no vehicle has two.
+
+        The keys are alpha, beta, time_gap (at 100 km/h) and the terms.
+        """
+        variances = [np.diagonal(car.covariance, axis1=1, axis2=2) for car in self.differing]
+        return self._spread(np.mean(variances, axis=0)) if variances else {}
+
+    @cached_property
+    def between_vehicles(self) -> dict[str, Spread]:
+        """How far the typical values of vehicles differ, as above; empty for one vehicle."""
+        if len(self.cars) < 2:
+            return {}
+        return self._spread(np.diagonal(self.drawn.covariance, axis1=1, axis2=2))
+
+    @cached_property
+    def l2_stable(self) -> Share:
+        """The share of vehicles that are L₂ string stable."""
+        return self._share(l2_margin)
+
+    @cached_property
+    def linf_stable(self) -> Share:
+        """The share of vehicles that are L∞ string stable, by the exact criterion."""
+        return self._share(exact_margin)
+
+    def _share(self, margin: Any) -> Share:
+        drawn = (from_features(self.model, _evenly(car.value, JUDGED)) for car in self.cars)
+        stable = [(margin(Parameters.of(part)) >= 0).mean() for part in drawn]
+        return share(np.array(stable, float), self.level)
+
+    @cached_property
+    def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
+        drawn = self.drawn
+        parts = (drawn.middle, drawn.value, drawn.further)
+        middle, value, further = (Parameters.of(from_features(self.model, phi)) for phi in parts)
+        return middle, value, further
+
+    def _span(self, parts: Sequence[FloatArray]) -> Span:
+        value, typical, further = parts
+        ends = [interval_ends(drawn, self.level) for drawn in (typical, further)]
+        return Span(float(value), *(float(end) for pair in ends for end in pair))
+
+    def _spread(self, variances: FloatArray) -> dict[str, Spread]:
+        deviations = np.sqrt(variances)
+        low, high = interval_ends(deviations, self.level)
+        rows = np.array([np.median(deviations, axis=0), low, high]).T
+        names = ("alpha", "beta", "time_gap", *terms_of(self.model))
+        return {name: Spread(*map(float, row)) for name, row in zip(names, rows, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -98,118 +172,137 @@ class Groups:
     """The groups of a batch."""
 
     by: tuple[str, ...]
-    method: str | None
-    """None where rows are grouped by method."""
+    model: Model
     level: float
     """Level of all intervals but the quartiles."""
     groups: tuple[Group, ...]
 
 
 def read_study(study: str | Path) -> pd.DataFrame:
-    """The rows of a batch with the columns of `COLUMNS`, also while it runs.
+    """The rows of a batch with the columns of `COLUMNS` and `POSTERIOR`, also while it runs.
 
-    What is no number, or no probability where one should be, is nan.
+    What is no number, or no probability where one should be, is nan. ``attrs["model"]`` is the
+    answer's model.
 
     Raises:
         RecordingError: where there is no batch, or its file is damaged.
     """
-    frame = pd.DataFrame(read_rows(Path(study)), columns=[column.name for column in COLUMNS])
+    folder = Path(study)
+    frame = pd.DataFrame(read_rows(folder), columns=[column.name for column in COLUMNS])
     for column in COLUMNS:
         if column.kind == "double":
             frame[column.name] = pd.to_numeric(frame[column.name], errors="coerce")
     for name in PROBABILITIES:
         frame[name] = frame[name].where(frame[name].between(0.0, 1.0))
+    request = read_request(folder)
+    model = request.model if request else BEST
+    drawn = read_posteriors(folder, 3 + len(terms_of(model)))
+    places = frame[PLACE].itertuples(index=False, name=None)
+    frame[POSTERIOR] = pd.Series([drawn.get(place) for place in places], frame.index, object)
+    frame.attrs["model"] = model
     return frame
 
 
-def group(
-    rows: pd.DataFrame,
-    by: Sequence[str] = BY,
-    method: str | None = None,
-    level: float = LEVEL,
-) -> Groups:
-    """Group the rows of a batch.
+def group(rows: pd.DataFrame, by: Sequence[str] = BY, level: float = LEVEL) -> Groups:
+    """Group the answers of a batch.
 
     Args:
         rows: as `read_study` gives them, or some of these.
         by: columns, from `GROUPABLE`.
-        method: whose estimates; by default maximum likelihood where it has some, else the first.
         level: of the intervals, above 0 and below 1.
 
     Raises:
-        ConfigError: for a column, a method or a level that is not allowed.
+        ConfigError: for a column or a level that is not allowed.
     """
     for name in by:
         if name not in GROUPABLE:
             raise ConfigError(f"by: {name[:40]} is not known; choose from {', '.join(GROUPABLE)}.")
     if not 0.0 < level < 1.0:
         raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
-    chosen = None if "method" in by and method is None else _method(rows, method)
-    part = rows if chosen is None else rows[rows["method"] == chosen]
-    labels = part[list(by)].fillna("").astype(str) if by else part[[]]
-    keys = pd.Series(list(labels.itertuples(index=False, name=None)), part.index, object)
-    groups = [_group(key, members, level) for key, members in part.groupby(keys)]
-    return Groups(tuple(by), chosen, level, tuple(groups))
+    model = rows.attrs.get("model", BEST)
+    part = rows.drop_duplicates(PLACE)
+    groups = [_group(key, part[at], model, level) for key, at in _parts_by(part, by)]
+    return Groups(tuple(by), model, level, tuple(groups))
 
 
-def _method(rows: pd.DataFrame, method: str | None) -> str | None:
-    known = list(dict.fromkeys(rows["method"]))
-    if method is None:
-        return next((key for key in (KEY, *METHODS, *known) if key in known), KEY)
-    if known and method not in known:
-        raise ConfigError(f"method: {method[:40]} has no rows; choose {', '.join(known)}.")
-    return method
+def _parts_by(rows: pd.DataFrame, by: Sequence[str]) -> Iterable[tuple[Any, Any]]:
+    """The values of each group in order, and which rows it has."""
+    labels = rows[list(by)].fillna("").astype(str) if by else rows[[]]
+    keys = pd.Series(list(labels.itertuples(index=False, name=None)), rows.index, object)
+    return [(key, keys == key) for key in sorted(keys.unique())]
 
 
-def _group(key: Iterable[Any], rows: pd.DataFrame, level: float) -> Group:
-    alpha, beta, tau = (_typical(rows, name, level) for name in PARAMETER_KEYS)
+def _group(key: Iterable[Any], rows: pd.DataFrame, model: Model, level: float) -> Group:
     gaps = rows["mean_time_gap"].dropna()
-    who = rows[["campaign", "name"]].fillna("")
-    who["sha256"] = rows["sha256"].where(rows["make"].fillna("") == "", "")
     quartiles = gaps.quantile([0.5, 0.25, 0.75]).tolist() if len(gaps) else [np.nan] * 3
+    nameless = rows["make"].fillna("") == ""
+    who = rows[["campaign", "name"]].fillna("").assign(sha256=rows["sha256"].where(nameless, ""))
+    who = who.reset_index(drop=True)
+    cars, differing = [], []
+    for _, members in who.groupby(list(who), sort=False, dropna=False):
+        drawn = [_checked(rows[POSTERIOR].iloc[at], model) for at in members.index]
+        known = tuple(posterior for posterior in drawn if posterior)
+        if known:
+            cars.append(_car(known, model))
+            differing += cars[-1:] if len(known) > 1 else []
     return Group(
         values=tuple(map(str, key)),
         windows=len(rows),
         vehicles=len(who.drop_duplicates()),
-        alpha=alpha,
-        beta=beta,
-        tau=tau,
         mean_time_gap=Share(*quartiles),
-        l2_stable=share(rows["p_l2_stable"].dropna().to_numpy(), level),
-        linf_stable=share(rows["p_linf_stable"].dropna().to_numpy(), level),
+        model=model,
+        level=level,
+        drawn=_together(cars, model),
+        cars=tuple(cars),
+        differing=tuple(differing),
     )
 
 
-def _typical(rows: pd.DataFrame, name: str, level: float) -> Typical:
-    values, errors = (rows[column].to_numpy(float) for column in (name, f"{name}_error"))
-    logs = np.log(np.where(values > 0, values, np.nan))
-    effects = random_effects(logs, errors, level)
-    if effects.windows < 2:
-        counts = np.isfinite(values) & np.isfinite(errors)
-        known = rows[counts & (values > 0)] if effects.windows else rows[counts]
-        if len(known) != 1:
-            return Typical(np.nan, np.nan, np.nan, effects)
-        value, low, high = known[[name, f"{name}_low", f"{name}_high"]].to_numpy(float)[0].tolist()
-        return Typical(value, low, high, effects)
-    reach = float(stdtrit(effects.windows - 1, (1 + level) / 2)) * effects.error
-    with np.errstate(over="ignore"):  # two windows that differ widely set no upper limit
-        ends = np.exp(effects.mean + np.array([-reach, reach]))
-    return Typical(effects.typical, float(ends[0]), float(ends[1]), effects)
+def _checked(posterior: Any, model: Model) -> bytes:
+    """The bytes of a posterior that can be one, else none."""
+    if posterior is None or posterior.shape[-1] != 3 + len(terms_of(model)):
+        return b""
+    if not (np.abs(posterior) <= FURTHEST).all() or not np.ptp(posterior, axis=0).any():
+        return b""
+    return bytes(posterior.tobytes())
+
+
+@lru_cache(maxsize=KEPT_CARS)
+def _car(windows: tuple[bytes, ...], model: Model) -> Car:
+    """The answer of one vehicle, from the draws of its windows."""
+    width = 3 + len(terms_of(model))
+    return car_of(np.array([np.frombuffer(raw).reshape(-1, width) for raw in windows]), model)
+
+
+def _together(cars: Sequence[Car], model: Model) -> Car:
+    """A group's vehicles as one: its typical value, and a further window of a further vehicle."""
+    if len(cars) < 2:
+        return cars[0] if cars else car_of(np.empty((0, 1, 3 + len(terms_of(model)))), model)
+    population, centre = POPULATIONS[model], POPULATIONS[model].centre
+    values = np.array([_evenly(car.value, DRAWS) for car in cars])
+    prior = multivariate_normal(centre, population.cars).logpdf(values).reshape(values.shape[:2])
+    sampled = sampled_population(values, prior, population.of_cars)
+    value, covariance, further = (part[::EVERY] for part in sampled)
+    each = np.arange(len(value))
+    deviations = np.array([car.further - car.value for car in cars])
+    further = further + deviations[each % len(cars), each]
+    return Car(middle_of(value), value, further, covariance * WITHIN**2)
+
+
+def _evenly(drawn: FloatArray, count: int) -> FloatArray:
+    """So many of the draws (n, p), at most, in even steps."""
+    return np.asarray(drawn[np.linspace(0, len(drawn) - 1, min(len(drawn), count)).astype(int)])
 
 
 def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
-    """The share of stable followers, from the probability (K,) of each to be stable."""
+    """The share of stable vehicles, from the probability (V,) of each to be stable."""
     count = len(probabilities)
     if not count:
         return Share(np.nan, np.nan, np.nan)
-    weights, least = np.ones(1), 0  # of each possible number of stable ones, from the least on
-    for k, p in enumerate(probabilities, 1):
+    weights = np.ones(1)  # of each possible number of stable ones
+    for p in probabilities:
         weights = np.convolve(weights, [1.0 - p, p])
-        if k % TRIMMED_EVERY == 0:
-            counting = np.flatnonzero(weights > NEGLIGIBLE)
-            least += int(counting[0])
-            weights = weights[counting[0] : counting[-1] + 1]
-    stable = least + np.arange(len(weights))
+    stable = np.arange(len(weights))
 
     def quantile(tail: float) -> float:
         def beyond(x: float) -> float:

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS, by_key
+from accpinn.channels import PARAMETERS, by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
+from accpinn.inference.answer import DRAWS, JUDGED, WindowPosterior, from_features
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import terms_of
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.recordings.recording import unnamed
+from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.stability.report import stability_report
 from accpinn.study.result import Result
 from accpinn.units import known_mean
@@ -29,6 +32,10 @@ class RowColumn:
     meaning: str
 
 
+OF_ANSWER = {quantity.key: quantity.unit for quantity in PARAMETERS} | {
+    "s0": "m", "lag": "s", "delay": "s",
+}  # fmt: skip
+"""The parameters that the answer's model may have, with their units."""
 COLUMNS: tuple[RowColumn, ...] = (
     RowColumn("campaign", "string", "", "campaign or data set"),
     RowColumn("file", "string", "", "file name of the recording"),
@@ -52,15 +59,15 @@ COLUMNS: tuple[RowColumn, ...] = (
       for quantity in PARAMETERS),
     *(RowColumn(f"{quantity.key}_{end}", "double", quantity.unit, f"{word} end of the interval")
       for quantity in PARAMETERS for end, word in (("low", "lower"), ("high", "upper"))),
-    *(RowColumn(f"{key}_error", "double", "",
-              f"standard error of ln {key}: deviation of its posterior")
-      for key in PARAMETER_KEYS),
+    *(RowColumn(f"answer_{key}", "double", unit,
+              f"{key} of the window by itself under the answer's model, maximum likelihood")
+      for key, unit in OF_ANSWER.items()),
     RowColumn("level", "double", "", "how often the intervals cover the truth, if the model holds"),
     RowColumn("l2_stable", "bool", "", "L₂ string stability of the estimate"),
     RowColumn("linf_stable", "bool", "", "L∞ string stability of the estimate, exact criterion"),
     RowColumn("linf_gain", "double", "", "‖h‖₁ of the estimate"),
-    RowColumn("p_l2_stable", "double", "", "posterior probability of L₂ string stability"),
-    RowColumn("p_linf_stable", "double", "", "posterior probability of L∞ string stability"),
+    RowColumn("p_l2_stable", "double", "", "probability of L₂ string stability under that model"),
+    RowColumn("p_linf_stable", "double", "", "probability of L∞ string stability under that model"),
     RowColumn("mean_time_gap", "double", "s", "mean of p/v over the instants in motion"),
     RowColumn("mean_speed", "double", "m/s", "the follower's"),
     RowColumn("speed_deviation", "double", "m/s", "standard deviation of the follower's speed"),
@@ -73,12 +80,16 @@ COLUMNS: tuple[RowColumn, ...] = (
 
 
 def rows_of(
-    result: Result, recording: Mapping[str, Any], modes: tuple[str, ...]
+    result: Result,
+    posterior: WindowPosterior,
+    recording: Mapping[str, Any],
+    modes: tuple[str, ...],
 ) -> list[dict[str, Any]]:
     """One row a follower, with the keys of `COLUMNS`; None where a value is unknown.
 
     Args:
         result: of one window, with its data.
+        posterior: of the window under the answer's model.
         recording: what is known of the recording: its facts, file, trajectory and SHA-256.
         modes: (M,) as `plan` gives them.
     """
@@ -87,7 +98,12 @@ def rows_of(
     collisions = collision_times(evaluation.findings, segment.vehicles)
     speeds = segment.measured_speeds[:, 1:]
     mean_speeds = known_mean(speeds)
-    errors = np.log(uncertainty.draws.values).std(axis=0)
+    asked = result.analysis.model
+    terms = ("alpha", "beta", "tau", *terms_of(asked))
+    own = Parameters.of(posterior.estimates)
+    drawn = Parameters.of(from_features(asked, posterior.drawn[:, :: DRAWS // JUDGED]))
+    stable = [(margin(drawn) >= 0).mean(axis=1) for margin in (l2_margin, exact_margin)]
+    known = np.isfinite(own.alpha)
     shared = {
         **recording,
         "start": segment.window.start,
@@ -110,8 +126,12 @@ def rows_of(
             "model": model,
             "mode": mode,
             "mode_source": "" if mode == "unknown" else by_flag or "driver",
-            "p_l2_stable": uncertainty.probability_l2[k],
-            "p_linf_stable": uncertainty.probability_linf[k],
+            "p_l2_stable": stable[0][k] if known[k] else None,
+            "p_linf_stable": stable[1][k] if known[k] else None,
+            **{
+                f"answer_{name}": getattr(own, name)[k] if name in terms else None
+                for name in OF_ANSWER
+            },
             "mean_time_gap": result.quality.mean_time_gap[k],
             "mean_speed": mean_speeds[k],
             "speed_deviation": float(np.nanstd(speeds[:, k])),
@@ -124,7 +144,6 @@ def rows_of(
             ("", fit.parameters[k].values),
             ("_low", uncertainty.lower[k].values),
             ("_high", uncertainty.upper[k].values),
-            ("_error", errors[k]),
         ):
             row |= {f"{key}{ending}": value for key, value in by_key(values).items()}
         rows.append({column.name: _plain(row[column.name]) for column in COLUMNS})

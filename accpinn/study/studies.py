@@ -20,21 +20,23 @@ from types import TracebackType
 from typing import Annotated, Any, Self
 
 import msgspec
+import numpy as np
 
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
+from accpinn.model.models import BEST, Model
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.storage import reason_of, reported, write_whole, written_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.rows import COLUMNS
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 
 FILE, RESULTS, FAILURES, SCHEMA, LOCK = (
     "study.sqlite", "results.parquet", "failures.csv", "schema.json", ".lock",
 )  # fmt: skip
 FAILURE_COLUMNS = ("file", "start", "vehicle", "reason")
-FORMAT = 2
+FORMAT = 3
 """Raised whenever an older program could not read the SQLite file, or the reverse."""
 PATIENCE: Seconds = 30.0
 """Longest wait for a reader or a writer of the SQLite file."""
@@ -46,6 +48,9 @@ create table files (sha256 text primary key, document text);
 create table results
     (sha256 text, start real, leader integer, method text, key text, file text, rows text,
      primary key (sha256, start, leader, method));
+create table posteriors
+    (sha256 text, start real, vehicle integer, draws blob,
+     primary key (sha256, start, vehicle));
 create table failures
     (place text primary key, path text, file text, start real, vehicle integer, reason text,
      is_final integer);
@@ -63,6 +68,8 @@ class Request:
     window: Seconds | None
     """Longest window in s; None for whole stretches."""
     case: Case = "II"
+    model: Model = BEST
+    """Of the answer."""
     workers: int | None = None
     scheduler: str | None = None
     mapping: CsvMapping | None = None
@@ -138,11 +145,11 @@ class Study:
                 self._database.execute("pragma journal_mode = wal")
                 self._database.execute("pragma synchronous = normal")
                 kept = _request(self._database)
-            if kept and (kept.window, kept.case) != (request.window, request.case):
-                window = "all" if kept.window is None else f"{kept.window:g}"
+            if kept and _shared(kept) != _shared(request):
+                window, case, model = _shared(kept)
                 raise ConfigError(
-                    f"{folder}: it holds a batch with window {window} and Case {kept.case}; ask"
-                    " for the same, or take another folder."
+                    f"{folder}: it holds a batch with window {window}, Case {case} and model"
+                    f" {model}; ask for the same, or take another folder."
                 )
             self.note(request)
             self._opened = opened.pop_all()
@@ -208,19 +215,35 @@ class Study:
             )  # fmt: skip
         return int(row[0]) if row else None
 
-    def add_rows(self, analysis: Analysis, file: str, rows: list[dict[str, Any]]) -> None:
+    def add_rows(
+        self,
+        analysis: Analysis,
+        file: str,
+        rows: list[dict[str, Any]],
+        posteriors: FloatArray | None = None,
+    ) -> None:
         """Keep the answer to an analysis, in place of one by an earlier version of its method.
 
         Args:
             analysis: what was asked.
             file: name of the recording's file, by which rows are ordered.
             rows: one a follower, with the keys of `COLUMNS`.
+            posteriors: (M, n, p) draws for the answer of each follower, the same for all methods.
         """
         document = json.dumps(rows, ensure_ascii=False, allow_nan=False)
         values = (*_place(analysis), analysis.key, file, document)
         self._write(
             ("delete from failures where place = ?", (_name(analysis),)),
             ("insert or replace into results values (?, ?, ?, ?, ?, ?, ?)", values),
+            *(
+                (
+                    "insert or replace into posteriors values (?, ?, ?, ?)",
+                    (*_place(analysis)[:2], vehicle, drawn.astype("<f8").tobytes()),
+                )
+                for vehicle, drawn in zip(
+                    analysis.vehicles[1:], () if posteriors is None else posteriors, strict=False
+                )
+            ),
         )
 
     def add_failure(self, analysis: Analysis, failure: Failure, is_final: bool) -> None:
@@ -252,6 +275,12 @@ class Study:
             }
             described = json.dumps(schema, ensure_ascii=False, indent=2)
             write_whole(self.folder / SCHEMA, described.encode())
+
+
+def _shared(request: Request) -> tuple[str, Case, Model]:
+    """What all rows of a study have in common."""
+    window = "all" if request.window is None else f"{request.window:g}"
+    return window, request.case, request.model
 
 
 def _make(path: Path) -> None:
@@ -293,6 +322,15 @@ def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
     """
     with _opened(folder) as database:
         yield from _rows(database)
+
+
+def read_posteriors(folder: Path, width: int) -> dict[tuple[str, Seconds, int], FloatArray]:
+    """The posterior draws (n, width) by SHA-256, start and vehicle; see `read_rows`."""
+    with _opened(folder) as database:
+        return {
+            (sha256, start, vehicle): np.frombuffer(raw, "<f8").reshape(-1, width)
+            for sha256, start, vehicle, raw in database.execute("select * from posteriors")
+        }
 
 
 def read_failures(folder: Path) -> tuple[Failure, ...]:
@@ -363,7 +401,8 @@ def _told(folder: Path) -> Iterator[None]:
     """Turn a fault of the disk, of SQLite or of a document in it into a sentence for the user."""
     try:
         yield
-    except (OSError, sqlite3.Error, msgspec.DecodeError, UnicodeDecodeError, TypeError) as fault:
+    except (OSError, sqlite3.Error, msgspec.DecodeError, UnicodeDecodeError, TypeError,
+            ValueError) as fault:  # fmt: skip
         # A table that is not there, or a text that is none, is no fault of the disk.
         kind = getattr(fault, "sqlite_errorname", "SQLITE_ERROR")
         of_disk = isinstance(fault, sqlite3.OperationalError) and kind != "SQLITE_ERROR"

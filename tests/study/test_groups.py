@@ -8,42 +8,74 @@ from scipy.stats import beta, binom
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
+from accpinn.inference.answer import car_of
+from accpinn.inference.posterior import AT_SPEED
+from accpinn.model.models import BEST
 from accpinn.results.tables.groups import group_table
-from accpinn.study.groups import group, read_study, share
+from accpinn.study.groups import POSTERIOR, group, read_study, share
 from tests.support.command import Capture, document, refused
-from tests.support.studies import row, rows, write_study
+from tests.support.studies import S0, row, rows, write_study
 
 
-def test_medians_and_spread_are_those_of_the_windows() -> None:
+def test_the_answer_of_a_vehicle_is_that_of_its_windows() -> None:
     rng = np.random.default_rng(1)
-    spread, error = 0.3, 0.1
-    normal = rng.normal(size=400)
-    taus = 1.5 * np.exp(np.hypot(spread, error) * (normal - normal.mean()) / normal.std())
-    found = group(
-        rows(*(row("A", tau=float(tau), tau_error=error) for tau in taus), row("B")), ("make",)
-    )
-    many, single = found.groups
-    assert (many.values, many.windows, many.vehicles) == (("A",), 400, 1)
-    assert many.tau.low < 1.5 < many.tau.high
-    assert many.tau.high - many.tau.low == pytest.approx(2 * 1.65 * 1.5 * 0.32 / 20, rel=0.15)
-    assert many.tau.between.deviation == pytest.approx(spread, rel=0.15)
-    assert many.alpha.between.deviation == 0
-    # One window alone has its own interval.
-    assert (single.tau.median, single.tau.low, single.tau.high) == (1.0, 0.9, 1.1)
+    taus = 1.5 * np.exp(0.1 * rng.standard_normal(30))
+    given = rows(*(row("A", tau=float(tau)) for tau in taus), row("B", tau=1.2))
+    many, single = group(given, ("make",)).groups
+    assert (many.values, many.windows, many.vehicles) == (("A",), 30, 1)
+    alone = car_of(np.array(given[POSTERIOR].tolist()[:30]), BEST)
+    np.testing.assert_array_equal(many.drawn.middle, alone.middle)
+    tau = many.span("tau")
+    assert tau.lower < 1.5 < tau.upper
+    assert tau.further_upper - tau.further_lower > 3 * (tau.upper - tau.lower)
+    between = many.between_windows["time_gap"]
+    assert between.low < 0.1 * 1.5 / 1.68 < between.high, "of τ + s₀/v"
+    assert many.between_vehicles == {}
+    # One window says nothing of how windows differ; what other cars taught widens its interval.
+    assert single.between_windows == {}
+    assert single.span("tau").upper - single.span("tau").lower > 0.2
+
+
+def test_vehicles_of_a_group_differ_as_windows_do_one_level_below() -> None:
+    rng = np.random.default_rng(2)
+    gaps = 1.4 * np.exp(0.3 * rng.standard_normal(40))
+    given = rows(*(row("A", name=f"A{k}", tau=float(g)) for k, g in enumerate(gaps) for _ in "ab"))
+    [many] = group(given, ("make",)).groups
+    assert (many.windows, many.vehicles, len(many.cars)) == (80, 40, 40)
+    mean = float(np.exp(np.log(gaps).mean()))
+    assert many.span("tau").lower < mean < many.span("tau").upper
+    between = many.between_vehicles["time_gap"]
+    expected = np.log(gaps + S0 / AT_SPEED).std()
+    assert between.value == pytest.approx(expected, rel=0.3), "a t is fitted to what is normal"
+    assert many.between_windows["time_gap"].value < between.value / 2
+    further = many.span("tau")
+    inside = (gaps > further.further_lower) & (gaps < further.further_upper)
+    assert inside.mean() > 0.75
 
 
 def test_what_is_unknown_counts_as_a_window_only() -> None:
-    unknown = row("A", tau=None, tau_error=None, p_l2_stable=None, alpha=0.0)
+    unknown = row("A", tau=None)
     [found] = group(rows(row("A"), row("A"), unknown), ("make",)).groups
-    assert found.windows == 3
-    assert found.tau.between.windows == found.alpha.between.windows == 2
+    assert (found.windows, len(found.cars)) == (3, 1)
     [none] = group(rows(unknown), ("make",)).groups
-    assert np.isnan([none.tau.median, none.l2_stable.value]).all()
-    assert "(–)" not in group_table(group(rows(unknown))).to_text()
-    [zero] = group(rows(row("A", beta=0.0, beta_low=0.0)), ("make",)).groups
-    assert (zero.beta.median, zero.beta.low) == (0.0, 0.0)
-    [mixed] = group(rows(row("A"), row("A", beta=0.0)), ("make",)).groups
-    assert (mixed.beta.median, mixed.beta.between.windows) == (0.2, 1), "the one that counts"
+    assert np.isnan([none.span("tau").value, none.l2_stable.value]).all()
+    assert "nan" not in group_table(group(rows(unknown))).to_text()
+    spoilt = rows(row("A"), row("A"))
+    for wrong in (
+        np.full((400, 5), 1e9),
+        np.zeros((3, 5)),
+        np.zeros((9, 4)),
+        np.full((9, 5), np.nan),
+    ):
+        spoilt.at[1, POSTERIOR] = wrong
+        [found] = group(spoilt, ("make",)).groups
+        assert np.isfinite(found.span("tau").value)
+
+
+def test_rows_of_several_methods_are_one_window() -> None:
+    given = rows(row("A", start=0.0), row("A", start=0.0, method="splines"), row("A", start=60.0))
+    [found] = group(given, ("make",)).groups
+    assert found.windows == 2
 
 
 def test_vehicles_without_a_name_are_different_ones_in_each_recording() -> None:
@@ -74,8 +106,6 @@ def test_groups_are_sorted_and_missing_names_are_empty() -> None:
     found = group(rows(row("B"), row(None), row("A"), row("B", campaign="Y")), ("make", "campaign"))
     values = [one.values for one in found.groups]
     assert values == [("", "X"), ("A", "X"), ("B", "X"), ("B", "Y")]
-    by_method = group(rows(row("A"), row("A", method="splines")), ("method",))
-    assert [one.values for one in by_method.groups] == [("maximum-likelihood",), ("splines",)]
     [everything] = group(rows(row("A"), row("B")), ()).groups
     assert (everything.windows, everything.vehicles) == (2, 2)
 
@@ -89,21 +119,23 @@ def study(tmp_path: Path) -> Path:
 def test_command_prints_every_format(capsys: Capture, study: Path) -> None:
     found = document(capsys, "table", study, "--by", "make")
     assert [one["make"] for one in found["groups"]] == ["C", "Ä & B"]
-    assert found["groups"][1]["windows"] == 3
-    assert found["groups"][1]["alpha"]["median"] == pytest.approx(0.1 * 6 ** (1 / 3), rel=1e-6)
-    assert found["groups"][0]["l2_stable"]["share"] == 0.0
-    for kind, sign in (("text", "Ä & B"), ("csv", "alpha_per_s2_low"), ("latex", r"Ä \& B")):
+    assert (found["model"], found["groups"][1]["windows"]) == (BEST, 3)
+    for one in found["groups"]:
+        assert one["parameters"].keys() == one["intervals"].keys() == one["further_window"].keys()
+        for name, (low, high) in one["intervals"].items():
+            assert low < one["parameters"][name] < high
+    assert found["groups"][0]["l2_stable"]["value"] < 0.5
+    for kind, sign in (("text", "Ä & B"), ("csv", "alpha_low"), ("latex", r"Ä \& B")):
         assert main(["table", str(study), "--format", kind]) == 0
         assert sign in capsys.readouterr().out
-    only = document(capsys, "table", study, "--by", "make", "--method", "splines")
-    assert [one["windows"] for one in only["groups"]] == [1]
+    assert main(["table", str(study)]) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 100
+    assert main(["table", str(study), "--wide"]) == 0
+    assert "Further window" in capsys.readouterr().out
 
 
 def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) -> None:
     assert "colour is not known" in refused(capsys, 2, "table", study, "--by", "colour")
-    assert "choose maximum-likelihood, splines" in refused(
-        capsys, 2, "table", study, "--method", "pinn"
-    )
     assert "level" in refused(capsys, 2, "table", study, "--level", 1)
     assert "no batch is there" in refused(capsys, 1, "table", tmp_path / "none")
     with pytest.raises(RecordingError):
@@ -117,5 +149,3 @@ def test_a_number_that_is_no_probability_is_unknown(tmp_path: Path) -> None:
     found = read_study(study)
     assert found["p_linf_stable"].isna().tolist() == [True, False]
     assert not found["p_l2_stable"].isna().any()
-    [one] = group(found).groups
-    assert one.linf_stable.value == 0.0

@@ -102,7 +102,7 @@ def test_a_request_is_found_again_and_window_and_case_stay(tmp_path: Path) -> No
         assert read_request(tmp_path) == REQUEST
         study.note(finished)
     assert read_request(tmp_path) == finished
-    with pytest.raises(ConfigError, match="holds a batch with window 300 and Case II"):
+    with pytest.raises(ConfigError, match="holds a batch with window 300, Case II"):
         Study(tmp_path, replace(REQUEST, case="I"))
     with Study(tmp_path, REQUEST):
         pass

@@ -3,14 +3,22 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from accpinn.inference.posterior import AT_SPEED
 from accpinn.recordings.recording import Window
 from accpinn.study.analysis import Analysis, Source
+from accpinn.study.groups import POSTERIOR
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import Request, Study
+from accpinn.units import FloatArray
 
 REQUEST = Request(("runs",), ("least-squares",), 300.0)
+S0, DELAY = 5.0, 0.5
+"""Of every vehicle."""
+ERRORS = (0.1, 0.1, 0.03, 0.5, 0.05)
+"""Standard deviations of a window's posterior."""
 
 
 def row(make: str | None, **changes: Any) -> dict[str, Any]:
@@ -19,25 +27,48 @@ def row(make: str | None, **changes: Any) -> dict[str, Any]:
     cells |= {"campaign": "X", "name": make, "make": make, "method": "maximum-likelihood"}
     for name, value in (("alpha", 0.1), ("beta", 0.2), ("tau", 1.0)):
         cells |= {name: value, f"{name}_low": 0.9 * value, f"{name}_high": 1.1 * value}
-        cells[f"{name}_error"] = 0.05
+    cells |= {"sha256": "a", "leader": 1, "vehicle": 2}
     return cells | {"mean_time_gap": 1.2, "p_l2_stable": 0.0, "p_linf_stable": 0.0} | changes
 
 
+def posterior(cells: dict[str, Any]) -> FloatArray | None:
+    """Draws (400, 5) about the row's α, β and τ; None where one is unknown."""
+    values = [cells[name] for name in ("alpha", "beta", "tau")]
+    if not all(values):
+        return None
+    alpha, beta, tau = values
+    centre = [np.log(alpha), np.log(beta), np.log(tau + S0 / AT_SPEED), S0, DELAY]
+    normal = np.random.default_rng(1).standard_normal((400, 5))
+    return np.asarray(centre + ERRORS * (normal - normal.mean(axis=0)))
+
+
 def rows(*given: dict[str, Any]) -> pd.DataFrame:
-    """As `read_study` gives them."""
-    return pd.DataFrame(given)
+    """As `read_study` gives them, each of a window of its own."""
+    frame = pd.DataFrame(given)
+    frame["start"] = [
+        60.0 * k if start is None else start for k, start in enumerate(frame["start"])
+    ]
+    frame[POSTERIOR] = pd.Series([posterior(cells) for cells in given], dtype=object)
+    return frame
 
 
-def analysis(start: float = 0.0, file: str = "a.csv", method: str = "least-squares") -> Analysis:
-    """A window of 60 s of the first follower."""
-    source = Source(file, f"sha256 of {file}", None, "data")
-    return Analysis(source, (1, 2), (Window(start, start + 60),), method=method)
+def analysis(
+    start: float = 0.0, file: str = "a.csv", method: str = "least-squares", vehicle: int = 2,
+    sha256: str = "",
+) -> Analysis:  # fmt: skip
+    """A window of 60 s of one follower."""
+    source = Source(file, sha256 or f"sha256 of {file}", None, "data")
+    return Analysis(source, (vehicle - 1, vehicle), (Window(start, start + 60),), method=method)
 
 
 def write_study(folder: Path, *given: dict[str, Any]) -> Path:
     """The folder of a batch with these rows."""
     with Study(folder, REQUEST) as study:
         for k, cells in enumerate(given):
-            asked = analysis(60.0 * k, method=cells["method"] or "least-squares")
-            study.add_rows(asked, cells["file"] or "", [cells])
+            place = {"start": 60.0 * k if cells["start"] is None else cells["start"]}
+            own = {name: cells[name] for name in ("sha256", "vehicle")}
+            asked = analysis(**place, **own, method=cells["method"] or "least-squares")
+            drawn = posterior(cells)
+            posteriors = None if drawn is None else drawn[None]
+            study.add_rows(asked, cells["file"] or "", [cells | place], posteriors)
     return folder

@@ -7,6 +7,7 @@ that is stable. Both criteria keep their form when time is counted in units of �
 
 import html
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple, replace
 from itertools import cycle
 
 import numpy as np
@@ -14,7 +15,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, PARAMETERS, SPEED, TAU, TIME_GAP, Quantity
+from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TIME_GAP, Quantity
+from accpinn.inference.answer import SPEEDS
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables.table import ABSENT
@@ -51,46 +53,54 @@ def label_of(values: Sequence[str]) -> str:
 
 
 def forest(grouped: Groups) -> go.Figure:
-    """The medians of τ, α and β of each group, with their intervals; the shortest τ on top.
+    """The typical time gap, α and β of each group with their intervals; the shortest gap on top.
 
-    A marker's size tells the number of windows. A gain whose estimate is not above zero stands as a
-    triangle at the left edge.
+    A marker's size tells the number of windows; the thin line of the time gap is the interval for a
+    further window.
     """
+    speed = SPEEDS[-1]
     largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
-    groups = sorted(largest, key=lambda group: (not np.isnan(group.tau.median), -group.tau.median))
+    spans = [(group.time_gap(speed), group.span("alpha"), group.span("beta")) for group in largest]
+    values = np.array([[astuple(span) for span in row] for row in spans]).reshape(-1, 3, 5)
+    order = np.argsort(-np.nan_to_num(values[:, 0, 0], nan=np.inf), kind="stable")
+    groups, values = [largest[k] for k in order], values[order]
     names = [html.escape(label_of(group.values)) for group in groups]
     places = np.arange(len(groups))
+    gap = replace(TIME_GAP, name=f"Time gap at {speed * 3.6:.0f} km/h", symbol="time gap")
     traces, axes = list[style.Part](), dict[str, style.Part]()
-    for panel, which in enumerate((2, 0, 1), 1):  # τ, α, β
-        quantity, typical = PARAMETERS[which], [group.parameters[which] for group in groups]
-        on_log_axis = quantity is not TAU
-        values = np.array([(t.median, t.low, t.high) for t in typical]).reshape(-1, 3)
-        low, high = _axis(values, on_log_axis)
-        middle, ends = np.clip(values[:, 0], low, high), np.clip(values[:, 1:], low, high)
+    for panel, quantity in enumerate((gap, ALPHA, BETA)):
+        part, on_log_axis = values[:, panel], quantity is not gap
+        low, high = _axis(part[:, :3], on_log_axis)
+        middle, *ends = np.clip(part, low, high).T
+        at = style.axes_of(panel + 1)
+        for lower, upper, width in ((ends[2], ends[3], 1.0), (ends[0], ends[1], 2.4)):
+            if width == 1.0 and quantity is not gap:
+                continue
+            blank = np.full(len(places), np.nan)
+            traces.append({
+                "x": np.column_stack([lower, upper, blank]).ravel(),
+                "y": np.column_stack([places, places, blank]).ravel(), "mode": "lines",
+                "hoverinfo": "skip", "showlegend": False, **at,
+                "line": {"color": style.FOLLOWERS[0], "width": width},
+            })  # fmt: skip
         traces.append({
             "x": middle, "y": places, "mode": "markers", "name": quantity.symbol,
-            "showlegend": False, "cliponaxis": False, **style.axes_of(panel),
-            "marker": {
-                "color": style.FOLLOWERS[0],
-                "size": [_size(group.windows) for group in groups],
-                "symbol": ["triangle-left" if edge else "circle" for edge in values[:, 0] <= low],
-            },
-            "error_x": {
-                "array": ends[:, 1] - middle, "arrayminus": middle - ends[:, 0],
-                "color": style.FOLLOWERS[0], "thickness": 1.6, "width": 3,
-            },
+            "showlegend": False, "cliponaxis": False, **at,
+            "marker": {"color": style.FOLLOWERS[0], "size": [_size(g.windows) for g in groups]},
             "customdata": [
                 (names[k], *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row),
                  groups[k].windows)
-                for k, row in enumerate(values)
+                for k, row in enumerate(part)
             ],
             "hovertemplate": (
                 f"%{{customdata[0]}}<br>{quantity.symbol} %{{customdata[1]}} {quantity.unit}"
-                " (%{customdata[2]} to %{customdata[3]}), %{customdata[4]} windows<extra></extra>"
+                " (%{customdata[2]} to %{customdata[3]}; further window %{customdata[4]} to"
+                " %{customdata[5]}), %{customdata[6]} windows<extra></extra>"
             ),
         })  # fmt: skip
         scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
-        axes[style.axes_of(panel)["xaxis"]] = style.titled(quantity.heading) | scale
+        title = f"{quantity.name} [s]" if quantity is gap else quantity.heading
+        axes[at["xaxis"]] = style.titled(title) | scale
     # The groups' names may be long.
     axes["y"] = {"tickvals": places, "ticktext": names, "automargin": True}
     every = {"y": {"range": [-0.7, len(groups) - 0.3], "showgrid": True}}
@@ -106,7 +116,7 @@ def _size(windows: int) -> float:
 
 
 def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
-    """Ends that hold all medians, and of the intervals what is no further than five times them."""
+    """Ends that hold all values, and of the intervals what is no further than five times them."""
     medians = values[:, 0]
     known = medians[np.isfinite(medians) & (medians > 0)]
     if not len(known):

@@ -4,30 +4,36 @@ import math
 from collections.abc import Sequence
 
 from accpinn.findings import percent
+from accpinn.inference.answer import SPEEDS
+from accpinn.model.models import TITLES
 from accpinn.results.tables.table import between
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import Group
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
 
-DEPENDENT = "Windows of one recording are not independent, so intervals may be too narrow."
-"""The caution beside the intervals of groups."""
+TYPICAL = (
+    "Typical values rest on every window's posterior: the windows of a vehicle, then the vehicles"
+    " of a group, each as different as they are found to be."
+)
+"""What the values of groups are."""
 
 
-def headline(whole: Group, level: float) -> str:
-    """The share of followers that are string stable.
+def headline(whole: Group) -> str:
+    """The share of vehicles that are string stable.
 
     Args:
         whole: all rows that are shown, as one group.
-        level: level of the intervals.
     """
-    share = whole.l2_stable
+    share, count = whole.l2_stable, len(whole.cars)
     if not math.isfinite(share.value):
         return "Nothing is known of string stability."
+    if count == 1:
+        return f"L₂ string stable with a probability of {100 * share.value:.0f} %."
     value, low, high = (f"{100 * part:.0f}" for part in (share.value, share.low, share.high))
     return (
-        f"{value} % of the followers are L₂ string stable ({percent(level)} interval {low} to"
-        f" {high} %)."
+        f"{value} % of the {count} vehicles are L₂ string stable ({percent(whole.level)} interval"
+        f" {low} to {high} %)."
     )
 
 
@@ -46,13 +52,14 @@ def extent(whole: Group, makes: int, recordings: int) -> str:
 
 
 def typical_line(whole: Group) -> str:
-    """The typical time headway of all rows; empty where none is known."""
-    tau = whole.tau
-    if not math.isfinite(tau.median):
+    """The typical time gap of all rows; empty where none is known."""
+    speed = SPEEDS[-1]
+    gap = whole.time_gap(speed)
+    if not math.isfinite(gap.value):
         return ""
     return (
-        f"Median time headway τ {tau.median:.2f} s ({between(tau.low, tau.high, 2)} s), mean time"
-        f" gap {whole.mean_time_gap.value:.2f} s."
+        f"Typical time gap at {speed * 3.6:.0f} km/h: {gap.value:.2f} s"
+        f" ({between(gap.lower, gap.upper, 2)} s)."
     )
 
 
@@ -61,7 +68,7 @@ def batch_line(request: Request | None) -> str:
     if request is None:
         return ""
     length = f"of up to {request.window:g} s" if request.window else "of any length"
-    return f"Windows {length}, Case {request.case}."
+    return f"Windows {length}, Case {request.case}, model {TITLES[request.model]}."
 
 
 def failures_line(failures: Sequence[Failure]) -> str:

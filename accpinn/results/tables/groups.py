@@ -1,21 +1,24 @@
 """The groups of a batch as a table."""
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import isnan
 
-from accpinn.channels import PARAMETERS
-from accpinn.results.tables.estimates import TITLES
+from accpinn.inference.answer import SPEEDS, Span
+from accpinn.model import models
+from accpinn.results.tables.answer import COLUMNS
 from accpinn.results.tables.table import (
     ABSENT,
     Cell,
     Column,
     Estimate,
     Filled,
+    Range,
     Table,
-    percent_cells,
 )
-from accpinn.study.groups import Groups, Share
+from accpinn.study.groups import Group, Groups, Share, Spread
 from accpinn.study.studies import Failure
+from accpinn.units import MetresPerSecond
 
 HEADINGS = {
     "make": "Make",
@@ -26,51 +29,73 @@ HEADINGS = {
     "name": "Vehicle",
     "file": "File",
     "date": "Date",
-    "method": "Method",
-    "case": "Case",
 }
+FASTEST = SPEEDS[-1]
 
 
-def group_table(grouped: Groups, with_spread: bool = True) -> Table:
-    """One row a group: medians with intervals, spread between windows, shares that are stable.
+def group_table(grouped: Groups, is_wide: bool = True) -> Table:
+    """One row a group: typical time gap and parameters, and the share of stable vehicles.
 
     Args:
         grouped: the groups of a batch.
-        with_spread: whether the spread is among them; `spread_table` has it with its intervals.
+        is_wide: whether every interval is shown, and what a further window has; else the table fits
+            100 characters.
     """
     groups = grouped.groups
-    method = grouped.method and TITLES.get(grouped.method, grouped.method)
-    level = f"{100 * grouped.level:g} % intervals"
-    caption = ", ".join(filter(None, (method, "median over windows", level)))
+    level = f"{100 * grouped.level:g} % interval"
+    caption = f"{models.TITLES[grouped.model]}, typical value ({level})"
+
+    def gaps(speed: MetresPerSecond) -> list[Cell]:
+        return [_estimate(group.time_gap(speed)) for group in groups]
+
+    fastest = f"Time gap at {FASTEST * 3.6:.0f} km/h"
     columns = _heads(grouped)
-    for k, quantity in enumerate(PARAMETERS):
-        typical = [group.parameters[k] for group in groups]
-        columns.append((Column.of(quantity), [_estimate(t.median, t.low, t.high) for t in typical]))
-        if with_spread:
-            spread = percent_cells([t.between.deviation for t in typical])
-            columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), spread))
+    if not is_wide:
+        columns += [
+            (Column(fastest.replace(" at", ""), "s", 2), gaps(FASTEST)),
+            *((replace(COLUMNS[name], digits=digits), [g.span(name).value for g in groups])
+              for name, digits in (("alpha", 3), ("beta", 2))),
+            (Column("L₂", "%", 0), [100 * group.l2_stable.value for group in groups]),
+        ]  # fmt: skip
+        return Table.of(f"{caption}; L₂: string stable vehicles", columns)
     columns += [
+        (Column(fastest, "s", 2), gaps(FASTEST)),
+        (Column(fastest, "s", 2, "Further window"),
+         [_further(group.time_gap(FASTEST)) for group in groups]),
+        (Column(f"Time gap at {SPEEDS[0] * 3.6:.0f} km/h", "s", 2), gaps(SPEEDS[0])),
+        *((replace(column, key=name), [_estimate(group.span(name)) for group in groups])
+          for name, column in COLUMNS.items() if groups and name in groups[0].names),
         (Column("Mean time gap", "s", 2), [group.mean_time_gap.value for group in groups]),
-        (Column("L₂ stable", "%", 0), [_share(group.l2_stable) for group in groups]),
-        (Column("L∞ stable", "%", 0), [_share(group.linf_stable) for group in groups]),
-    ]
+        (Column("L₂ stable", "%", 0), [_share(group.l2_stable, group) for group in groups]),
+        (Column("L∞ stable", "%", 0), [_share(group.linf_stable, group) for group in groups]),
+    ]  # fmt: skip
     return Table.of(caption, columns)
 
 
 def spread_table(grouped: Groups) -> Table:
-    """One row a group: how far windows differ beyond their standard errors, with intervals.
+    """One row a group: how far its windows and its vehicles differ, with intervals.
 
     Args:
         grouped: the groups of a batch.
     """
+    groups = grouped.groups
     columns = _heads(grouped)
-    for k, quantity in enumerate(PARAMETERS):
-        effects = [group.parameters[k].between for group in grouped.groups]
-        cells = [_percent(effect.deviation, effect.lower, effect.upper) for effect in effects]
-        columns.append((Column(f"Spread of {quantity.symbol}", "%", 0), cells))
-        shares = percent_cells([effect.i_squared for effect in effects])
-        columns.append((Column(f"I² of {quantity.symbol}", "%", 0), shares))
-    return Table.of(f"Between windows, {100 * grouped.level:g} % intervals", columns)
+    kinds: tuple[tuple[str, Callable[[Group], dict[str, Spread]]], ...] = (
+        ("Between windows of a vehicle", lambda group: group.between_windows),
+        ("Between vehicles", lambda group: group.between_vehicles),
+    )
+    fastest = Column(f"Time gap at {FASTEST * 3.6:.0f} km/h", "%", 0)
+    shown = {"time_gap": fastest} | {
+        name: replace(column, unit="%", digits=0, key="") if name in ("alpha", "beta") else column
+        for name, column in COLUMNS.items()
+        if name != "tau" and groups and name in groups[0].names
+    }
+    for title, spreads in kinds:
+        for name, column in shown.items():
+            factor = 100 if column.unit == "%" else 1
+            cells = [_spread(spreads(group).get(name), factor) for group in groups]
+            columns.append((replace(column, group=title, key=""), cells))
+    return Table.of(f"Standard deviations, {100 * grouped.level:g} % intervals", columns)
 
 
 def _heads(grouped: Groups) -> list[Filled]:
@@ -87,16 +112,26 @@ def _heads(grouped: Groups) -> list[Filled]:
     ]
 
 
-def _estimate(value: float, low: float, high: float) -> Cell:
-    return Estimate(value, low, high) if math.isfinite(value) else None
+def _estimate(span: Span) -> Cell:
+    return None if isnan(span.value) else Estimate(span.value, span.lower, span.upper)
 
 
-def _percent(value: float, low: float, high: float) -> Cell:
-    return _estimate(100 * value, 100 * low, 100 * high)
+def _further(span: Span) -> Cell:
+    return None if isnan(span.value) else Range(span.further_lower, span.further_upper)
 
 
-def _share(share: Share) -> Cell:
-    return _percent(share.value, share.low, share.high)
+def _spread(spread: Spread | None, factor: float) -> Cell:
+    if spread is None:
+        return None
+    return Estimate(*(factor * value for value in (spread.value, spread.low, spread.high)))
+
+
+def _share(share: Share, group: Group) -> Cell:
+    """Of one vehicle its probability, else the share with its interval."""
+    value, low, high = (100 * part for part in (share.value, share.low, share.high))
+    if isnan(value) or len(group.cars) == 1:
+        return value
+    return Estimate(value, low, high)
 
 
 def failure_table(failures: Sequence[Failure]) -> Table:

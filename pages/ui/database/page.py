@@ -18,7 +18,7 @@ from accpinn.recordings.recording import Window
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.messages.database import (
-    DEPENDENT,
+    TYPICAL,
     batch_line,
     extent,
     failures_line,
@@ -27,7 +27,7 @@ from accpinn.results.messages.database import (
 )
 from accpinn.results.tables.estimates import TITLES
 from accpinn.results.tables.groups import HEADINGS, failure_table, group_table, spread_table
-from accpinn.study.groups import Group, Groups, group, read_study
+from accpinn.study.groups import POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import Failure, read_failures, read_request, state_of
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -175,11 +175,10 @@ def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFra
         return
     answer, chart = st.columns((1, 2.1), gap="medium")
     with answer, st.container(border=True):
-        level = selected.groups.level
-        st.markdown(f"#### {escape_markdown(headline(selected.whole, level))}")
+        st.markdown(f"#### {escape_markdown(headline(selected.whole))}")
         said = extent(selected.whole, selected.makes, selected.recordings)
         st.markdown(escape_markdown(f"{said} {typical_line(selected.whole)}"))
-        st.caption(DEPENDENT)
+        st.caption(TYPICAL)
         if line := failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
@@ -200,7 +199,7 @@ def _show_filters(
     """The controls; by column the values that are shown where not all are, method and grouping."""
     choices, filters = workspace.choices, dict[str, tuple[str, ...]]()
     columns = st.columns(
-        (0.95, 0.95, 0.95, 0.95, 0.8, 1.35, 1.15), gap="small", vertical_alignment="bottom"
+        (0.95, 0.95, 0.95, 0.95, 0.8, 1.15), gap="small", vertical_alignment="bottom"
     )
     for column, (name, label) in zip(columns, FILTERS.items(), strict=False):
         there, key = sorted(rows[name].unique()), f"database_{name}"
@@ -216,19 +215,13 @@ def _show_filters(
         choices[key] = tuple(values)
         if values:
             filters[name] = choices[key]
-    titles = {method: TITLES.get(method, method) for method in dict.fromkeys(rows["method"])}
     method = str(choices.get("database_method"))
-    if method not in titles:
-        method = KEY if KEY in titles else next(iter(titles))
+    if method not in (known := list(dict.fromkeys(rows["method"]))):
+        method = KEY if KEY in known else known[0]
     choices["database_method"] = method
-    select(
-        "Method", titles, method, "database_method",
-        lambda method: choose(workspace, method=method), place=columns[5],
-        help="Whose estimates; the intervals are those of the exact likelihood for all methods.",
-    )  # fmt: skip
     by = choices["database_by"] = select(
         "Grouped by", {key: title for key, (title, _) in GROUPINGS.items()}, "make",
-        "database_by", workspace, place=columns[6],
+        "database_by", workspace, place=columns[5],
         help="What the rows of a group have in common.",
     )  # fmt: skip
     return filters, method, by
@@ -239,8 +232,8 @@ def _show_forest(selected: ShownRows, about: str) -> None:
     hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
-        f"Median over the windows of each group with its {level:.0f} % interval; a larger dot"
-        f" stands for more windows.{more} {about}"
+        f"Typical value of each group with its {level:.0f} % interval; thin: the time gap in a"
+        f" further window; a larger dot stands for more windows.{more} {about}"
     )
 
 
@@ -267,12 +260,12 @@ def shown(
 ) -> ShownRows:  # fmt: skip
     """The rows of a study that are chosen, and what they say."""
     rows = study_rows(folder, state)
-    rows = rows[rows["method"] == method]
     for column, values in filters:
         rows = rows[rows[column].isin(values)]
-    groups = group(rows, GROUPINGS[by][1], method)
-    whole = next(iter(group(rows, (), method).groups), None)
+    groups = group(rows, GROUPINGS[by][1])
+    whole = next(iter(group(rows, ()).groups), None)
     makes, recordings = rows["make"].nunique(), rows["sha256"].nunique()
+    rows = rows[rows["method"] == method]
     return ShownRows(rows, groups, whole, makes, recordings, figures.forest(groups))
 
 
@@ -316,27 +309,41 @@ def _asked() -> dict[str, tuple[str, ...]]:
 
 
 def _show_groups(selected: ShownRows, name: str) -> None:
-    show.table(group_table(selected.groups, with_spread=False))
+    show.table(group_table(selected.groups))
     st.caption(
-        "In brackets: intervals, of the shares that are string stable, too. The files have the"
-        " spread between windows as well."
+        "In brackets: intervals of the typical value; of several vehicles, of the share that is"
+        " string stable, too."
     )
     show.downloads(group_table(selected.groups), name, "database_groups")
 
 
 def _show_spread(selected: ShownRows, name: str) -> None:
-    """How far the windows of each group differ."""
+    """How far the windows and the vehicles of each group differ."""
     table = spread_table(selected.groups)
     show.table(table)
     st.caption(
-        "Spread: how far windows differ beyond their own standard errors, as a share of the"
-        " parameter. I²: the share of the variance between estimates that is no sampling error."
+        "Standard deviations beyond the sampling error of each window: two thirds of the windows,"
+        " or of the vehicles, lie within them. Those of α, β and the time gap are relative."
     )
     show.downloads(table, name, "database_spread")
 
 
+def _choose_method(workspace: Workspace, rows: pd.DataFrame) -> str:
+    """Whose rows are shown, window by window; returns what they are."""
+    titles = {method: TITLES.get(method, method) for method in dict.fromkeys(rows["method"])}
+    method = workspace.choices["database_method"]
+    if len(titles) > 1:
+        select(
+            "Method", titles, method, "database_method",
+            lambda method: choose(workspace, method=method),
+            help="Of the rows; groups rest on the answers, which are the same for all methods.",
+        )  # fmt: skip
+    return f"The CTHP of each window alone, {titles[method]}."
+
+
 def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -> None:
     """α and β of each row, and where string stability begins."""
+    whose = _choose_method(workspace, rows)
     with st.container(horizontal=True, vertical_alignment="center"):
         show.key(
             [("L₂ unstable (ring)", figures.UNSTABLE), ("L₂ stable (diamond)", figures.STABLE),
@@ -355,7 +362,9 @@ def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -
     )  # fmt: skip
     away = figures.beyond(figure)
     out = f" {away:,} of {len(selected.rows):,} rows lie beyond the axes." if away else ""
-    st.caption(f"String stable above the lines.{where}{out} Click on a point to open its window.")
+    st.caption(
+        f"{whose} String stable above the lines.{where}{out} Click on a point to open its window."
+    )
     _show_chosen(workspace, rows, selected)
 
 
@@ -382,6 +391,7 @@ def _chart(figure: go.Figure, key: str, workspace: Workspace) -> None:
 
 def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, study: str) -> None:
     """All rows that the filters leave; one of them can be chosen."""
+    whose = _choose_method(workspace, rows)
 
     def picked() -> None:
         if chosen := st.session_state["database_rows"]["selection"]["rows"]:
@@ -393,13 +403,16 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
         selection_mode="single-row", key="database_rows", column_config=COLUMNS,
     )  # fmt: skip
     st.caption(
-        f"{len(selected.rows):,} rows; P(L₂): probability of L₂ string stability. Click on a"
-        " heading to sort, on the magnifier to search, on the left edge of a row to choose it."
+        f"{len(selected.rows):,} rows. {whose} P(L₂): probability of L₂ string stability under the"
+        " answer's model. Click on a heading to sort, on the magnifier to search, on the left edge"
+        " of a row to choose it."
     )
     _show_chosen(workspace, rows, selected)
     st.download_button(
-        "CSV, all columns", lambda: selected.rows.to_csv(index=False), f"{study}_rows.csv",
-        "text/csv", on_click="ignore", icon=":material/download:", key="database_rows_csv",
+        "CSV, all columns",
+        lambda: selected.rows.drop(columns=POSTERIOR).to_csv(index=False),
+        f"{study}_rows.csv", "text/csv",
+        on_click="ignore", icon=":material/download:", key="database_rows_csv",
         help="The rows shown, with intervals, stability and errors; results.parquet in the study's"
         " folder has all of them.",
     )  # fmt: skip

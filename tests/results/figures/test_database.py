@@ -1,7 +1,6 @@
 """A batch as figures: what the forest plot, the plane and the time gaps draw."""
 
 import numpy as np
-import pytest
 
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import database as figures
@@ -11,29 +10,23 @@ from tests.support.figures import named, names
 from tests.support.studies import row, rows
 
 
-def test_the_forest_has_every_median_with_its_interval_sorted_by_headway() -> None:
+def test_the_forest_has_every_value_with_its_interval_sorted_by_time_gap() -> None:
     found = group(
-        rows(
-            row("Long", tau=2.0, tau_low=1.5, tau_high=2.6),
-            row("<b>Short</b>", tau=1.0, tau_low=0.8, tau_high=1.3),
-            row("Unknown", tau=None, tau_error=None),
-            row("No gap control", alpha=0.0, alpha_low=0.0, alpha_high=0.01, tau=1.7, tau_high=1.8),
-        ),
+        rows(row("Long", tau=2.0), row("<b>Short</b>", tau=1.0), row("Unknown", tau=None)),
         ("make",),
     )
     figure = figures.forest(found)
-    assert list(figure.layout.yaxis.ticktext) == [
-        "Unknown", "Long", "No gap control", "&lt;b&gt;Short&lt;/b&gt;",
-    ]  # fmt: skip
-    taus = named(figure, "τ")
-    np.testing.assert_array_equal(taus.x, [np.nan, 2.0, 1.7, 1.0])
-    np.testing.assert_allclose(np.asarray(taus.x)[1] + taus.error_x.array[1], 2.6)
-    np.testing.assert_allclose(np.asarray(taus.x)[3] - taus.error_x.arrayminus[3], 0.8)
-    alphas = named(figure, "α")
-    assert [*alphas.marker.symbol].count("triangle-left") == 1
-    low, high = 10.0 ** np.array(figure.layout.xaxis2.range)
-    assert alphas.x[2] == pytest.approx(low), "zero stands at the edge of a logarithmic axis"
-    assert low < 0.1 < high
+    assert list(figure.layout.yaxis.ticktext) == ["Unknown", "Long", "&lt;b&gt;Short&lt;/b&gt;"]
+    spans = [one.time_gap(100 / 3.6) for one in found.groups]  # Long, Short, Unknown by name
+    by_name = dict(zip([one.values[0] for one in found.groups], spans, strict=True))
+    gaps = named(figure, "time gap")
+    expected = [by_name[name].value for name in ("Unknown", "Long", "<b>Short</b>")]
+    np.testing.assert_array_equal(gaps.x, expected)
+    lines = [trace for trace in figure.data if trace.mode == "lines" and trace.xaxis == gaps.xaxis]
+    further, typical = (np.asarray(line.x, float)[3:5] for line in lines)
+    long = by_name["Long"]
+    np.testing.assert_allclose(typical, [long.lower, long.upper])
+    assert further[0] <= typical[0] < typical[1] <= further[1]
 
 
 def test_of_many_groups_those_with_most_windows_are_drawn() -> None:
@@ -41,7 +34,7 @@ def test_of_many_groups_those_with_most_windows_are_drawn() -> None:
     figure = figures.forest(group(rows(*given), ("make",)))
     assert len(figure.layout.yaxis.ticktext) == figures.MOST_GROUPS
     assert not {"M0", "M1", "M2"} & {*figure.layout.yaxis.ticktext}
-    assert len(named(figures.forest(group(rows(*given)[:0], ("make",))), "τ").x) == 0
+    assert len(named(figures.forest(group(rows(*given)[:0], ("make",))), "time gap").x) == 0
 
 
 def test_the_plane_has_every_point_on_its_side_of_the_line() -> None:

@@ -1,7 +1,5 @@
 """What a batch says, in sentences: the numbers are those of the data."""
 
-import numpy as np
-
 from accpinn.results.messages.database import (
     batch_line,
     failures_line,
@@ -15,14 +13,16 @@ from accpinn.study.studies import Failure, Request
 from tests.support.studies import REQUEST, row, rows
 
 
-def test_the_answer_names_share_interval_and_headway() -> None:
-    given = rows(row("A", tau=1.0), row("A", tau=1.1), row("B", tau=2.0), row("C", tau=None))
-    [whole] = group(given.assign(p_l2_stable=[1.0, 1.0, 1.0, 0.0]), ()).groups
-    assert headline(whole, 0.9).startswith("75 % of the followers")
-    tau = whole.tau
-    assert f"{tau.median:.2f} s ({tau.low:.2f} to {tau.high:.2f} s)" in typical_line(whole)
-    [unknown] = group(given.assign(p_l2_stable=np.nan), ()).groups
-    assert "nan" not in headline(unknown, 0.9)
+def test_the_answer_names_share_interval_and_time_gap() -> None:
+    given = rows(row("A", tau=1.0), row("A", tau=1.1), row("B", beta=1.9), row("C", tau=None))
+    [whole] = group(given, ()).groups
+    share = whole.l2_stable
+    assert headline(whole).startswith(f"{100 * share.value:.0f} % of the 2 vehicles")
+    assert f"{whole.time_gap(100 / 3.6).value:.2f} s (" in typical_line(whole)
+    [one] = group(given[:2], ()).groups
+    assert "probability" in headline(one)
+    [unknown] = group(given[3:], ()).groups
+    assert "nan" not in headline(unknown) + typical_line(unknown)
 
 
 def test_failures_and_settings_are_counted_and_named() -> None:
@@ -33,7 +33,7 @@ def test_failures_and_settings_are_counted_and_named() -> None:
     assert failures_line((none, *windows)).startswith(
         "1 file without a window and 2 estimates failed"
     )
-    assert batch_line(REQUEST) == "Windows of up to 300 s, Case II."
+    assert batch_line(REQUEST).startswith("Windows of up to 300 s, Case II, model CTHP")
     assert "any length" in batch_line(Request((), (), None, "I"))
     assert batch_line(None) == ""
 
