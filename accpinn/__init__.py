@@ -32,7 +32,7 @@ The public interface, in the order data flows:
     gap_band                          bands of the space-gaps that the posterior predicts
     profiles, model_forms             identifiability, model adequacy
     starts, spread_of                 other initial values, and how far apart they end
-    fit_windows, between_windows      several windows together, and how far they differ
+    fit_windows                       several windows of the same vehicles together
     batch, read_study, group          many recordings on dask; their rows, and these by groups
     Store, Library                    results on disk
     save, load, verify                one file with all of a result

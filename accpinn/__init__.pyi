@@ -62,6 +62,5 @@ from .study.run import run as run
 from .study.snapshot import load as load
 from .study.snapshot_library import Library as Library
 from .study.store import Store as Store
-from .study.windows import between_windows as between_windows
 
 __version__: str

@@ -20,7 +20,7 @@ from accpinn.recordings import recording as recordings
 from accpinn.recordings.recording import Window
 from accpinn.segment import quality
 from accpinn.segment import segment as segments
-from accpinn.study import comparison, judge, windows
+from accpinn.study import comparison, judge
 
 BLOCKS = (Window(1.0, 2.5), Window(4.0, 4.0))
 WIDE = intervals.ParameterInterval("α", 0.01, 0.2, 0.1, 0.05)
@@ -100,8 +100,6 @@ SAID = [
     (comparison.SpreadUndetermined(0, "τ", 1, 3), ["All followers", "τ", "1 of 3"]),
     (prediction.BandCoverage(2, 0.9, 0.9, 0.61), ["90 %", "61 %"]),
     (prediction.BandCoverage(2, 0.5, 0.9, 0.0), ["50 %"]),
-    (windows.WindowsDiffer(2, ("α", "τ"), 5), ["α and τ differ ", "5"]),
-    (windows.WindowsDiffer(0, ("β",), 3), ["β differs ", "3"]),
     (simulation.Collision(2, 33.94), ["33.9 s"]),
     (simulation.Reversal(3, 5.0), ["5.0 s"]),
     (simulation.NeverSettles(2), []),

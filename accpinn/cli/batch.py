@@ -47,7 +47,7 @@ def add_batch_options(parser: argparse.ArgumentParser) -> None:
     )
     option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)")
     option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
-    option("--model", choices=MODELS, default=BEST, help=f"of the answers ({BEST})")
+    option("--model", choices=MODELS, default=BEST, metavar="NAME", help=f"of answers ({BEST})")
     option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)")
     option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")

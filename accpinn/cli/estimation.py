@@ -79,7 +79,6 @@ from accpinn.study.comparison import (
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, named, save, writable_path
-from accpinn.study.windows import BetweenWindows, between_windows, differing_windows
 from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
@@ -207,7 +206,6 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
     """
     fit, segment = result.fit, result.segments[0]
     uncertainty = result.uncertainty if with_intervals else None
-    between = between_windows(result) if result.windows else ()
     samples = [info.samples for info in result.infos]
     gaps = [assess_quality(segment).mean_time_gap for segment in result.segments]
     document = {
@@ -234,9 +232,9 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "outcome_sentence": fit.outcome.value,
         "intervals": uncertainty and describe_intervals(segment, uncertainty),
         "level": uncertainty and uncertainty.level,
-        "notes": _notes(result, uncertainty, between),
+        "notes": _notes(result, uncertainty),
     }
-    return document | describe_windows(result, between) if between else document
+    return document | {"windows": describe_windows(result)} if result.windows else document
 
 
 def _mean_errors(
@@ -264,33 +262,27 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     """The result as tables and sentences; with intervals, and what lies outside."""
     fit = result.fit
     uncertainty = result.uncertainty if with_intervals else None
-    between = between_windows(result) if result.windows else ()
-    if between:
-        tables = windows_tables(result, between)
-    else:
-        tables = [parameter_table(result, with_intervals)]
+    alone = () if result.windows else (parameter_table(result, with_intervals),)
+    tables = [*(alone or windows_tables(result))]
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
     said = [f"{fit.outcome.value} ({effort})", *_incidents(result)]
-    notes = [f"Note: {note}" for note in _notes(result, uncertainty, between)]
+    notes = [f"Note: {note}" for note in _notes(result, uncertainty)]
     tables.insert(0, answer_table(result.info, result.answer))
     first = [" ".join(card) for card in cards(result.info, result.answer, judged(result))]
     text = "\n\n".join(table.to_text() for table in tables)
     return "\n".join([*first, "", text, "", *said, *notes])
 
 
-def _notes(
-    result: Result, uncertainty: Uncertainty | None, between: Sequence[BetweenWindows]
-) -> tuple[str, ...]:
+def _notes(result: Result, uncertainty: Uncertainty | None) -> tuple[str, ...]:
     """What was done to the data, each sentence once, then what the estimate shows."""
     fit = result.fit
     done = [said for info in result.infos for said in messages(info.findings, info)]
-    findings: list[Finding] = [] if between else [*result.quality.findings]
+    findings: list[Finding] = [] if result.windows else [*result.quality.findings]
     findings += fit.findings
-    findings += () if between else disturbance_sizes(result.info.vehicles, fit)
+    findings += () if result.windows else disturbance_sizes(result.info.vehicles, fit)
     findings += uncertainty.findings if uncertainty else ()
-    findings += [*differing_windows(between, fit.case), *result.answer.findings]
-    findings += result.gain_checks
+    findings += [*result.answer.findings, *result.gain_checks]
     return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
 
 

@@ -10,21 +10,19 @@ from accpinn.cli.options import (
     describe_parameters,
     fields,
     incidents,
-    of_followers,
 )
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods.fit import Fit
 from accpinn.recordings.recording import Recording, Window
-from accpinn.results.tables.estimates import between_table, joint_table, windows_table
+from accpinn.results.tables.answer import own_windows_table
+from accpinn.results.tables.estimates import joint_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION, disjoint_windows
 from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
-from accpinn.study.windows import BetweenWindows, RandomEffects, log_errors
 
 ALL = "all"
-EFFECTS = ("windows", "mean", "error", "deviation", "q", "probability", "i_squared")
 
 
 def check_windows_options(options: argparse.Namespace) -> None:
@@ -59,17 +57,10 @@ def chosen_windows(options: argparse.Namespace, recording: Recording) -> Sequenc
     return windows
 
 
-def describe_windows(result: Result, between: Sequence[BetweenWindows]) -> dict[str, Any]:
-    """What the document of `fit` has beside one parameter set over several windows."""
-    return {
-        "windows": [
-            _describe_window(window, together)
-            for window, together in zip(result.windows, result.fits, strict=True)
-        ],
-        "between_windows": of_followers(
-            result.segments[0], [map(_describe_effect, row.effects) for row in between]
-        ),
-    }
+def describe_windows(result: Result) -> list[dict[str, Any]]:
+    """What each of several windows says by itself."""
+    pairs = zip(result.windows, result.fits, strict=True)
+    return [_describe_window(window, together) for window, together in pairs]
 
 
 def _describe_window(window: Result, together: Fit) -> dict[str, Any]:
@@ -78,7 +69,6 @@ def _describe_window(window: Result, together: Fit) -> dict[str, Any]:
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
         "parameters": describe_parameters(segment, window.parameters),
-        "standard_errors": of_followers(segment, log_errors(window).tolist()),
         "intervals": describe_intervals(segment, window.uncertainty),
         "log_likelihood": window.fit.loss.get("log_likelihood"),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, together)),
@@ -87,19 +77,8 @@ def _describe_window(window: Result, together: Fit) -> dict[str, Any]:
     }
 
 
-def _describe_effect(effect: RandomEffects) -> dict[str, Any]:
-    return {
-        **fields(effect, *EFFECTS),
-        "median": effect.typical,
-        "deviation_interval": [effect.lower, effect.upper],
-        "further_window": list(effect.further),
-    }
-
-
-def windows_tables(result: Result, between: Sequence[BetweenWindows]) -> list[Table]:
-    """The joint estimate, each window by itself, and how far the windows differ."""
-    return [
-        joint_table(result),
-        *(windows_table(result, k) for k in range(len(between))),
-        *(between_table(result, row) for row in between[: 1 if result.fit.case == "I" else None]),
-    ]
+def windows_tables(result: Result) -> list[Table]:
+    """The method's estimate over all windows, and each window alone under the answer's model."""
+    followers = range(1 if result.fit.case == "I" else result.info.followers)
+    windows = (own_windows_table(result.infos, result.answer, k) for k in followers)
+    return [joint_table(result), *windows]

@@ -16,7 +16,7 @@ Source: Milanés and Shladover, Transportation Research Part C 48 (2014) 285-300
 
 import re
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import msgspec
@@ -34,11 +34,13 @@ from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.at_speed import stability_at
-from accpinn.study.groups import Groups
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
 from accpinn.units import MetresPerSecond
+
+if TYPE_CHECKING:  # loads pandas, which few commands need
+    from accpinn.study.groups import Groups
 
 SAMPLES = 100
 """Number of posterior draws in a distribution of vehicle types."""
@@ -199,7 +201,7 @@ def _spans(parameters: dict[str, Span], gaps: dict[str, Span]) -> dict[str, Any]
     return document
 
 
-def groups_document(grouped: Groups) -> dict[str, Any]:
+def groups_document(grouped: "Groups") -> dict[str, Any]:
     """The groups of a batch, ready for JSON."""
     return {
         "by": list(grouped.by),

@@ -4,19 +4,21 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
+from itertools import combinations
 
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.fit import CacheProblem, Progress
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
+from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
+from accpinn.segment.cut import SLACK
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis, Source
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
-from accpinn.study.windows import check_windows
 
 
 def run(
@@ -120,7 +122,7 @@ def _together(
             f"windows: only {able} estimate from several windows, {analysis.method} does not;"
             " choose one of them, or one window."
         )
-    check_windows(segments, analysis.case)
+    _check_windows(segments, analysis.case)
     context = context or TaskContext()
     fits = method.together(segments, analysis.case, config, context)
     windows, began = list[Result](), time.perf_counter()
@@ -138,3 +140,38 @@ def _together(
             phase = "Estimating each window by itself"
             context.on_progress(Progress.of_part(phase, len(windows), len(segments), elapsed, fit))
     return result_of(analysis, segments, fits, recording, tuple(windows))
+
+
+def _check_windows(segments: tuple[Segment, ...], case: Case) -> None:
+    """Refuse segments that cannot share one likelihood.
+
+    Raises:
+        SegmentError: when they overlap or do not match, or one is too short.
+    """
+    first = segments[0]
+    for other in segments[1:]:
+        if other.followers != first.followers:
+            raise SegmentError(
+                f"{other.source}: {other.window} has {other.followers} followers and"
+                f" {first.window} of {first.source} has {first.followers}; take windows of the same"
+                " vehicles."
+            )
+        steps = [stride_of(segment) * segment.sample_time for segment in (first, other)]
+        if abs(steps[1] - steps[0]) > SLACK:
+            raise SegmentError(
+                f"{other.source}: its samples are {other.sample_time:g} s apart and those of"
+                f" {first.source} {first.sample_time:g} s, so one likelihood cannot hold both; take"
+                " recordings with equal steps."
+            )
+    for earlier, later in combinations(segments, 2):
+        shared = min(earlier.window.end, later.window.end) - max(earlier.start, later.start)
+        same = earlier is later or (
+            earlier.sha256 == later.sha256 != "" and earlier.vehicles == later.vehicles
+        )
+        if same and shared > SLACK:
+            raise SegmentError(
+                f"{earlier.source}: the windows {earlier.window} and {later.window} overlap, so"
+                " their data would count twice; choose disjoint ones."
+            )
+    for segment in segments:
+        series_of([segment], case)  # refuses one that is too short before any search begins

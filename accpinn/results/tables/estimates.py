@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
-from math import isnan, nan
+from math import nan
 
 import numpy as np
 
-from accpinn.channels import GAP, PARAMETERS, SPEED, Quantity
+from accpinn.channels import GAP, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.evaluation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -19,7 +19,6 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.models import TERMS, Term, terms_of
 from accpinn.model.published import ParameterSet
 from accpinn.results.tables.table import (
-    ABSENT,
     Cell,
     Column,
     Estimate,
@@ -33,7 +32,6 @@ from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.result import Result
-from accpinn.study.windows import BetweenWindows
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP_MAE = "MAE of the space-gap"
@@ -402,45 +400,3 @@ def joint_table(result: Result) -> Table:
             *_estimate_cells(result.parameters, result.uncertainty),
         ],
     )
-
-
-def windows_table(result: Result, follower: int) -> Table:
-    """One row a window for one follower (0 for the first); the joint estimate in the last."""
-    parts = [
-        (row.parameters[follower], row.uncertainty.lower[follower], row.uncertainty.upper[follower])
-        for row in (*result.windows, result)
-    ]
-    sets = (Parameters.stack(column) for column in zip(*parts, strict=True))
-    return Table.of(
-        result.info.labels[follower + 1],
-        [
-            (Column("Window"), [*(str(info.window) for info in result.infos), TOGETHER]),
-            *_with_ends("Estimate", result.uncertainty.level, *sets),
-        ],
-    )
-
-
-def between_table(result: Result, between: BetweenWindows) -> Table:
-    """One row a parameter of one follower: how far it differs between windows."""
-    effects = between.effects
-    percent = f"{100 * result.uncertainty.level:.0f} % interval"
-    pairs = list(zip(PARAMETERS, effects, strict=True))
-    return Table.of(
-        f"{result.info.label(between.vehicle)}, differences between windows",
-        [
-            (Column("Parameter"), [quantity.heading for quantity in PARAMETERS]),
-            (Column("Median"), [_text(quantity, effect.typical) for quantity, effect in pairs]),
-            (Column("further window", group=percent),
-             [_text(quantity, *effect.further) for quantity, effect in pairs]),
-            (Column("Deviation", "%", 0, percent),
-             [Estimate(*(100 * v for v in (e.deviation, e.lower, e.upper))) for e in effects]),
-            (Column("Q", "", 1), [effect.q for effect in effects]),
-            (Column("Probability", "", 3), [effect.probability for effect in effects]),
-            (Column("I²", "%", 0), percent_cells([effect.i_squared for effect in effects])),
-        ],
-    )  # fmt: skip
-
-
-def _text(quantity: Quantity, *values: float) -> str:
-    """A value, or the ends of an interval, with the digits of the quantity."""
-    return ABSENT if isnan(values[0]) else " to ".join(map(quantity.text, values))
