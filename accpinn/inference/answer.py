@@ -33,6 +33,7 @@ from accpinn.methods.state_space import EXTRA, complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.models import BEST, TERMS, Model, terms_of
 from accpinn.segment.segment import Segment
+from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 STAGES = (150, 150, 500)
@@ -194,6 +195,15 @@ class WindowPosterior:
     """(M, 6) complete parameters of greatest likelihood."""
     drawn: FloatArray
     """(M, n, p) draws of `features` of equal weight from the posterior."""
+    model: Model
+
+    @cached_property
+    def stable(self) -> tuple[FloatArray, FloatArray]:
+        """(M,) the probabilities of L₂ and of L∞ string stability."""
+        some = Parameters.of(from_features(self.model, self.drawn[:, :: DRAWS // JUDGED]))
+        unknown = np.isnan(self.estimates[:, 0])
+        l2, linf = ((margin(some) >= 0).mean(axis=1) for margin in (l2_margin, exact_margin))
+        return np.where(unknown, np.nan, l2), np.where(unknown, np.nan, linf)
 
 
 @lru_cache(maxsize=256)
@@ -215,7 +225,7 @@ def window_posterior(
         for row, maximum, posterior in zip(rows, maxima, posteriors, strict=True):
             estimates[row] = _own(model, maximum)
             drawn[row] = features(model, posterior.all_evenly(DRAWS))
-    return WindowPosterior(estimates, drawn)
+    return WindowPosterior(estimates, drawn, model)
 
 
 @lru_cache(maxsize=64)

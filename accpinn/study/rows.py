@@ -10,12 +10,11 @@ import numpy as np
 from accpinn.channels import PARAMETERS, by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
-from accpinn.inference.answer import DRAWS, JUDGED, WindowPosterior, from_features
+from accpinn.inference.answer import WindowPosterior
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.recordings.recording import unnamed
-from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.stability.report import stability_report
 from accpinn.study.result import Result
 from accpinn.units import known_mean
@@ -101,9 +100,7 @@ def rows_of(
     asked = result.analysis.model
     terms = ("alpha", "beta", "tau", *terms_of(asked))
     own = Parameters.of(posterior.estimates)
-    drawn = Parameters.of(from_features(asked, posterior.drawn[:, :: DRAWS // JUDGED]))
-    stable = [(margin(drawn) >= 0).mean(axis=1) for margin in (l2_margin, exact_margin)]
-    known = np.isfinite(own.alpha)
+    l2, linf = posterior.stable
     shared = {
         **recording,
         "start": segment.window.start,
@@ -126,8 +123,8 @@ def rows_of(
             "model": model,
             "mode": mode,
             "mode_source": "" if mode == "unknown" else by_flag or "driver",
-            "p_l2_stable": stable[0][k] if known[k] else None,
-            "p_linf_stable": stable[1][k] if known[k] else None,
+            "p_l2_stable": l2[k],
+            "p_linf_stable": linf[k],
             **{
                 f"answer_{name}": getattr(own, name)[k] if name in terms else None
                 for name in OF_ANSWER
