@@ -300,7 +300,8 @@ def car_of(drawn: FloatArray, model: Model, held: Held = ()) -> Car:
         model: whose `features` they are.
         held: terms that keep their values.
     """
-    drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
+    # In one order in memory, so that sums round alike wherever the draws come from.
+    drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
     size, count = CHAINS * KEPT // EVERY, 3 + len(terms_of(model))
     if not len(drawn):
         nothing = np.full((size, count), np.nan)

@@ -38,6 +38,18 @@ def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_pa
     assert f"{gap.value:.2f}" in answer_table(result.info, result.answer).to_text()
 
 
+def test_the_table_of_a_database_gives_it_too(capsys: Capture, tmp_path: Path) -> None:
+    out = tmp_path / "study"
+    methods = ("--methods", "least-squares", "--workers", 1)
+    document(capsys, "batch", STUDY, "--out", out, "--window", 100, *methods)
+    (group,) = document(capsys, "table", out)["groups"]
+    fitted = document(capsys, "fit", STUDY, "--windows", "all", "--duration", 100)["answer"][0]
+    assert group["windows"] == fitted["windows"] == 3
+    for name in ("parameters", "intervals", "further_window", "time_gap_intervals"):
+        for key, value in group[name].items():
+            assert value == pytest.approx(fitted[name][key], rel=1e-6), (name, key)
+
+
 def test_several_windows_and_held_terms(capsys: Capture) -> None:
     windows = ("--windows", "0-60,100-160")
     found = document(capsys, "fit", STUDY, *windows, "--model", "cthp-s0", "--hold", "s0=0")

@@ -70,7 +70,7 @@ def forest(grouped: Groups) -> go.Figure:
     traces, axes = list[style.Part](), dict[str, style.Part]()
     for panel, quantity in enumerate((gap, ALPHA, BETA)):
         part, on_log_axis = values[:, panel], quantity is not gap
-        low, high = _axis(part[:, :3], on_log_axis)
+        low, high = _axis(part if quantity is gap else part[:, :3], on_log_axis)
         middle, *ends = np.clip(part, low, high).T
         at = style.axes_of(panel + 1)
         for lower, upper, width in ((ends[2], ends[3], 1.0), (ends[0], ends[1], 2.4)):
