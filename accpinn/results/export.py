@@ -6,9 +6,13 @@ control, gap closing, collision avoidance), each of them
     dv/dt = gainSpace (p - τ v) + gainSpeed Δv
 
 which is the CTHP with gainSpace = α and gainSpeed = β. The same gains in all three make one CTHP of
-them, as long as the space-gap is below 100 m, beyond which SUMO changes to speed control. SUMO
-holds dv/dt over a step: with the ballistic method and steps of 0.05 s one follower's amplitude
-differs from that of the CTHP by less than 1 % up to 0.3 rad/s; longer steps differ more.
+them, as long as the space-gap is below 100 m, beyond which SUMO changes to speed control. SUMO's p
+is the gap beyond minGap, which is s₀; where s₀ is negative, τ + s₀/v at the vehicle's median speed
+stands in place of τ. SUMO holds dv/dt for a step: with the ballistic method and steps of 0.05 s one
+follower's amplitude differs from that of the CTHP by less than 1 % up to 0.3 rad/s. A command that
+is held for T lags by T/2, so actionStepLength = 2 d is the delay d, and 2 λ stands for a lag λ:
+with delays of 0.5 and 0.9 s amplitudes are off by less than 1 % up to 0.2 rad/s and by 7 % at
+0.4 rad/s.
 
 Source: Milanés and Shladover, Transportation Research Part C 48 (2014) 285-300, and SUMO's
 `MSCFModel_ACC`.
@@ -27,6 +31,7 @@ from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import Labelled
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.inference.gain_check import GainCheck
+from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.trust import Trust
 from accpinn.methods.following import LEVEL
 from accpinn.model.cthp import Parameters
@@ -37,7 +42,7 @@ from accpinn.stability.at_speed import stability_at
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
-from accpinn.units import MetresPerSecond
+from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 if TYPE_CHECKING:  # loads pandas, which few commands need
     from accpinn.study.groups import Groups
@@ -45,20 +50,24 @@ if TYPE_CHECKING:  # loads pandas, which few commands need
 SAMPLES = 100
 """Number of posterior draws in a distribution of vehicle types."""
 GAP_REGIMES = ("gapControl", "gapClosingControl", "collisionAvoidance")
+STEP: Seconds = 0.05
+"""Of the simulation that the vehicle types are meant for."""
 NOT_BINDING = {
-    "minGap": "0",
     "accel": "10",
     "decel": "10",
     "emergencyDecel": "10",
     "maxSpeed": "100",
     "speedDev": "0",
 }
-"""Limits beside the CTHP: m, m/s², m/s; wide enough not to interfere."""
+"""Limits beside the CTHP: m/s², m/s; wide enough not to interfere."""
 CARD_FORMAT = "accpinn parameter card 1"
 
 
 def sumo_types(
-    names: tuple[str, ...], parameters: Parameters, draws: Parameters | None = None
+    names: tuple[str, ...],
+    parameters: Parameters,
+    draws: Parameters | None = None,
+    speeds: FloatArray | None = None,
 ) -> str:
     """An additional file for SUMO: one `vType` a follower, and a distribution over its draws.
 
@@ -67,6 +76,7 @@ def sumo_types(
         parameters: (M,)
         draws: (n, M) of equal weight; without them, and for followers whose draws are nan, there is
             no distribution.
+        speeds: (M,) in m/s, at which the time gap holds where s₀ is negative.
 
     Raises:
         ParameterError: where a follower's τ is undetermined.
@@ -75,35 +85,40 @@ def sumo_types(
     root.append(
         ElementTree.Comment(
             " Car-following model ACC as the CTHP: use it with the ballistic step method and steps"
-            " of 0.05 s. minGap, accel, decel and maxSpeed are set so that they do not interfere;"
-            " choose realistic ones for traffic. "
+            " of 0.05 s. minGap is the intercept s0, actionStepLength twice the delay. accel, decel"
+            " and maxSpeed are set so that they do not interfere; choose realistic ones for"
+            " traffic. "
         )
     )
-    for k, name in enumerate(names):
-        values, label = parameters[k].values, _identifier(name, k)
-        if not np.isfinite(values).all():
+    speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds
+    for k, (name, speed) in enumerate(zip(names, speeds.tolist(), strict=True)):
+        label = _identifier(name, k)
+        if not np.isfinite(parameters[k].values).all():
             raise ParameterError(f"{name}: τ is undetermined, so SUMO cannot use the parameters.")
-        root.append(_type(label, values))
+        root.append(_type(label, parameters[k], speed))
         if draws is None or not np.isfinite(draws[:, k].values).all():
             continue
         mixture = ElementTree.SubElement(root, "vTypeDistribution", id=f"{label}_samples")
         count = len(draws.alpha)
         for i in range(count):
-            member = _type(f"{label}_{i}", draws.values[i, k])
+            member = _type(f"{label}_{i}", draws[i, k], speed)
             member.set("probability", f"{1 / count:.12g}")
             mixture.append(member)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
 
-def _type(label: str, parameters: np.ndarray[Any, np.dtype[np.float64]]) -> ElementTree.Element:
-    alpha, beta, tau = (f"{value:.12g}" for value in parameters)
-    gains: dict[str, str] = {}
+def _type(label: str, parameters: Parameters, speed: MetresPerSecond) -> ElementTree.Element:
+    alpha, beta, tau, s0, lag, delay = parameters.complete.tolist()
+    tau = max(0.0, tau + min(0.0, s0) / speed)
+    settings = {"tau": f"{tau:.12g}"}
     for regime in GAP_REGIMES:
-        gains |= {f"{regime}GainSpace": alpha, f"{regime}GainSpeed": beta}
-    return ElementTree.Element(
-        "vType", {"id": label, "carFollowModel": "ACC", "tau": tau, **gains, **NOT_BINDING}
-    )
+        settings |= {f"{regime}GainSpace": f"{alpha:.12g}", f"{regime}GainSpeed": f"{beta:.12g}"}
+    settings |= NOT_BINDING | {"minGap": f"{max(0.0, s0):.12g}"}
+    steps = round(2 * (lag + delay) / STEP)
+    if steps > 1:
+        settings["actionStepLength"] = f"{steps * STEP:.12g}"
+    return ElementTree.Element("vType", {"id": label, "carFollowModel": "ACC", **settings})
 
 
 def _identifier(name: str, follower: int) -> str:
@@ -112,10 +127,10 @@ def _identifier(name: str, follower: int) -> str:
 
 
 def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
-    """The additional file for SUMO of a snapshot.
+    """The additional file for SUMO of a snapshot: its answer, and draws of the typical value.
 
     Args:
-        snapshot: the parameters and the draws of their posterior.
+        snapshot: a result with its answer.
         samples: number of draws in a distribution, evenly chosen; 0 for no distribution.
 
     Raises:
@@ -124,12 +139,13 @@ def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
     """
     if samples < 0:
         raise ConfigError(f"samples: {samples} is not allowed; choose 0 or more.")
-    draws = snapshot.uncertainty.draws if samples else None
-    if draws:
-        most = len(draws.alpha)
+    answer = snapshot.answer
+    draws = None
+    if samples:
+        most = len(answer.typical.alpha)
         count = min(samples, most)
-        draws = draws[((np.arange(count) + 0.5) * most / count).astype(int)]
-    return sumo_types(snapshot.info.names[1:], snapshot.parameters, draws)
+        draws = answer.typical[((np.arange(count) + 0.5) * most / count).astype(int)]
+    return sumo_types(snapshot.info.names[1:], answer.parameters, draws, answer.speeds)
 
 
 def parameter_card(snapshot: Result) -> dict[str, Any]:

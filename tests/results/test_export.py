@@ -19,6 +19,14 @@ from accpinn.results.export import parameter_card, snapshot_types, sumo_types
 from tests.support import sumo
 from tests.support.snapshots import small
 
+LATE = ParameterSet(
+    "intercept, delay and lag",
+    ("A", "B", "C"),
+    Parameters(
+        [0.08, 0.1, 0.09], [0.4, 0.3, 0.5], [0.8, 0.7, 1.2],
+        s0=[8.0, 5.0, 0.0], delay=[0.5, 0.9, 0.0], lag=[0.0, 0.0, 0.4],
+    ),
+)  # fmt: skip
 PROGRAM = Path(__file__).parents[1] / "support" / "sumo.py"
 
 
@@ -28,10 +36,10 @@ def ids(types: str) -> list[str]:
 
 @pytest.mark.skipif(importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed")
 @pytest.mark.parametrize("frequency", [0.1, 0.2])
-@pytest.mark.parametrize("published", PUBLISHED, ids=lambda one: one.title)
+@pytest.mark.parametrize("published", [*PUBLISHED, LATE], ids=lambda one: one.title)
 def test_sumo_answers_as_our_platoon(published: ParameterSet, frequency: float) -> None:
     types = sumo_types(published.names, published.parameters)
-    headways = published.parameters.tau.tolist()
+    headways = published.parameters.time_gap(sumo.SPEED).tolist()
     given = {"types": types, "ids": ids(types), "headways": headways, "frequency": frequency}
     ran = subprocess.run(
         [sys.executable, str(PROGRAM)], input=json.dumps(given), capture_output=True, text=True,
@@ -45,20 +53,23 @@ def test_sumo_answers_as_our_platoon(published: ParameterSet, frequency: float) 
 
 def test_types_hold_the_parameters_and_every_sample() -> None:
     snapshot = small()
-    known = snapshot.uncertainty
+    answer = snapshot.answer
     root = ElementTree.fromstring(snapshot_types(snapshot, 5))
     singles, mixtures = root.findall("vType"), root.findall("vTypeDistribution")
     assert len(singles) == len(mixtures) == snapshot.info.followers
     for k, (single, mixture) in enumerate(zip(singles, mixtures, strict=True)):
-        own = [float(single.get(a, "")) for a in ("gapControlGainSpace", "gapControlGainSpeed")]
-        np.testing.assert_allclose(own, snapshot.fit.parameters.values[k, :2], rtol=1e-9)
-        drawn = np.array([float(one.get("tau", "")) for one in mixture])
-        assert len(drawn) == 5
+        own = {name: float(single.get(name, "nan")) for name in ("tau", "minGap")}
+        gap, speed = answer.parameters.time_gap(answer.speeds[k])[k], answer.speeds[k]
+        assert own["tau"] + own["minGap"] / speed == pytest.approx(gap, rel=1e-9)
+        gains = [float(single.get(a, "")) for a in ("gapControlGainSpace", "gapControlGainSpeed")]
+        np.testing.assert_allclose(gains, answer.parameters.values[k, :2], rtol=1e-9)
+        held = float(single.get("actionStepLength", "0"))
+        assert held / 2 == pytest.approx(answer.parameters.delay[k], abs=0.03)
         # Each is one of the draws, to the digits that the file has.
-        every = known.draws.tau[:, k]
+        drawn = np.array([float(one.get("gapControlGainSpace", "")) for one in mixture])
         assert len(set(drawn)) == 5
-        for tau in drawn:
-            assert np.isclose(every, tau, rtol=1e-9, atol=0).any()
+        for alpha in drawn:
+            assert np.isclose(answer.typical.alpha[:, k], alpha, rtol=1e-9, atol=0).any()
         assert sum(float(one.get("probability", "")) for one in mixture) == pytest.approx(1)
     assert not ElementTree.fromstring(snapshot_types(snapshot, 0)).findall("vTypeDistribution")
 
