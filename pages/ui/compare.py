@@ -86,11 +86,12 @@ def show_page() -> None:
         if not workspace.restored:
             frame.empty_state(workspace, "Nothing to compare on")
         return
-    st.caption(frame.segment_line(segment, workspace.case))
+    about = st.empty()
     show.not_acc(segment)
     if segments("Compare", VIEWS, "methods", "compare_view", workspace) == "models":
-        models.show_models(workspace)
+        models.show_models(workspace, about)
         return
+    about.caption(frame.segment_line(segment, workspace.case))
     _controls(workspace, segment)
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))

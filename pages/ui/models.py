@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.results.figures import models as figures
@@ -30,14 +31,16 @@ ABOUT = (
 KMH = 3.6
 
 
-def show_models(workspace: Workspace) -> None:
-    """The question, its work, and the answer of each follower."""
+def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
+    """The question, its work, and the answer of each follower; ``about`` names the data."""
     if workspace.recording is None:
         recording_needed(workspace, "To judge models, the page needs")
         return
     subjects = show.attempt(lambda: workspace.subjects)
     if not subjects:
         return
+    windows = ", ".join(f"{len(one.windows)} of {one.label}" for one in subjects)
+    about.caption(escape_markdown(f"{workspace.recording.source} · windows left out: {windows}"))
     st.markdown(LEAD)
     task = workspace.judgement
     if task and task.is_active:

@@ -36,7 +36,7 @@ from pages.ui.session.workspace import MODEL, Workspace
 from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
-    "calibrated": "A few seconds: the network's evidence, not its loss, is maximised: no bias.",
+    "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
     "fast": "A second: the paper's estimate, solved exactly; biased if disturbances last.",
     "paper": "Many minutes: the paper's estimate, all by gradient; biased if disturbances last.",
 }

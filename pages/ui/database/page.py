@@ -137,7 +137,11 @@ def _show_body(workspace: Workspace, study: str) -> None:
     if len(rows):
         _show_study(workspace, study, state, rows)
         return
-    show.messages("The study has no rows yet.")
+    is_active = study in batch_queue().active_owners("batch")
+    show.messages(
+        "The table appears here within seconds of the first window that is done."
+        if is_active else "The study has no rows yet."
+    )  # fmt: skip
     if state:
         _show_failures(read_failures(folder), study)
 
