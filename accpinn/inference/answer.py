@@ -195,6 +195,8 @@ class WindowPosterior:
     """(M, 6) complete parameters of greatest likelihood."""
     drawn: FloatArray
     """(M, n, p) draws of `features` of equal weight from the posterior."""
+    log_likelihood: FloatArray
+    """(M, n) of the window's data at each draw; shared by all followers in Case I."""
     model: Model
 
     @cached_property
@@ -215,6 +217,7 @@ def window_posterior(
     followers = segment.followers
     estimates = np.full((followers, 6), np.nan)
     drawn = np.full((followers, DRAWS, 3 + len(terms_of(model))), np.nan)
+    log_likelihood = np.full((followers, DRAWS), np.nan)
     known = determined_followers((segment,), case)
     if known:
         series = series_of([segment], case, known)
@@ -225,7 +228,8 @@ def window_posterior(
         for row, maximum, posterior in zip(rows, maxima, posteriors, strict=True):
             estimates[row] = _own(model, maximum)
             drawn[row] = features(model, posterior.all_evenly(DRAWS))
-    return WindowPosterior(estimates, drawn, model)
+            log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
+    return WindowPosterior(estimates, drawn, log_likelihood, model)
 
 
 @lru_cache(maxsize=64)

@@ -70,6 +70,8 @@ class Posterior:
     """(n, 3) draws of α, ατ, β, all above zero."""
     weights: FloatArray
     """(n,) weights, which sum to one."""
+    log_likelihood: FloatArray
+    """(n,) of the data at each draw."""
 
     @property
     def effective(self) -> float:
@@ -83,6 +85,10 @@ class Posterior:
     def all_evenly(self, count: int) -> FloatArray:
         """(count, P) draws of z of equal weight, in the order of `evenly`."""
         return np.asarray(self.coordinates[self._even(count)])
+
+    def log_likelihood_evenly(self, count: int) -> FloatArray:
+        """(count,) of the draws in the order of `evenly`."""
+        return np.asarray(self.log_likelihood[self._even(count)])
 
     def _even(self, count: int) -> Groups:
         """(count,) indices of draws, each as often as its weight demands."""
@@ -153,12 +159,14 @@ def sample(
         drawn = [proposals[g].draw(count, rng) for g in wanted]
         for z in drawn:
             z[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
-        log = _log_posterior(criterion, np.concatenate(drawn), np.repeat(np.array(wanted), count))
-        for g, z, rows in zip(wanted, drawn, log.reshape(-1, count), strict=True):
+        places = np.repeat(np.array(wanted), count)
+        prior, likelihood = _log_posterior(criterion, np.concatenate(drawn), places)
+        parts = prior.reshape(-1, count), likelihood.reshape(-1, count)
+        for g, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
             densities = proposals[g].log_densities(z)
-            ratios = rows - np.logaddexp.reduce(densities, axis=0)
+            ratios = likelihoods + priors - np.logaddexp.reduce(densities, axis=0)
             weights = normalised(ratios)
-            posterior = Posterior(z, natural(criterion.form, z)[:, :3], weights)
+            posterior = Posterior(z, natural(criterion.form, z)[:, :3], weights, likelihoods)
             proposals[g] = proposals[g].adapted(z, weights, densities)
             if stage < len(stages) or posterior.effective > best[g].effective:
                 best[g] = posterior
@@ -182,16 +190,19 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
     return [parts[g :: len(maxima)] for g in range(len(maxima))]
 
 
-def _log_posterior(criterion: Criterion, z: FloatArray, groups: Groups) -> FloatArray:
+def _log_posterior(
+    criterion: Criterion, z: FloatArray, groups: Groups
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) log prior and log likelihood of draws (n, P); both -inf where nothing is plausible."""
     inside = ((z >= criterion.lower - 1e-12) & (z <= criterion.upper + 1e-12)).all(axis=1)
-    log = np.full(len(z), -np.inf)
     plausible = z[inside]
-    log[inside] = (
-        criterion.log_likelihood(plausible, groups[inside])
-        + criterion.log_prior(plausible)
-        + log_prior_of_theta(criterion.form, plausible)
+    parts = np.full((2, len(z)), -np.inf)
+    parts[0, inside] = criterion.log_prior(plausible) + log_prior_of_theta(
+        criterion.form, plausible
     )
-    return np.where(np.isfinite(log), log, -np.inf)
+    parts[1, inside] = criterion.log_likelihood(plausible, groups[inside])
+    parts[:, ~np.isfinite(parts).all(axis=0)] = -np.inf
+    return parts[0], parts[1]
 
 
 @dataclass(frozen=True, eq=False)

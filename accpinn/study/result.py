@@ -35,10 +35,12 @@ from accpinn.stability.criteria import transfer_function
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.analysis import Analysis
+from accpinn.study.draws import table, tree
 
 if TYPE_CHECKING:
     from control import TransferFunction
     from pandas import DataFrame
+    from xarray import DataTree
 
 T = TypeVar("T")
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
@@ -184,19 +186,20 @@ class Result:
         ``kind`` is "typical" for the car's typical value and "further window" for what a further
         window of it may have.
         """
-        from pandas import DataFrame, concat  # takes a third of a second, which few need
+        return table(self)
 
-        drawn = self.answer
-        frames = []
-        for kind, sets in (("typical", drawn.typical), ("further window", drawn.further)):
-            for k, vehicle in enumerate(self.info.vehicles[1:]):
-                columns = {name: getattr(sets, name)[:, k] for name in drawn.names}
-                frame = DataFrame({"draw": np.arange(len(sets.alpha)), **columns})
-                frame.insert(0, "name", self.info.names[k + 1])
-                frame.insert(0, "vehicle", vehicle)
-                frame.insert(0, "kind", kind)
-                frames.append(frame)
-        return concat(frames, ignore_index=True)
+    def to_datatree(self) -> "DataTree":
+        """The answer's posterior draws for xarray and ArviZ, which are to be installed.
+
+        The groups ``posterior`` (the typical value) and ``further_window`` have parameters by
+        chain, draw and vehicle; ``window_posterior`` has those of each window alone, with the
+        log-likelihood of its data at each draw in ``window_log_likelihood``, where the data are at
+        hand.
+
+        Raises:
+            ConfigError: where xarray is not installed.
+        """
+        return tree(self)
 
     @property
     def evaluation(self) -> Evaluation:

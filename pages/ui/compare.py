@@ -17,6 +17,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
+from accpinn.results.figures import answer as answer_figures
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
@@ -336,6 +337,13 @@ def _show_identifiability(shown: _Shown) -> None:
         " the curve: the curve takes all samples as independent, while the interval accounts for"
         " disturbances that last for seconds and bias the estimate."
     )
+    answered = (shown.workspace.result or shown.rows[0]).answer
+    if np.isfinite(answered.parameters.alpha[follower]):
+        show.chart(answer_figures.joint(answered, follower, shown.colour), "compare_joint")
+        st.caption(
+            "Joint distribution of the answer's typical value; cross: the answer. A narrow slope"
+            " means that two parameters trade off: each alone is known less than both together."
+        )
 
 
 def _show_adequacy(shown: _Shown) -> None:

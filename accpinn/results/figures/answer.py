@@ -8,8 +8,13 @@ import plotly.graph_objects as go
 from accpinn.channels import TIME
 from accpinn.inference.answer import Answer
 from accpinn.results.figures import style
+from accpinn.results.tables.answer import COLUMNS
 from accpinn.segment.segment import SegmentInfo
 
+JOINT = ("alpha", "beta", "tau", "s0")
+"""Parameters whose joint distribution is drawn."""
+DRAWN = 300
+"""Draws of it that are shown."""
 FURTHER, TYPICAL = 0.10, 0.22
 """Opacity of the bands of a further window and of the typical value."""
 
@@ -58,3 +63,42 @@ def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: 
         "y": style.titled(f"Time gap at {3.6 * speed:.0f} km/h [s]") | {"range": shown},
     }
     return style.composed(traces, 300, f"forest-{follower}", axes, hovermode="closest")
+
+
+def joint(answer: Answer, follower: int, colour: str) -> go.Figure:
+    """Each pair of parameters in draws of the typical value of one follower, and the value itself.
+
+    Args:
+        answer: of M followers.
+        follower: 0 for the first.
+        colour: of the vehicle.
+    """
+    names = [name for name in JOINT if name in answer.names]
+    count = len(names) - 1
+    rows = np.linspace(0, len(answer.typical.alpha) - 1, DRAWN).astype(int)
+    drawn = {name: getattr(answer.typical, name)[rows, follower] for name in names}
+    values = {name: float(getattr(answer.parameters, name)[follower]) for name in names}
+    traces, axes = list[style.Part](), dict[str, style.Part]()
+    for row, vertical in enumerate(names[1:]):
+        for column, horizontal in enumerate(names[:-1]):
+            at = style.axes_of(row * count + column + 1)
+            if column > row:
+                axes[at["xaxis"]] = axes[at["yaxis"]] = {"visible": False}
+                continue
+            traces += [
+                {"x": drawn[horizontal], "y": drawn[vertical], "mode": "markers",
+                 "hoverinfo": "skip", **at,
+                 "marker": {"color": colour, "size": 4, "opacity": 0.35}},
+                {"x": [values[horizontal]], "y": [values[vertical]], "mode": "markers",
+                 "name": "answer", "marker": {"color": style.LEADER, "size": 9, "symbol": "x"},
+                 "hovertemplate": "%{x:.3g}, %{y:.3g}", **at},
+            ]  # fmt: skip
+            if row == count - 1:
+                axes[at["xaxis"]] = style.titled(COLUMNS[horizontal].heading)
+            if column == 0:
+                axes[at["yaxis"]] = style.titled(COLUMNS[vertical].heading)
+    height = 60 + 150 * count
+    grid = style.matrix(count)
+    return style.composed(
+        traces, height, f"joint-{follower}", axes, None, grid, hovermode="closest"
+    )

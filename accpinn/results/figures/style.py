@@ -134,6 +134,14 @@ def row(count: int, spacing: float) -> Mapping[str, Part]:
     return _grid(rows=1, cols=count, shared_yaxes=True, horizontal_spacing=spacing)
 
 
+def matrix(count: int) -> Mapping[str, Part]:
+    """As many rows as columns of panels, with one scale in each row and each column."""
+    return _grid(
+        rows=count, cols=count, shared_xaxes=True, shared_yaxes=True,
+        horizontal_spacing=0.02, vertical_spacing=0.03,
+    )  # fmt: skip
+
+
 @lru_cache(maxsize=32)
 def _grid(**options: Any) -> Mapping[str, Part]:
     """The axes of plotly's `make_subplots`, which takes long."""

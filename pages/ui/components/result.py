@@ -36,6 +36,7 @@ from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
+from accpinn.study.draws import MISSING, can_be_tree, to_netcdf
 from accpinn.study.result import Result
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -321,6 +322,13 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
         key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
         help="One zip file: the report, the snapshot, every table as CSV and LaTeX, the training's"
         " history and the curves as numbers. Charts are saved by the camera in their corner.",
+    )  # fmt: skip
+    st.download_button(
+        "Draws (.nc)", lambda: to_netcdf(result), f"{stem}_draws.nc", "application/x-netcdf",
+        key=f"{page}_draws", on_click="ignore", icon=":material/scatter_plot:",
+        disabled=not can_be_tree(),
+        help="The answer's posterior draws for xarray and ArviZ: typical value, further window and"
+        " each window alone." if can_be_tree() else MISSING,
     )  # fmt: skip
     show.table(table)
 
