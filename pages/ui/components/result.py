@@ -317,19 +317,21 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
     """The table with all of its columns, as it leaves, and all else in one file."""
     stem = Path(result.info.source).stem
     show.downloads(table, f"{stem}_parameters", page)
-    st.download_button(
-        "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
-        key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
-        help="One zip file: the report, the snapshot, every table as CSV and LaTeX, the training's"
-        " history and the curves as numbers. Charts are saved by the camera in their corner.",
-    )  # fmt: skip
-    st.download_button(
-        "Draws (.nc)", lambda: to_netcdf(result), f"{stem}_draws.nc", "application/x-netcdf",
-        key=f"{page}_draws", on_click="ignore", icon=":material/scatter_plot:",
-        disabled=not can_be_tree(),
-        help="The answer's posterior draws for xarray and ArviZ: typical value, further window and"
-        " each window alone." if can_be_tree() else MISSING,
-    )  # fmt: skip
+    with st.container(horizontal=True):
+        st.download_button(
+            "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
+            key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
+            help="One zip file: the report, the snapshot, every table as CSV and LaTeX, the"
+            " training's history and the curves as numbers. Charts are saved by the camera in their"
+            " corner.",
+        )  # fmt: skip
+        st.download_button(
+            "Draws (.nc)", lambda: to_netcdf(result), f"{stem}_draws.nc", "application/x-netcdf",
+            key=f"{page}_draws", on_click="ignore", icon=":material/scatter_plot:",
+            disabled=not can_be_tree(),
+            help="The answer's posterior draws for xarray and ArviZ: typical value, further window"
+            " and each window alone." if can_be_tree() else MISSING,
+        )  # fmt: skip
     show.table(table)
 
 
