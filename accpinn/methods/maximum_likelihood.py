@@ -56,18 +56,13 @@ class DisturbanceSize(Finding, frozen=True):
     """Rise time T₂."""
 
 
-def maxima_of(segment: Segment, case: Case) -> tuple[Maximum, ...]:
-    """The maximum of each follower, or in Case I of all together; remembered for a few segments."""
-    return joint_maxima((segment,), case)
-
-
 def joint_maxima(
     segments: tuple[Segment, ...],
     case: Case,
     form: Form = "cthp",
     followers: tuple[int, ...] | None = None,
 ) -> tuple[Maximum, ...]:
-    """The same for several segments of the same vehicles, under one likelihood.
+    """The maximum of each follower, in Case I of all together, under the segments' likelihood.
 
     Args:
         segments: as for `series_of`; so is ``followers``.

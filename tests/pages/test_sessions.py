@@ -141,6 +141,9 @@ class TestDeletion:
             for address, shared in (("localhost", False), ("0.0.0.0", True), ("", True)):
                 config.set_option("server.address", address)
                 assert sessions.is_shared() is shared
+                said = open_page(SNAPSHOTS).texts()
+                assert ("Anyone with this address controls" in said) is shared, "a warning"
+                assert ("stay on this computer" in said) is not shared
         finally:
             config.set_option("server.address", before)
 

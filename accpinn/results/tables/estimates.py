@@ -35,7 +35,6 @@ from accpinn.study.result import Result
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 GAP_MAE = "MAE of the space-gap"
-TOGETHER = "all together"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
 DRIVER = "Driver"
@@ -155,12 +154,8 @@ def _estimate_cells(
     parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate"
 ) -> Iterator[Filled]:
     """α, β and τ of (M,) followers, each with its interval."""
-    return _with_ends(kind, uncertainty.level, parameters, uncertainty.lower, uncertainty.upper)
-
-
-def _with_ends(kind: str, level: float, *sets: Parameters) -> Iterator[Filled]:
-    """α, β and τ of (K,) parameter sets with the lower and upper ends of their intervals."""
-    group = f"{kind} ({100 * level:.0f} % interval)"
+    group = f"{kind} ({100 * uncertainty.level:.0f} % interval)"
+    sets = (parameters, uncertainty.lower, uncertainty.upper)
     for column, *numbers in zip(PARAMETER_COLUMNS, *(part.values.T for part in sets), strict=True):
         yield replace(column, group=group), estimate_cells(*numbers)
 

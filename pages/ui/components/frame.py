@@ -15,7 +15,7 @@ from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import kept, segments
-from pages.ui.session.sessions import SESSION, current, may_use, recognise, user
+from pages.ui.session.sessions import SESSION, current, is_shared, may_use, recognise, user
 from pages.ui.session.workspace import Workspace
 
 HERE = Path(__file__).parent
@@ -196,6 +196,9 @@ def _sidebar(workspace: Workspace) -> None:
         ):  # fmt: skip
             _show_glossary()
         sign_out_button()
+        if not is_shared() and not user().is_asked:
+            st.caption("Recordings and results stay on this computer.")
+            return
         st.caption(
             (
                 "Nobody else can open this session."

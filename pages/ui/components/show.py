@@ -17,6 +17,7 @@ from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.tables.table import STYLE, Table
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import Seconds
+from pages.ui.session.sessions import is_shared
 
 T = TypeVar("T")
 
@@ -144,6 +145,8 @@ def address(path: str) -> None:
     st.code(
         f"{server.scheme}://{server.netloc}/{path}" if server.netloc else f"/{path}", language=None
     )
+    if not is_shared():
+        st.caption("It works on this computer only; send somebody elsewhere a snapshot's file.")
 
 
 def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any) -> Any:

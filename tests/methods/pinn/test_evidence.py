@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from accpinn.methods.likelihood import Criterion, Maximum, end_of, log_errors
-from accpinn.methods.maximum_likelihood import maxima_of
+from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.methods.pinn.evidence import (
     DEGREE,
@@ -146,7 +146,7 @@ class TestEvidence:
 @lru_cache
 def maximum(seed: int) -> Maximum:
     segment = recording(seed)
-    return end_of(climb(Evidence(series_of([segment], "II")), maxima_of(segment, "II")))[0]
+    return end_of(climb(Evidence(series_of([segment], "II")), joint_maxima((segment,), "II")))[0]
 
 
 class TestSearch:
@@ -187,7 +187,7 @@ class TestSearch:
     def test_case_i_has_one_set_for_all(self) -> None:
         truth = Parameters.stack([SETS[[0]][0], SETS[[0]][0]])
         segment = disturbed(truth, 3, Disturbance(), duration=120.0)
-        search = climb(Evidence(series_of([segment], "I")), maxima_of(segment, "I"))
+        search = climb(Evidence(series_of([segment], "I")), joint_maxima((segment,), "I"))
         assert len(end_of(search)) == 1
 
 
@@ -206,7 +206,7 @@ def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
 def test_agrees_with_maximum_likelihood_where_the_disturbance_is_short() -> None:
     """Features that resolve it: with knots of half a second the distance is ten times as large."""
     segment = disturbed(SETS[[1]], 5, Disturbance(deviation=0.5, memory=2.0), duration=120.0)
-    (likeliest,) = maxima_of(segment, "II")
+    (likeliest,) = joint_maxima((segment,), "II")
     (ours,) = end_of(climb(Evidence(series_of([segment], "II")), (likeliest,)))
     away = np.log(ours.values[:3] / likeliest.values[:3])
     assert np.abs(away / log_errors(likeliest.curvature)).max() < 0.05
