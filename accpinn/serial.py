@@ -50,7 +50,7 @@ def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
         if isinstance(value, Enum):
             value = value.name if isinstance(value, NamedEnum) else value.value
         if isinstance(value, Parameters):
-            value = value.complete if value.complete[..., 3:].any() else value.values
+            value = value.everything if value.everything[..., 3:].any() else value.values
         if isinstance(value, np.ndarray):
             if 0 < value.size <= SMALL and value.dtype in (np.float64, np.bool_):
                 return tree(value.tolist(), path)

@@ -32,12 +32,11 @@ class Parameters:
     """α, β and τ of one vehicle or of many, and the further terms of its model, immutable.
 
     Attributes:
-        complete: (.., 6) α [1/s²], β [1/s], τ [s], s₀ [m], λ [s], d [s]; τ is nan where α = 0, as
-            it has no effect there. Terms that the model does not have are 0.
+        everything: (.., 6 + n) first `complete`, then `own`.
     """
 
-    __slots__ = ("complete",)
-    complete: FloatArray
+    __slots__ = ("everything",)
+    everything: FloatArray
 
     def __init__(
         self,
@@ -47,6 +46,7 @@ class Parameters:
         s0: ArrayLike = 0.0,
         lag: ArrayLike = 0.0,
         delay: ArrayLike = 0.0,
+        *own: ArrayLike,
     ) -> None:
         """Parameters of the given values.
 
@@ -57,19 +57,36 @@ class Parameters:
             s0: intercept of the desired gap in m.
             lag: time constant between command and acceleration in s.
             delay: time between command and acceleration in s.
+            own: parameters of the model that these are the linearisation of.
         """
-        given = (alpha, beta, tau, s0, lag, delay)
+        given = (alpha, beta, tau, s0, lag, delay, *own)
         parts = np.broadcast_arrays(*(np.asarray(v, np.float64) for v in given))
-        self.complete = frozen(np.stack(parts, axis=-1))
+        self.everything = frozen(np.stack(parts, axis=-1))
 
     def __reduce__(self) -> tuple[object, ...]:
         """Copy and pickle by value."""
-        return Parameters.of, (self.complete,)
+        return Parameters.of, (self.everything,)
 
     @classmethod
     def of(cls, values: ArrayLike) -> Self:
-        """Parameters from an array (.., 3) of α, β, τ, or (.., 6) with s₀, λ and d behind them."""
+        """Parameters from an array (.., 3) of α, β, τ, or one as `everything`, or its first six."""
         return cls(*np.moveaxis(np.asarray(values, np.float64), -1, 0))
+
+    @property
+    def complete(self) -> FloatArray:
+        """(.., 6) α [1/s²], β [1/s], τ [s], s₀ [m], λ [s], d [s].
+
+        τ is nan where α = 0, as it has no effect there. Terms that the model does not have are 0.
+        """
+        return self.everything[..., :6]
+
+    @property
+    def own(self) -> FloatArray:
+        """(.., n) the parameters of a model that is no CTHP; n = 0 for a CTHP.
+
+        ``complete`` is then its linearisation at some speed (see `model.following`).
+        """
+        return self.everything[..., 6:]
 
     @classmethod
     def from_theta(cls, theta: ArrayLike) -> Self:
@@ -80,8 +97,10 @@ class Parameters:
 
     @classmethod
     def stack(cls, parts: Iterable["Parameters"]) -> Self:
-        """Several vehicles' parameters (..) as one (K, ..)."""
-        return cls.of(np.array([part.complete for part in parts]).reshape(-1, 6))
+        """Several vehicles' parameters (..) as one (K, ..), those of different models as CTHPs."""
+        rows = [part.everything for part in parts]
+        width = min((row.shape[-1] for row in rows), default=6)
+        return cls.of(np.array([row[..., :width] for row in rows]).reshape(-1, width))
 
     @property
     def values(self) -> FloatArray:
@@ -134,27 +153,28 @@ class Parameters:
 
     def __getitem__(self, index: Any) -> "Parameters":
         """Parameters at an index, a slice or a list of indices of the first axis."""
-        return Parameters.of(self.complete[index])
+        return Parameters.of(self.everything[index])
 
     def __iter__(self) -> Iterator["Parameters"]:
         """Iterate over the vehicles along the first axis."""
-        return (Parameters.of(row) for row in self.complete)
+        return (Parameters.of(row) for row in self.everything)
 
     def __eq__(self, other: object) -> bool:
         """Whether all values are the same; nan equals nan."""
         return isinstance(other, Parameters) and np.array_equal(
-            self.complete, other.complete, equal_nan=True
+            self.everything, other.everything, equal_nan=True
         )
 
     def __hash__(self) -> int:
         """Hash of the values."""
-        return hash((self.complete.shape, self.complete.tobytes()))
+        return hash((self.complete.shape, self.everything.tobytes()))
 
     def __repr__(self) -> str:
         """The values by name."""
         terms = {name: getattr(self, name) for name in TERMS if self.complete[..., 3:].any()}
         named = {"alpha": self.alpha, "beta": self.beta, "tau": self.tau} | terms
-        return f"Parameters({', '.join(f'{name}={value}' for name, value in named.items())})"
+        own = f", own={self.own}" if self.own.size else ""
+        return f"Parameters({', '.join(f'{name}={value}' for name, value in named.items())}{own})"
 
 
 def _scalar(values: FloatArray) -> Any:

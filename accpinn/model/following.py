@@ -28,7 +28,7 @@ import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.models import Term
+from accpinn.model.models import MODELS, Term
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 Acceleration = Callable[[Any, Any, Any, Any, ModuleType | Any], Any]
@@ -38,6 +38,8 @@ have a derivative for complex numbers (sqrt, exp, log, tanh; no abs, no maximum)
 Values = Sequence[float] | FloatArray
 """(n,) parameters of one vehicle."""
 COMPLEX_STEP = 1e-30
+HALVINGS = 60
+"""Of the interval in which an equilibrium lies: more than the digits of a number."""
 WIDEST: Metres = 2000.0
 """Gap beyond which no equilibrium is looked for."""
 
@@ -120,51 +122,74 @@ class FollowingModel:
         """Lag or delay in s; 0 where the model has none."""
         return theta[self.names.index(name)] if name in self.terms else 0.0
 
-    def equilibrium_gap(self, theta: Values, speed: MetresPerSecond) -> Metres:
-        """The gap p_e that is kept at a constant speed.
+    def equilibrium_gaps(self, theta: Any, speed: Any) -> FloatArray:
+        """(..) the gap p_e that is kept at a constant speed, in m; nan where there is none.
 
         Args:
-            theta: (n,) parameters.
-            speed: of the vehicle and of the one ahead, in m/s.
+            theta: (n, ..) parameters.
+            speed: (..) of the vehicle and of the one ahead, in m/s.
+        """
+        theta = np.asarray(theta, float)
+        shape = np.broadcast_shapes(theta.shape[1:], np.shape(speed))
+
+        def excess(gap: FloatArray) -> FloatArray:
+            with np.errstate(all="ignore"):  # absurd parameters have no equilibrium
+                pushed = self.acceleration(gap, speed, speed, theta, np)
+            return np.asarray(np.broadcast_to(pushed, np.broadcast_shapes(gap.shape, shape)))
+
+        ends = np.geomspace(1e-3, WIDEST, 60)
+        signs = np.sign(excess(ends.reshape(-1, *(1 for _ in shape))))
+        rises = (signs[:-1] <= 0) & (signs[1:] > 0)
+        at = rises.argmax(axis=0)
+        low, high = ends[at], ends[at + 1]
+        for _ in range(HALVINGS):
+            middle = (low + high) / 2
+            above = excess(middle) > 0
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        return np.where(rises.any(axis=0), (low + high) / 2, np.nan)
+
+    def linearisations(self, theta: Any, speed: Any) -> Parameters:
+        """(..) the CTHP, lag and delay included, that the model is near equilibrium at a speed.
+
+        Its s₀ makes the equilibrium gap s₀ + τv. Parameters without an equilibrium have nan.
+
+        Args:
+            theta: (n, ..) parameters, which stand in `Parameters.own` unless the model is a CTHP.
+            speed: (..) in m/s.
+        """
+        gap, slopes = self.equilibrium_gaps(theta, speed), []
+        with np.errstate(all="ignore"):  # where there is no equilibrium
+            for moved in COMPLEX_STEP * 1j * np.eye(3):
+                p, v, u = gap + moved[0], speed + moved[1], speed + moved[2]
+                slopes.append(np.imag(self.acceleration(p, v, u, theta, np)) / COMPLEX_STEP)
+            by_gap, by_speed, by_ahead = slopes
+            tau = -(by_speed + by_ahead) / by_gap
+        terms = (self.term(theta, "lag"), self.term(theta, "delay"))
+        own = () if self.key in MODELS else theta
+        return Parameters(by_gap, by_ahead, tau, gap - tau * speed, *terms, *own)
+
+    def equilibrium_gap(self, theta: Values, speed: MetresPerSecond) -> Metres:
+        """The gap p_e of one vehicle (n,) in m; see `equilibrium_gaps`.
 
         Raises:
             ParameterError: where there is none, as above the IDM's desired speed.
         """
-        from scipy.optimize import brentq  # takes a quarter of a second, which few commands need
-
-        def excess(gap: Metres) -> float:
-            return float(self.acceleration(gap, speed, speed, theta, np))
-
-        ends = np.geomspace(1e-3, WIDEST, 60)
-        signs = np.sign([excess(gap) for gap in ends])
-        rising = np.flatnonzero((signs[:-1] <= 0) & (signs[1:] > 0))
-        if not len(rising):
+        gap = float(self.equilibrium_gaps(theta, speed))
+        if not np.isfinite(gap):
             raise ParameterError(
                 f"{self.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
                 " another speed."
             )
-        at = int(rising[0])
-        return float(brentq(excess, ends[at], ends[at + 1], xtol=1e-13, rtol=1e-14))
+        return gap
 
     def linearised(self, theta: Values, speed: MetresPerSecond) -> Parameters:
-        """The CTHP, lag and delay included, that the model is near equilibrium at a speed in m/s.
-
-        Its s₀ makes the equilibrium gap s₀ + τv.
+        """The CTHP that one vehicle (n,) is near equilibrium at a speed; see `linearisations`.
 
         Raises:
             ParameterError: where there is no equilibrium.
         """
-        gap = self.equilibrium_gap(theta, speed)
-        slopes = []
-        for k in range(3):
-            at = np.array([gap, speed, speed], complex)
-            at[k] += 1j * COMPLEX_STEP
-            p, v, u = at
-            slopes.append(self.acceleration(p, v, u, theta, np).imag / COMPLEX_STEP)
-        by_gap, by_speed, by_ahead = slopes
-        tau = -(by_speed + by_ahead) / by_gap
-        lag, delay = (float(self.term(theta, name)) for name in ("lag", "delay"))
-        return Parameters(by_gap, by_ahead, tau, gap - tau * speed, lag, delay)
+        self.equilibrium_gap(theta, speed)
+        return self.linearisations(theta, speed)
 
     def simulate(
         self,

@@ -2,11 +2,16 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from accpinn.errors import ConfigError
+from accpinn.model import cthp
 from accpinn.model.constant_headway import CTHP, CTHP_S0
 from accpinn.model.following import FollowingModel
 from accpinn.model.fvdm import FVDM
 from accpinn.model.idm import IDM
+from accpinn.units import FloatArray
 
 BASES = (
     CTHP,
@@ -35,3 +40,43 @@ def following_model(key: str) -> FollowingModel:
     except KeyError:
         known = ", ".join(FOLLOWING)
         raise ConfigError(f"models: {key[:40]} is not known; choose from {known}.") from None
+
+
+def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
+    """(..) the time gap in equilibrium at a speed in m/s; nan where there is no equilibrium.
+
+    Args:
+        model: whose parameters.
+        parameters: (..)
+        speed: (..) above zero.
+    """
+    if not parameters.own.shape[-1]:
+        return parameters.time_gap(speed)
+    theta = np.moveaxis(parameters.own, -1, 0)
+    speed = np.asarray(speed, float)
+    return FOLLOWING[model].equilibrium_gaps(theta, speed) / speed
+
+
+def simulate(
+    model: str,
+    parameters: cthp.Parameters,
+    time: FloatArray,
+    leader_speed: FloatArray,
+    initial_speeds: FloatArray,
+    initial_gaps: FloatArray,
+) -> cthp.Trajectories:
+    """The closed loop of any model; a CTHP's is exact. The arguments are those of `cthp.simulate`.
+
+    Args:
+        model: whose parameters.
+        parameters: (M,)
+        time: (N,) as all others.
+        leader_speed: (N,)
+        initial_speeds: (M,)
+        initial_gaps: (M,)
+    """
+    if not parameters.own.shape[-1]:
+        return cthp.simulate(parameters, time, leader_speed, initial_speeds, initial_gaps)
+    return FOLLOWING[model].simulate(
+        parameters.own.T, time, leader_speed, initial_speeds, initial_gaps
+    )

@@ -30,10 +30,10 @@ def peak_gains(
     model: FollowingModel, theta: Values, speeds: Iterable[MetresPerSecond]
 ) -> FloatArray:
     """(S,) the largest gain in dB at each speed; nan where there is no equilibrium."""
-    found = []
-    for speed in speeds:
-        try:
-            found.append(float(peaks(model.linearised(theta, speed)[None]).db[0]))
-        except ParameterError:
-            found.append(np.nan)
-    return np.array(found)
+    speeds = np.fromiter(speeds, float)
+    near = model.linearisations(np.asarray(theta, float)[:, None], speeds)
+    known = np.isfinite(near.alpha)
+    found = np.full(len(speeds), np.nan)
+    if known.any():
+        found[known] = peaks(near[known]).db
+    return found
