@@ -14,9 +14,8 @@ from accpinn.errors import ConfigError
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import DEFAULT
 from accpinn.methods.pinn.config import preset as named_config
-from accpinn.methods.registry import METHODS, method_of
+from accpinn.methods.registry import METHODS, method_of, usual_method
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, parse_windows
@@ -40,9 +39,9 @@ def analyse(
     *,
     windows: str | Sequence[tuple[Seconds, Seconds]] = (),
     case: Case = "II",
-    model: str = BEST,
+    model: str | None = None,
     hold: Mapping[str, float] | None = None,
-    method: str = "pinn",
+    method: str | None = None,
     preset: str = DEFAULT,
     seed: int = 0,
     exclude: str | Sequence[str] = (),
@@ -59,6 +58,7 @@ def analyse(
         chosen = parse_windows(windows)
     elif windows:
         chosen = [Window(float(first), float(last)) for first, last in windows]
+    method = method or usual_method(model)
     if not isinstance(seed, int) or isinstance(seed, bool):
         raise ConfigError(f"seed: {repr(seed)[:40]} is not allowed; choose a whole number, as 0.")
     settings = named_config(preset, seed=seed) if method_of(method).settings else None
@@ -76,9 +76,9 @@ def fit(
     *,
     windows: str | Sequence[tuple[Seconds, Seconds]] = (),
     case: Case = "II",
-    model: str = BEST,
+    model: str | None = None,
     hold: Mapping[str, float] | None = None,
-    method: str = "pinn",
+    method: str | None = None,
     preset: str = DEFAULT,
     seed: int = 0,
     exclude: str | Sequence[str] = (),
@@ -97,9 +97,11 @@ def fit(
             s, or "auto" for all in car-following under ACC. Methods are then "maximum-likelihood"
             and the preset "calibrated".
         case: "I" for one parameter set, "II" for one per follower.
-        model: of `result.answer`, as "cthp", "cthp-s0" or "cthp-s0-delay".
+        model: of `result.answer`, by default "cthp-s0-delay", and of the fit where its method can
+            estimate it, by default "cthp". Others are "cthp-s0", "idm" and "fvdm".
         hold: terms of that model that keep their values, as {"s0": 4.0}.
-        method: a key of `METHODS`; with "maximum-likelihood" samples may be missing.
+        method: a key of `METHODS`, by default "pinn", or "simulation" for a model that is no CTHP;
+            with "maximum-likelihood" samples may be missing.
         preset: "calibrated", "fast" or "paper", for a method with presets; the latter two are the
             paper's estimates, which are biased if disturbances last.
         seed: seed of a method with presets.

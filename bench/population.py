@@ -4,7 +4,8 @@ Every car's windows in car-following under ACC are estimated by themselves. Then
 the centre m and spread S of the cars and the usual scale Σ₀ between windows of a car (see
 `accpinn.inference.population`) are those that the typical values of all cars have, found in rounds:
 each car is sampled under the present m, S and Σ₀, which then become those of the samples. Runs of
-one car in one campaign count as one car. It prints the entries of `POPULATIONS`.
+one car in one campaign count as one car. It prints the entries of `POPULATIONS`, of all models or
+of those named: `python -m bench.population FOLDER idm fvdm`.
 """
 
 import sys
@@ -14,10 +15,11 @@ from itertools import pairwise
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.inference.answer import window_posterior
+from accpinn.inference.coordinates import count_of, log_prior
 from accpinn.inference.population import Population, sampled_population
-from accpinn.inference.posterior import log_prior_of_features
-from accpinn.model.models import MODELS, Model, terms_of
+from accpinn.inference.window_posterior import window_posterior
+from accpinn.model.models import MODELS, terms_of
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings.files import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -30,6 +32,8 @@ SHORTEST: Seconds = 100.0
 ROUNDS = 8
 START = (0.4, 0.4, 0.1), {"s0": 3.0, "lag": 0.2, "delay": 0.2}
 """Deviations between windows of ln α, ln β, ln G and of the terms, to begin with."""
+START_OTHERS = 0.5
+"""The same of the parameters of other models, in deviations of their priors."""
 
 
 def windows_of(
@@ -52,13 +56,14 @@ def windows_of(
     return windows
 
 
-def learn(cars: Sequence[FloatArray], model: Model, rounds: int = ROUNDS) -> Population:
+def learn(cars: Sequence[FloatArray], model: str, rounds: int = ROUNDS) -> Population:
     """The population of cars, each of which is known by draws (K, n, p)."""
-    between = np.diag([*START[0], *(START[1][term] for term in terms_of(model))]) ** 2
+    cthp = [*START[0], *(START[1][term] for term in terms_of(model))]
+    between = np.diag(cthp if model in MODELS else count_of(model) * [START_OTHERS]) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)
     weights = np.array([len(drawn) - 1.0 for drawn in cars])
-    priors = [log_prior_of_features(model, drawn) for drawn in cars]
+    priors = [log_prior(model, drawn) for drawn in cars]
     for _ in range(rounds):
         sampled = [sampled_population(*car, population) for car in zip(cars, priors, strict=True)]
         values = np.array([car.value.mean(axis=0) for car in sampled])
@@ -72,7 +77,7 @@ def learn(cars: Sequence[FloatArray], model: Model, rounds: int = ROUNDS) -> Pop
     return population
 
 
-def cars_of(windows: Mapping[Car, list[Segment]], model: Model) -> dict[Car, FloatArray]:
+def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, FloatArray]:
     """(K, n, p) posterior draws of the K windows of each car over all its runs in a campaign."""
     together: dict[Car, list[FloatArray]] = {}
     for car, segments in windows.items():
@@ -85,7 +90,7 @@ def cars_of(windows: Mapping[Car, list[Segment]], model: Model) -> dict[Car, Flo
 def main() -> None:
     """Print the population of each model."""
     windows = windows_of(sys.argv[1])
-    for model in MODELS:
+    for model in sys.argv[2:] or FOLLOWING:
         cars = [drawn for drawn in cars_of(windows, model).values() if len(drawn)]
         population = learn(cars, model)
         print(f'    "{model}": _population(')

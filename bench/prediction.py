@@ -24,10 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from accpinn.inference.answer import answer, from_features, window_posterior
+from accpinn.inference.answer import answer
+from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import regularised, sampled_population
 from accpinn.inference.posterior import AT_SPEED, log_prior_of_features
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.least_squares import fit as least_squares
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -152,7 +154,7 @@ def unseen(car: tuple[str, ...], runs: Sequence[Judged]) -> list[tuple[Metres, F
         for k, left_out in enumerate(run.windows if run.car[:2] == car and run.errors else ()):
             others, away = np.delete(run.drawn, k, axis=0), run.drawn[k] - run.drawn[k].mean(axis=0)
             sampled = sampled_population(others, log_prior_of_features(BEST, others), population)
-            typical = Parameters.of(from_features(BEST, sampled.value.mean(axis=0)[None]))
+            typical = parameters_of(BEST, sampled.value.mean(axis=0)[None], AT_SPEED)
             errors = rng.choice(away, len(sampled.further))
             further = np.stack([sampled.further, sampled.further + errors], axis=1)
             (lower, upper), own = interval_ends(further, LEVEL), features_of(run.own[k])

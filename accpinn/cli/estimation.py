@@ -47,7 +47,7 @@ from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading
-from accpinn.methods.registry import METHODS
+from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.model.published import ParameterSet
@@ -106,7 +106,10 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     add_model_options(parser)
     add_method_help(parser)
     option = parser.add_argument
-    option("--method", choices=list(METHODS), default="pinn", metavar="NAME", help="(pinn)")
+    option(
+        "--method", choices=list(METHODS), metavar="NAME",
+        help="(pinn; simulation for a model that is no CTHP)",
+    )  # fmt: skip
     option("--preset", choices=list(PRESETS), help=f"of the PiNN ({DEFAULT}); fast, paper: biased")
     option("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
     option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
@@ -125,6 +128,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
 
 def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
+    options.method = options.method or usual_method(options.model)
     settings = _settings(options)
     if options.windows:
         check_windows_options(options)
@@ -218,8 +222,8 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
             "duration": round(sum(info.window.duration for info in result.infos), 6),
             "samples": sum(samples),
         },
-        "model": "cthp",
-        "parameters": describe_parameters(segment, fit.parameters),
+        "model": fit.model,
+        "parameters": describe_parameters(segment, fit.parameters, fit.model),
         "answer": answer_document(result.info, result.answer),
         "measured_gain": [check_document(c, result.info) for c in result.gain_checks],
         "unconstrained": describe_parameters(segment, fit.unconstrained),
@@ -230,7 +234,7 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
         "outcome": fit.outcome.name.lower(),
         "outcome_sentence": fit.outcome.value,
-        "intervals": uncertainty and describe_intervals(segment, uncertainty),
+        "intervals": uncertainty and describe_intervals(segment, uncertainty, fit.model),
         "level": uncertainty and uncertainty.level,
         "notes": _notes(result, uncertainty),
     }
@@ -367,9 +371,9 @@ def _describe_form_intervals(form: ModelForm, k: int) -> dict[str, Any]:
 def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:
     fit, evaluation = result.fit, result.evaluation
     return {
-        **fields(fit, "method", "case", "seconds", "cached"),
-        "parameters": describe_parameters(segment, fit.parameters),
-        "intervals": describe_intervals(segment, result.uncertainty),
+        **fields(fit, "method", "case", "model", "seconds", "cached"),
+        "parameters": describe_parameters(segment, fit.parameters, fit.model),
+        "intervals": describe_intervals(segment, result.uncertainty, fit.model),
         "level": result.uncertainty.level,
         "surrogate_mae": describe_errors(evaluation.surrogate),
         "closed_loop_mae": describe_errors(evaluation.closed_loop),

@@ -13,7 +13,8 @@ from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop, closed_l
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import BEST, MODELS
+from accpinn.model.models import BEST, PAPER, terms_of
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
 from accpinn.segment.cut import DURATION, parse_vehicles, parse_windows
@@ -58,11 +59,14 @@ def add_windows_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_model_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the model of the answer."""
+def add_model_options(
+    parser: argparse.ArgumentParser, models: Iterable[str] = tuple(FOLLOWING)
+) -> None:
+    """Declare the model of answer and fit."""
     parser.add_argument(
-        "--model", choices=list(MODELS), default=BEST, metavar="NAME",
-        help=f"of the answer: {', '.join(MODELS)} ({BEST})",
+        "--model", choices=list(models), metavar="NAME",
+        help=f"of the answer ({BEST}), and of the fit where its method can estimate it ({PAPER}):"
+        f" {', '.join(models)}",
     )  # fmt: skip
     parser.add_argument(
         "--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",
@@ -113,7 +117,7 @@ def chosen_analysis(
         options.vehicles,
         case=options.case,
         excluded=options.leave_out,
-        model=getattr(options, "model", BEST),
+        model=getattr(options, "model", None),
         held=dict(getattr(options, "hold", ())),
         method=method,
         settings=settings,
@@ -142,24 +146,44 @@ def of_followers(segment: Segment, rows: Iterable[Iterable[Any]]) -> list[dict[s
     return [{"vehicle": vehicle, "name": name, **by_key(row)} for vehicle, name, row in named]
 
 
-def describe_parameters(segment: Segment, parameters: Parameters | None) -> list[dict[str, Any]]:
-    """One entry a follower, as the command-line contract has it; none without parameters."""
-    return of_followers(segment, parameters.values.tolist()) if parameters else []
+def describe_parameters(
+    segment: Segment, parameters: Parameters | None, model: str = PAPER
+) -> list[dict[str, Any]]:
+    """One entry a follower, as the command-line contract has it; none without parameters.
+
+    A model that is no CTHP has its own parameters, and α, β and τ of its linearisation.
+    """
+    if parameters is None:
+        return []
+    named = further_values(parameters, model)
+    rows = of_followers(segment, parameters.values.tolist())
+    return [row | {name: values[k] for name, values in named.items()} for k, row in enumerate(rows)]
 
 
-def describe_intervals(segment: Segment, uncertainty: Uncertainty) -> list[dict[str, Any]]:
-    """Both ends of α, β, τ and of what follows from them, one entry a follower."""
+def describe_intervals(
+    segment: Segment, uncertainty: Uncertainty, model: str = PAPER
+) -> list[dict[str, Any]]:
+    """Both ends of the parameters and of what follows from them, one entry a follower."""
     gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
     ends = np.stack([uncertainty.lower.values, uncertainty.upper.values], axis=-1).tolist()
+    low, high = (further_values(part, model) for part in (uncertainty.lower, uncertainty.upper))
     return [
         {
             **row,
+            **{name: [low[name][k], high[name][k]] for name in low},
             "probability_l2": uncertainty.probability_l2[k],
             "probability_linf": uncertainty.probability_linf[k],
             **{name: [gain.lower[k], gain.upper[k]] for name, gain in gains.items()},
         }
         for k, row in enumerate(of_followers(segment, ends))
     ]
+
+
+def further_values(parameters: Parameters, model: str) -> dict[str, list[float]]:
+    """The parameters of a model beside α, β and τ, by name, a value a follower."""
+    if parameters.own.shape[-1]:
+        return dict(zip(FOLLOWING[model].names, parameters.own.T.tolist(), strict=True))
+    return {term: getattr(parameters, term).tolist() for term in terms_of(model)}
 
 
 def incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ import numpy as np
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Trajectories, simulate
+from accpinn.model.cthp import Trajectories
+from accpinn.model.registry import simulate
 from accpinn.segment.cut import BRIDGE, SLACK
 from accpinn.segment.segment import Segment
 from accpinn.units import (
@@ -132,7 +133,7 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
         The motion on the segment's instants, nan where the leader's speed is missing for long;
         None where τ is undetermined, or at no instant all vehicles are measured.
     """
-    if not np.isfinite(fit.parameters.values).all() or not (pieces := simulable(segment)):
+    if not np.isfinite(fit.parameters.everything).all() or not (pieces := simulable(segment)):
         return None
     speeds, gaps = np.full_like(segment.speeds, np.nan), np.full_like(segment.gaps, np.nan)
     for piece in pieces:
@@ -140,7 +141,7 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
         time, leader = segment.time[rows], segment.speeds[rows, 0]
         start = segment.speeds[first, 1:], segment.gaps[first]
         with np.errstate(over="ignore", invalid="ignore"):  # divergence is found below
-            motion = simulate(fit.parameters, time, leader, *start)
+            motion = simulate(fit.model, fit.parameters, time, leader, *start)
         speeds[rows], gaps[rows] = motion.speeds, motion.gaps
     return Trajectories(segment.time, speeds, gaps)
 

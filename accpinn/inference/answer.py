@@ -21,29 +21,26 @@ from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding
-from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
+from accpinn.inference.coordinates import count_of, free_of, log_prior, parameters_of, possible
+from accpinn.inference.intervals import (
+    LEVEL,
+    Uncertainty,
+    from_draws,
+    interval_ends,
+)
 from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, WITHIN, sampled_population
-from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
 from accpinn.inference.trust import Trust, trust
-from accpinn.methods.likelihood import Held, Maximum
-from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
+from accpinn.inference.window_posterior import JUDGED, window_posterior
 from accpinn.methods.method import one_thread
-from accpinn.methods.series import determined_followers, series_of
-from accpinn.methods.state_space import EXTRA, complete
+from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, TERMS, Model, terms_of
-from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import exact_margin, l2_margin
+from accpinn.model.models import BEST, MODELS, TERMS, Held, terms_of
+from accpinn.model.registry import FOLLOWING, time_gap
+from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
-STAGES = (150, 150, 500)
-"""Draws in each stage of a window's posterior."""
-DRAWS = 400
-"""Draws of equal weight that stand for a window's posterior."""
 EVERY = 2
 """Draws of the typical value of which one is kept."""
-JUDGED = 200
-"""Draws that string stability is judged by."""
 SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 """Speeds at which the time gap is stated, beside the median speed."""
 SIGNIFICANCE = 0.05
@@ -79,12 +76,13 @@ class Span:
 class Answer:
     """The parameters of M followers over K windows; nan for a follower that is not determined."""
 
-    model: Model
+    model: str
     level: float
     speeds: FloatArray
     """(M,) each follower's median speed in m/s over the windows."""
     parameters: Parameters
-    """(M,) the complete parameter set of each follower."""
+    """(M,) the complete parameter set of each follower; of a model that is no CTHP beside its
+    linearisation at the follower's median speed."""
     typical: Parameters
     """(n, M) draws of the typical value."""
     further: Parameters
@@ -106,7 +104,9 @@ class Answer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the model's parameters, as `Parameters` has them."""
+        """Names of the model's parameters, as `Parameters` or the model has them."""
+        if self.model not in MODELS:
+            return FOLLOWING[self.model].names
         return ("alpha", "beta", "tau", *terms_of(self.model))
 
     @property
@@ -115,12 +115,23 @@ class Answer:
         return _stated(self.speeds)
 
     def span(self, name: str, follower: int) -> Span:
-        """One parameter of one follower, by its name in `Parameters`."""
+        """One parameter of one follower, by its name."""
+        return self._span([self.values(part, name) for part in self._parts], follower)
+
+    def gain(self, name: str, follower: int) -> Span:
+        """The α or β of one follower; of a model that is no CTHP at its median speed."""
         return self._span([getattr(part, name) for part in self._parts], follower)
+
+    def values(self, sets: Parameters, name: str) -> FloatArray:
+        """(..) one parameter by its name, of some of the answer's sets (..)."""
+        if not sets.own.shape[-1]:
+            return np.asarray(getattr(sets, name))
+        return sets.own[..., self.names.index(name)]
 
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
         """The time gap of one follower in equilibrium at a speed, in s."""
-        return self._span([part.time_gap(speed) for part in self._parts], follower)
+        gaps = [time_gap(self.model, part, speed) for part in self._parts]
+        return self._span(gaps, follower)
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
@@ -128,13 +139,13 @@ class Answer:
         count = len(self.typical.alpha)
         some = self.typical[np.linspace(0, count - 1, min(count, JUDGED)).astype(int)]
         drawn = from_draws(self.parameters, some, self.level)
-        ends = interval_ends(self.typical.complete, self.level)
+        ends = interval_ends(self.typical.everything, self.level)
         return replace(drawn, lower=Parameters.of(ends[0]), upper=Parameters.of(ends[1]))
 
     def without_draws(self) -> Self:
         """The same with the ends of its intervals in place of draws, as for a comparison."""
         ends = (
-            Parameters.of(np.array(interval_ends(drawn.complete, self.level)))
+            Parameters.of(np.array(interval_ends(drawn.everything, self.level)))
             for drawn in (self.typical, self.further)
         )
         typical, further = ends
@@ -146,14 +157,14 @@ class Answer:
 
     def _span(self, parts: Sequence[FloatArray], follower: int) -> Span:
         value, typical, further = parts
-        ends = [interval_ends(drawn[:, follower], self.level) for drawn in (typical, further)]
+        ends = [known_ends(drawn[:, follower], self.level) for drawn in (typical, further)]
         return Span(float(value[follower]), *(float(end) for pair in ends for end in pair))
 
 
 def answer(
     segments: Sequence[Segment],
     case: Case = "II",
-    model: Model = BEST,
+    model: str = BEST,
     held: Mapping[str, float] | None = None,
 ) -> Answer:
     """Find the answer of the vehicles in some windows; takes about a second for five minutes.
@@ -170,98 +181,70 @@ def answer(
     return _answer(tuple(segments), case, model, checked_held(model, held or {}))
 
 
-def checked_held(model: Model, held: Mapping[str, float]) -> Held:
+def checked_held(model: str, held: Mapping[str, float]) -> Held:
     """The terms that keep their values, in the order of their names.
 
     Raises:
         ConfigError: for a term that the model does not have, or a value outside its range.
     """
+    own = {} if model in MODELS else {p.name: p for p in FOLLOWING[model].parameters}
+    terms = terms_of(model) if model in MODELS else tuple(own)
     for name, value in held.items():
-        if name not in terms_of(model):
-            known = ", ".join(terms_of(model)) or "no term"
+        if name not in terms:
+            known = ", ".join(terms) or "no term"
             raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
-        least, most = next(EXTRA[term] for term in TERMS if term == name).bounds
+        if own:
+            least, most = own[name].lower, own[name].upper
+        else:
+            least, most = next(EXTRA[term] for term in TERMS if term == name).bounds
         if not least <= value <= most:
             allowed = f"{least:g} to {most:g}"
             raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")
     return tuple(sorted((name, float(value)) for name, value in held.items()))
 
 
-@dataclass(frozen=True, eq=False)
-class WindowPosterior:
-    """What one window alone says of its M followers; nan for one that it does not determine."""
-
-    estimates: FloatArray
-    """(M, 6) complete parameters of greatest likelihood."""
-    drawn: FloatArray
-    """(M, n, p) draws of `features` of equal weight from the posterior."""
-    log_likelihood: FloatArray
-    """(M, n) of the window's data at each draw; shared by all followers in Case I."""
-    model: Model
-
-    @cached_property
-    def stable(self) -> tuple[FloatArray, FloatArray]:
-        """(M,) the probabilities of L₂ and of L∞ string stability."""
-        some = Parameters.of(from_features(self.model, self.drawn[:, :: DRAWS // JUDGED]))
-        unknown = np.isnan(self.estimates[:, 0])
-        l2, linf = ((margin(some) >= 0).mean(axis=1) for margin in (l2_margin, exact_margin))
-        return np.where(unknown, np.nan, l2), np.where(unknown, np.nan, linf)
-
-
-@lru_cache(maxsize=256)
-@one_thread
-def window_posterior(
-    segment: Segment, case: Case, model: Model, held: Held = ()
-) -> WindowPosterior:
-    """The posterior of each follower of one window under a model, with some terms held."""
-    followers = segment.followers
-    estimates = np.full((followers, 6), np.nan)
-    drawn = np.full((followers, DRAWS, 3 + len(terms_of(model))), np.nan)
-    log_likelihood = np.full((followers, DRAWS), np.nan)
-    known = determined_followers((segment,), case)
-    if known:
-        series = series_of([segment], case, known)
-        cthp = joint_maxima((segment,), case, followers=known)
-        maxima = further_maxima(series, model, cthp, held)
-        posteriors = sample(series, maxima, model, held=held, stages=STAGES)
-        rows = [np.array(known)] if case == "I" else [np.array([k]) for k in known]
-        for row, maximum, posterior in zip(rows, maxima, posteriors, strict=True):
-            estimates[row] = _own(model, maximum)
-            drawn[row] = features(model, posterior.all_evenly(DRAWS))
-            log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
-    return WindowPosterior(estimates, drawn, log_likelihood, model)
-
-
 @lru_cache(maxsize=64)
 @one_thread
-def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held) -> Answer:
+def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -> Answer:
     started = time.perf_counter()
     windows = [window_posterior(segment, case, model, held) for segment in segments]
-    own = np.array([window.estimates for window in windows])
+    speeds, followers = median_speeds(segments), range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
-    alone = np.moveaxis(from_features(model, drawn), 2, 0)
-    lower, upper = interval_ends(alone, LEVEL)
-    speeds = np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0)
-    followers = range(segments[0].followers)
+    for row, k in np.ndindex(drawn.shape[:2]):
+        drawn[row, k] = possible(model, drawn[row, k], float(speeds[k]))
+    alone = parameters_of(model, np.moveaxis(drawn, 2, 0), speeds)
+    lower, upper = interval_ends(alone.everything, LEVEL)
+    estimates = Parameters.of(np.array([window.estimates for window in windows]))
+    if model not in MODELS:
+        estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
     cars = [car_of(drawn[:, k], model, held) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
     vehicles = (0,) if case == "I" else segments[0].vehicles[1:]
-    parameters, estimates = _parameters(model, [car.middle for car in cars]), Parameters.of(own)
+
+    def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
+        """(.., M) from coordinates (.., p) of each of M followers."""
+        usable = [
+            possible(model, part, float(speed)) if part.ndim > 1 else part
+            for part, speed in zip(phi, speeds, strict=True)
+        ]
+        return parameters_of(model, np.stack(usable, axis=-2), speeds)
+
+    parameters, gap_at = at_speeds([car.middle for car in cars]), _stated(speeds)
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
     return Answer(
         model=model,
         level=LEVEL,
         speeds=speeds,
         parameters=parameters,
-        typical=_parameters(model, [car.value for car in cars]),
-        further=_parameters(model, [car.further for car in cars]),
+        typical=at_speeds([car.value for car in cars]),
+        further=at_speeds([car.further for car in cars]),
         windows=estimates,
-        windows_lower=Parameters.of(np.where(own == 0.0, 0.0, lower)),
+        windows_lower=Parameters.of(np.where(estimates.everything == 0.0, 0.0, lower)),
         windows_upper=Parameters.of(upper),
-        windows_gap=np.array(interval_ends(Parameters.of(alone).time_gap(_stated(speeds)), LEVEL)),
+        windows_gap=np.array(known_ends(time_gap(model, alone, gap_at), LEVEL)),
         differ=differ,
         trust=tuple(
-            trust(segments, vehicle, row, parameters[row[0]], estimates[:, row[0]])
+            trust(segments, vehicle, row, model, parameters[row[0]], estimates[:, row[0]])
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),
         findings=tuple(
@@ -273,9 +256,12 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: Model, held: Held)
     )
 
 
-def _parameters(model: Model, phi: Sequence[FloatArray]) -> Parameters:
-    """(.., M) from `features` (.., p) of each of M followers."""
-    return Parameters.of(from_features(model, np.stack(phi, axis=-2)))
+def known_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+    """`interval_ends` of the draws (n, ..) that are known, where that are half of them at least."""
+    known = np.isfinite(values).mean(axis=0) >= 0.5
+    kept = np.where(known & np.isfinite(values), values, np.where(known, np.nan, 0.0))
+    lower, upper = np.nanquantile(kept, ((1.0 - level) / 2.0, (1.0 + level) / 2.0), axis=0)
+    return np.where(known, lower, np.nan), np.where(known, upper, np.nan)
 
 
 def _stated(speeds: FloatArray) -> MetresPerSecond:
@@ -283,7 +269,7 @@ def _stated(speeds: FloatArray) -> MetresPerSecond:
 
 
 class Car(NamedTuple):
-    """What the windows of one follower say together, in the p coordinates of `features`."""
+    """What the windows of one follower say together, in the p `coordinates`."""
 
     middle: FloatArray
     """(p,) its typical value: the mean of the draws."""
@@ -296,23 +282,21 @@ class Car(NamedTuple):
     within the root of its diagonal; zero for what is held."""
 
 
-def car_of(drawn: FloatArray, model: Model, held: Held = ()) -> Car:
+def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
     Args:
         drawn: (K, n, p) draws of its windows; nan for a window that does not determine it.
-        model: whose `features` they are.
+        model: whose `coordinates` they are.
         held: terms that keep their values.
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
-    size, count = CHAINS * KEPT // EVERY, 3 + len(terms_of(model))
+    size, count = CHAINS * KEPT // EVERY, count_of(model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
-    fixed = [name for name, _ in held]
-    free = np.array([True] * 3 + [term not in fixed for term in terms_of(model)])
-    prior = log_prior_of_features(model, drawn)
+    free, prior = free_of(model, held), log_prior(model, drawn)
     sampled = sampled_population(drawn[..., free], prior, POPULATIONS[model].of(free))
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::EVERY], sampled.further[::EVERY]
@@ -324,22 +308,6 @@ def car_of(drawn: FloatArray, model: Model, held: Held = ()) -> Car:
 def middle_of(drawn: FloatArray) -> FloatArray:
     """(p,) the mean of draws (n, p); a mean of equal values may round, so it lies among them."""
     return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
-
-
-def from_features(model: Model, phi: FloatArray) -> FloatArray:
-    """(.., 6) complete parameters from `features` (.., p)."""
-    complete = np.zeros((*phi.shape[:-1], 6))
-    complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])
-    for at, term in enumerate(terms_of(model), 3):
-        least = -np.inf if term == "s0" else 0.0
-        complete[..., 3 + TERMS.index(term)] = np.maximum(phi[..., at], least)
-    complete[..., 2] = np.maximum(np.exp(phi[..., 2]) - complete[..., 3] / AT_SPEED, 0.0)
-    return complete
-
-
-def _own(model: Model, maximum: Maximum) -> FloatArray:
-    """(6,) the complete parameters of a maximum; those at their least value are 0."""
-    return complete(model, np.append(maximum.theta, maximum.values[3:]))
 
 
 def _heterogeneity(drawn: FloatArray) -> float:

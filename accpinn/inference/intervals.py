@@ -22,12 +22,17 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
+from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.posterior import sample
+from accpinn.inference.window_posterior import simulated_posterior
 from accpinn.methods.fit import Fit, Outcome
+from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import KEY, joint_maxima
-from accpinn.methods.method import one_thread
+from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers, series_of
+from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import MODELS, Held, Model, model_of
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import (
     crossovers,
@@ -178,15 +183,22 @@ class Uncertainty:
 
 @one_thread
 def intervals(
-    segment: Segment | Sequence[Segment], fit: Fit, level: float = LEVEL, draws: int = DRAWS
+    segment: Segment | Sequence[Segment],
+    fit: Fit,
+    level: float = LEVEL,
+    draws: int = DRAWS,
+    held: Held = (),
 ) -> Uncertainty:
     """Compute the uncertainty of the parameters, given a segment; takes about a second.
+
+    It is that under the fit's own model.
 
     Args:
         segment: the data; several segments of the same vehicles are estimated together.
         fit: any method's estimate on them, which is compared with the intervals.
         level: share of intervals that are to cover the truth, above 0 and below 1.
         draws: number of draws.
+        held: terms of the model that keep their values.
 
     Raises:
         ConfigError: for a level or a number of draws that is not allowed.
@@ -197,7 +209,8 @@ def intervals(
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    uncertainty = judged(_shared(segments, fit.case, level, draws), segments[0], fit)
+    shared = _shared(segments, fit.case, level, draws, fit.model, held)
+    uncertainty = judged(shared, segments[0], fit)
     return replace(uncertainty, seconds=time.perf_counter() - started)
 
 
@@ -278,10 +291,15 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 
 
 @lru_cache(maxsize=64)
-def _shared(segments: tuple[Segment, ...], case: Case, level: float, draws: int) -> Uncertainty:
+def _shared(
+    segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
+) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    centre, theta = _sample(segments, case, draws)
-    return from_draws(centre, Parameters.from_theta(theta), level)
+    if model not in MODELS:
+        found = simulated_posterior(segments, case, Law(model, held))
+        drawn = parameters_of(model, np.swapaxes(found.drawn, 0, 1), found.speeds)
+        return from_draws(Parameters.of(found.estimates), drawn, level)
+    return from_draws(*_sample(segments, case, draws, model_of(model), held), level)
 
 
 def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncertainty:
@@ -293,8 +311,8 @@ def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncerta
         level: level of the intervals.
     """
     known = ~np.isnan(sampled.alpha[0])
-    lower, upper = interval_ends(sampled.values, level)
-    lower = np.where(centre.values == 0.0, 0.0, lower)
+    lower, upper = interval_ends(sampled.everything, level)
+    lower = np.where(centre.everything == 0.0, 0.0, lower)
     return Uncertainty(
         method=METHOD,
         level=level,
@@ -313,17 +331,20 @@ def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncerta
     )
 
 
-def _sample(segments: tuple[Segment, ...], case: Case, count: int) -> tuple[Parameters, FloatArray]:
-    """The estimate (M,), and draws of θ (count, M, 3); the same for all followers in Case I."""
+def _sample(
+    segments: tuple[Segment, ...], case: Case, count: int, model: Model, held: Held
+) -> tuple[Parameters, Parameters]:
+    """The estimate (M,), and draws (count, M); the same for all followers in Case I."""
     known = determined_followers(segments, case)
-    centre = np.full((segments[0].followers, 3), np.nan)
-    theta = np.full((count, *centre.shape), np.nan)
+    centre = np.full((segments[0].followers, 6), np.nan)
+    drawn = np.full((count, *centre.shape), np.nan)
     if known:
-        maxima = joint_maxima(segments, case, followers=known)
-        posteriors = sample(series_of(segments, case, known), maxima)
-        centre[list(known)] = [one.theta for one in maxima]
-        theta[:, list(known)] = np.stack([one.evenly(count) for one in posteriors], axis=1)
-    return Parameters.from_theta(centre), theta
+        maxima = joint_maxima(segments, case, model, known, held)
+        posteriors = sample(series_of(segments, case, known), maxima, model, held=held)
+        centre[list(known)] = [maximum.complete for maximum in maxima]
+        rows = [complete(model, natural(model, one.all_evenly(count))) for one in posteriors]
+        drawn[:, list(known)] = np.stack(rows, axis=1)
+    return Parameters.of(centre), Parameters.of(drawn)
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:

@@ -30,7 +30,8 @@ from accpinn.methods.method import one_thread
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import complete, coordinates
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import TITLES, Model, terms_of
+from accpinn.model.models import Model, terms_of
+from accpinn.model.registry import TITLES
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 

@@ -25,11 +25,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
-from accpinn.methods.likelihood import Criterion, Groups, Held, Maximum, natural, search
+from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
-from accpinn.model.models import terms_of
+from accpinn.model.models import Held, terms_of
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)

@@ -13,7 +13,8 @@ import numpy as np
 
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.model.cthp import Parameters, simulate
+from accpinn.model.cthp import Parameters
+from accpinn.model.registry import simulate, time_gap
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond
 
@@ -79,6 +80,7 @@ def trust(
     segments: Sequence[Segment],
     vehicle: int,
     followers: Sequence[int],
+    model: str,
     answer: Parameters,
     own: Parameters,
 ) -> Trust:
@@ -88,13 +90,14 @@ def trust(
         segments: (K,) the windows.
         vehicle: its number, or 0 for all followers together.
         followers: whose answer it is: its place, 0 for the first, or all places.
+        model: key of the answer's.
         answer: the parameters of one vehicle.
         own: (K,) the estimates of each window alone.
     """
     pairs = [segment.pair(follower) for segment in segments for follower in followers]
     speed = float(np.median(np.concatenate([pair.speeds[:, 1] for pair in pairs])))
-    gap, gaps = float(answer.time_gap(speed)), own.time_gap(speed)
-    off = [_errors(pair, answer) for pair in pairs]
+    gap, gaps = float(time_gap(model, answer, speed)), time_gap(model, own, speed)
+    off = [_errors(pair, model, answer) for pair in pairs]
     errors = np.concatenate([part for part, _ in off])
     known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
     return Trust(
@@ -108,16 +111,17 @@ def trust(
     )
 
 
-def _errors(pair: Segment, answer: Parameters) -> tuple[FloatArray, bool]:
+def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, bool]:
     """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
     errors, collides = [np.empty(0)], False
-    if not np.isfinite(answer.complete).all():
+    if not np.isfinite(answer.everything).all():
         return errors[0], collides
     for piece in simulable(pair):
         rows, measured = piece.rows, pair.measured_gaps[piece.rows, 0]
         start = pair.speeds[piece.first, 1:], pair.gaps[piece.first]
         with np.errstate(over="ignore", invalid="ignore"):  # what diverges counts as `FAR`
-            driven = simulate(answer[None], pair.time[rows], pair.speeds[rows, 0], *start)
+            times, ahead = pair.time[rows], pair.speeds[rows, 0]
+            driven = simulate(model, answer[None], times, ahead, *start)
         gaps = np.nan_to_num(driven.gaps[:, 0], nan=FAR)
         errors.append(gaps - measured)
         collides |= bool(((gaps <= 0) & (measured > 0)).any())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import LONGEST_HEADWAY, Case, Parameters, Trajectories
+from accpinn.model.models import PAPER
 from accpinn.segment.segment import Segment
 from accpinn.serial import NamedEnum
 from accpinn.units import FloatArray, Seconds
@@ -88,6 +89,21 @@ class WeaklyDetermined(Finding, frozen=True):
 
     vehicle: int | None
     """None for the one set that all followers share."""
+
+
+class Undetermined(Finding, frozen=True):
+    """Parameters of a model about which the data say hardly more than the prior."""
+
+    text = (
+        "{vehicle}: these data do not determine {symbols} of the {model}; the intervals are those"
+        " of what is known of cars beforehand."
+    )
+
+    vehicle: int
+    """0 for all followers together."""
+    model: str
+    """Its title."""
+    symbols: tuple[str, ...]
 
 
 class FilterUncertain(Finding, frozen=True):
@@ -207,6 +223,7 @@ MethodFinding = (
     | BoundActiveAtTimes
     | LongHeadway
     | WeaklyDetermined
+    | Undetermined
     | FilterUncertain
     | FilterDiverged
     | SimulatedSeparately
@@ -302,7 +319,8 @@ class Fit:
     method: str
     case: Case
     parameters: Parameters
-    """One entry a follower, also in Case I, where all are the same."""
+    """One entry a follower, also in Case I, where all are the same. Those of a model that is no
+    CTHP are in their ``own``, beside its linearisation at the follower's median speed."""
     surrogate: Trajectories | None
     """The method's estimate of the true motion, on the segment's instants."""
     outcome: Outcome
@@ -326,6 +344,8 @@ class Fit:
     """What the user should know about this result."""
     arrays: dict[str, FloatArray] = field(default_factory=dict)
     """The method's own state by name, such as a network's weights: enough to start from it."""
+    model: str = PAPER
+    """Key of the model whose parameters they are."""
 
     @classmethod
     def of(
@@ -338,6 +358,7 @@ class Fit:
         surrogate: Trajectories | None = None,
         seconds: Seconds = 0.0,
         findings: Iterable[MethodFinding] = (),
+        terms: FloatArray | None = None,
         **others: Any,
     ) -> Self:
         """The fit of a bounded least-squares solution.
@@ -350,14 +371,18 @@ class Fit:
             surrogate: see `Fit`.
             seconds: its duration, where the method measures it itself.
             findings: beside those about active bounds.
+            terms: (M, 3) s₀, λ and d; None for the paper's model.
             others: further fields of `Fit`.
         """
         rows = zip(segment.vehicles[1:], solution.active_names, solution.unconstrained, strict=True)
         bounds = [BoundActive(n, names, tuple(free.tolist())) for n, names, free in rows if names]
+        parameters = solution.parameters
+        if terms is not None:
+            parameters = Parameters.of(np.column_stack([parameters.values, terms]))
         return cls(
             method=method,
             case=case,
-            parameters=solution.parameters,
+            parameters=parameters,
             surrogate=surrogate,
             seconds=seconds,
             unconstrained=Parameters.from_theta(solution.unconstrained),

@@ -23,16 +23,21 @@ simulation of the gap; Newey and West, Econometrica 55 (1987) 703-708, for error
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
-from accpinn.findings import Finding
-from accpinn.methods.method import one_thread
+from accpinn.methods.fit import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
+from accpinn.methods.method import Law, one_thread
+from accpinn.methods.series import determined_followers
+from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
-from accpinn.segment.segment import Segment
+from accpinn.model.models import Held
+from accpinn.model.registry import FOLLOWING
+from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask, Seconds
 
 STEP: Seconds = 0.4
@@ -54,19 +59,6 @@ CONVERGED = 1e-4
 ALIKE = 5
 """Rounds after which starts end that are `BEHIND` the best one."""
 BEHIND = 5.0
-
-
-class NotDetermined(Finding, frozen=True):
-    """Parameters of a model about which the data say hardly more than the prior."""
-
-    text = (
-        "{vehicle}: these data do not determine {symbols} of the {model}; the intervals are those"
-        " of what is known of cars beforehand."
-    )
-
-    vehicle: int
-    model: str
-    symbols: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,10 +134,23 @@ class Estimate:
     """(n,) upper ends."""
     determined: Mask
     """(n,) whether the data say more of a parameter than the prior."""
+    scores: FloatArray
+    """(n,) the parameters in standard deviations of their priors, z."""
+    covariance: FloatArray
+    """(n, n) of z."""
     rmse: float
     """Of the gap in the windows it was learned from, in m."""
     converged: bool
     """Whether the search ended by itself."""
+
+    def draws(self, count: int) -> FloatArray:
+        """(count, n) draws of z, within the bounds of the search."""
+        free = np.flatnonzero(np.diag(self.covariance) > 0)
+        root = np.linalg.cholesky(self.covariance[np.ix_(free, free)])
+        normal = np.random.default_rng(0).standard_normal((count, len(root)))
+        drawn = np.tile(self.scores, (count, 1))
+        drawn[:, free] += normal @ root.T
+        return np.clip(drawn, *bounds_of(self.model))
 
     @property
     def undetermined(self) -> tuple[str, ...]:
@@ -160,6 +165,8 @@ def estimate(
     drives: Drives,
     groups: Sequence[Sequence[int]],
     should_stop: Callable[[], bool] | None = None,
+    *,
+    held: Held = (),
 ) -> tuple[Estimate, ...]:
     """The best parameters for each of several groups of windows, all searched at once.
 
@@ -168,11 +175,12 @@ def estimate(
         drives: the windows.
         groups: indices of windows that share one parameter set, one or more each.
         should_stop: asked before every round; True ends the search with what it has.
+        held: parameters that keep their values.
 
     Returns:
         One estimate a group.
     """
-    search = _Search(model, drives, groups)
+    search = _Search(model, drives, groups, held)
     problems, rng = len(groups), np.random.default_rng(0)
     count = len(model.parameters)
     z = np.concatenate([np.zeros((1, count)), 0.7 * rng.standard_normal((STARTS - 1, count))])
@@ -203,18 +211,30 @@ def estimate(
     return search.estimates(z[chosen], (~active)[chosen])
 
 
+def bounds_of(model: FollowingModel) -> FloatArray:
+    """(2, n) least and largest z."""
+    ends = ("lower", "upper")
+    return np.array([[p.score(getattr(p, end)) for p in model.parameters] for end in ends])
+
+
 class _Search:
     """The objective of P groups of windows, and its derivatives."""
 
     def __init__(
-        self, model: FollowingModel, drives: Drives, groups: Sequence[Sequence[int]]
+        self,
+        model: FollowingModel,
+        drives: Drives,
+        groups: Sequence[Sequence[int]],
+        held: Held,
     ) -> None:
         self._model, self._drives, size = model, drives, max(map(len, groups))
         self._index = np.array([[*group] + [group[0]] * (size - len(group)) for group in groups])
         self._used = np.array([np.arange(size) < len(group) for group in groups])
-        parameters = model.parameters
-        self.bounds = np.array([[p.score(getattr(p, end)) for p in parameters]
-                                for end in ("lower", "upper")])  # fmt: skip
+        self.bounds = bounds_of(model)
+        for name, value in held:
+            at = model.names.index(name)
+            self.bounds[:, at] = model.parameters[at].score(value)
+        self._free: Mask = np.asarray(self.bounds[0] < self.bounds[1])
 
     def expanded(
         self, z: FloatArray, owner: NDArray[np.intp]
@@ -255,8 +275,14 @@ class _Search:
         ends = np.arange(0, len(scores), max(1, round(BLOCK / self._drives.step)))
         blocks = np.add.reduceat(scores, ends, axis=0)
         meat = np.einsum("kbwi,kbwj->bij", blocks, blocks) + np.eye(z.shape[1])
-        inverse = np.linalg.inv(curvature)
-        deviation = np.sqrt(np.einsum("bii->bi", inverse @ meat @ inverse)).clip(max=1.0)
+        inverse = np.zeros_like(curvature)
+        free = np.ix_(owner, self._free, self._free)
+        inverse[free] = np.linalg.inv(curvature[free])
+        covariance = inverse @ meat @ inverse
+        deviation = np.sqrt(np.einsum("bii->bi", covariance))
+        shrunk = 1.0 / np.maximum(1.0, deviation)  # the prior's at most
+        covariance *= shrunk[:, :, None] * shrunk[:, None, :]
+        deviation = deviation * shrunk
         reach = ndtri(0.5 + LEVEL / 2) * deviation
         ends_of = (z, np.maximum(z - reach, self.bounds[0]), np.minimum(z + reach, self.bounds[1]))
         values = [
@@ -272,6 +298,8 @@ class _Search:
                 lower[k],
                 upper[k],
                 determined=np.asarray(deviation[k] < OPEN),
+                scores=z[k],
+                covariance=covariance[k],
                 rmse=float(np.sqrt(gap_squares[k])),
                 converged=bool(converged[k]),
             )
@@ -300,3 +328,64 @@ class _Search:
         errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
         samples = counts.sum(axis=(0, 2))
         return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
+
+
+@lru_cache(maxsize=256)
+def estimates(
+    segments: tuple[Segment, ...], case: Case, law: Law
+) -> tuple[tuple[list[int], Estimate], ...]:
+    """The estimate of each follower that several windows together determine, and whose it is.
+
+    Args:
+        segments: (K,) windows of the same vehicles; each follower is simulated behind the measured
+            vehicle ahead.
+        case: "I" for one estimate of all followers, "II" for one of each.
+        law: any model.
+
+    Raises:
+        SegmentError: where a window is too short.
+    """
+    known = list(determined_followers(segments, case))
+    if not known:
+        return ()
+    model = FOLLOWING[law.model]
+    pairs = [segment.pair(k) for k in known for segment in segments]
+    rows = [known] if case == "I" else [[k] for k in known]
+    each = np.arange(len(pairs)).reshape(len(rows), -1).tolist()
+    found = estimate(model, Drives.of(pairs, model), each, held=law.held)
+    return tuple(zip(rows, found, strict=True))
+
+
+def fit(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
+    """The fit of one of several windows by the parameters that simulate them all best.
+
+    The surrogate is the simulation of each follower behind the measured vehicle ahead.
+    """
+    model, speeds = FOLLOWING[law.model], median_speeds(segments)
+    theta = np.full((len(model.parameters), segment.followers), np.nan)
+    findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
+    converged = True
+    for row, found in estimates(segments, case, law):
+        theta[:, row] = found.theta[:, None]
+        converged &= found.converged
+        if found.undetermined:
+            vehicle = 0 if case == "I" else segment.vehicles[row[0] + 1]
+            findings.append(Undetermined(vehicle, model.title, found.undetermined))
+    gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
+    for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
+        pair = segment.pair(int(k))
+        start = pair.speeds[0, 1:], pair.gaps[0]
+        motion = model.simulate(theta[:, k], segment.time, pair.speeds[:, 0], *start)
+        gaps[:, k], driven[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
+    errors = (gaps - segment.gaps) ** 2 + (driven - segment.speeds)[:, 1:] ** 2
+    return Fit(
+        "simulation",
+        case,
+        model.linearisations(theta, speeds),
+        Trajectories(segment.time, driven, gaps),
+        Outcome.CONVERGED if converged else Outcome.FINISHED,
+        0.0,
+        {"starts": STARTS},
+        {"total": float(np.nanmean(errors))},
+        findings=tuple(findings),
+    )

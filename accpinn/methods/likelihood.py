@@ -24,9 +24,11 @@ from accpinn.methods.state_space import (
     COMMON,
     Form,
     StateSpace,
+    complete,
     coordinates,
     state_space,
 )
+from accpinn.model.models import Held, model_of
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5
@@ -42,8 +44,6 @@ SAME = 0.3
 """Squared standard errors from a better search within which another one is given up."""
 MEMORY = [unknown.name for unknown in COMMON].index("memory")
 Groups = NDArray[np.int64]
-Held = tuple[tuple[str, float], ...]
-"""Names of terms that are not sought, with their values."""
 AT_ONCE = 400
 """Models filtered at once: as many as have covariances that fit a processor's cache."""
 LARGEST_BATCH = 3_000_000
@@ -75,6 +75,11 @@ class Maximum:
     def values(self) -> FloatArray:
         """(P,) the unknowns in their own units; α, ατ, β at their least value stand for zero."""
         return natural(self.form, self.coordinates)
+
+    @property
+    def complete(self) -> FloatArray:
+        """(6,) the complete parameters of a model; those at their least value are 0."""
+        return complete(model_of(self.form), np.append(self.theta, self.values[3:]))
 
     @property
     def theta(self) -> FloatArray:

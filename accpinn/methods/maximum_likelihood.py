@@ -16,13 +16,13 @@ import numpy as np
 from accpinn.findings import Finding
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
-from accpinn.methods.likelihood import Held, Maximum, maximise
-from accpinn.methods.method import TaskContext, direct
+from accpinn.methods.likelihood import Maximum, maximise
+from accpinn.methods.method import PAPERS, Law, TaskContext, direct
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import Series, measured_of, moving, series_of, stride_of
-from accpinn.methods.state_space import Form, StateSpace, state_space
+from accpinn.methods.state_space import Form, StateSpace, complete, state_space
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.models import terms_of
+from accpinn.model.models import MODELS, PAPER, Held, model_of, terms_of
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, frozen
 
@@ -61,6 +61,7 @@ def joint_maxima(
     case: Case,
     form: Form = "cthp",
     followers: tuple[int, ...] | None = None,
+    held: Held = (),
 ) -> tuple[Maximum, ...]:
     """The maximum of each follower, in Case I of all together, under the segments' likelihood.
 
@@ -69,20 +70,22 @@ def joint_maxima(
         case: "I" or "II".
         form: of the model.
         followers: by default all.
+        held: terms that keep their values.
     """
     if followers is None or case == "I":
         followers = tuple(range(segments[0].followers))
-    return _joint_maxima(segments, case, form, followers)
+    return _joint_maxima(segments, case, form, followers, held)
 
 
 @lru_cache(maxsize=64)
 def _joint_maxima(
-    segments: tuple[Segment, ...], case: Case, form: Form, followers: tuple[int, ...]
+    segments: tuple[Segment, ...], case: Case, form: Form, followers: tuple[int, ...], held: Held
 ) -> tuple[Maximum, ...]:
     series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
-    return further_maxima(series, form, _joint_maxima(segments, case, "cthp", followers))
+    cthp = _joint_maxima(segments, case, "cthp", followers, ())
+    return further_maxima(series, form, cthp, held)
 
 
 def further_maxima(
@@ -117,38 +120,44 @@ def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]
     return starts
 
 
-def fit(segment: Segment, case: Case = "II") -> Fit:
+def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     """The parameters that make the segment most probable, and the smoothed motion.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" or "II".
+        law: one of the CTHPs.
 
     Raises:
         SegmentError: when the window is too short to say anything.
     """
-    return _drawn((segment,), segment, case)
+    return _drawn((segment,), segment, case, law)
 
 
 def fit_together(
-    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext
+    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext, law: Law
 ) -> tuple[Fit, ...]:
     """The fit of each of several segments, as for `series_of`, by the maxima of all together."""
-    return tuple(_drawn(segments, segment, case) for segment in segments if not context.is_stopped)
+    kept = (segment for segment in segments if not context.is_stopped)
+    return tuple(_drawn(segments, segment, case, law) for segment in kept)
 
 
-def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fit:
+def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
     """The fit of one of several segments by the maxima of all of them together."""
-    maxima = joint_maxima(segments, case)
+    form = model_of(law.model)
+    maxima = joint_maxima(segments, case, form, held=law.held)
     followers = maxima * segment.followers if case == "I" else maxima
     theta = np.array([maximum.theta for maximum in followers])
-    active: Mask = np.asarray(theta == 0.0)
+    values = np.array([maximum.values for maximum in followers])
+    # What would be without the constraints is known of the CTHP alone.
+    active: Mask = np.asarray((theta == 0.0) & (form == PAPER))
     free = theta.copy()
-    for g, maximum in _without_bounds(segments, case).items():
+    for g, maximum in _without_bounds(segments, case).items() if form == PAPER else ():
         free[slice(None) if case == "I" else g] = maximum.values[:3]
     step = stride_of(segment) * segment.sample_time
-    model = state_space("cthp", np.array([maximum.values for maximum in followers]), step)
+    model = state_space(form, values, step)
     means = smooth(model, measured_of(segment))
+    means[:, 0] += model.shift
     surrogate, disturbance = _at_instants(segment, step, model, means)
     return Fit.of(
         KEY,
@@ -167,8 +176,9 @@ def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case) -> Fit:
         ],
         arrays={
             "disturbance": disturbance,
-            "unknowns": np.array([maximum.values for maximum in followers]),
+            "unknowns": values,
         },
+        terms=complete(form, values)[:, 3:],
     )
 
 
@@ -220,7 +230,7 @@ def _at_instants(
 
 
 METHOD = direct(
-    KEY, "Maximum likelihood", fit, typical_seconds=0.9, tolerance=1e-3, allows_missing=True,
-    together=fit_together,
+    KEY, "Maximum likelihood", fit, MODELS, typical_seconds=0.9, tolerance=1e-3,
+    allows_missing=True, together=fit_together,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

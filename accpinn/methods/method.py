@@ -1,7 +1,7 @@
 """What an estimation method is to the rest of the package: a name, a function and its settings."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ParamSpec, Protocol, TypeVar
 
@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.models import PAPER, Held
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -29,6 +30,18 @@ def one_thread(work: Callable[P, R]) -> Callable[P, R]:
     """
     limited: Callable[P, R] = threadpool_limits.wrap(limits=1, user_api="blas")(work)
     return limited
+
+
+@dataclass(frozen=True)
+class Law:
+    """The model whose parameters a method estimates, and terms of it that keep their values."""
+
+    model: str = PAPER
+    held: Held = ()
+
+
+PAPERS = Law()
+"""The paper's model, which every method can estimate."""
 
 
 class Checkpoints(Protocol):
@@ -63,6 +76,11 @@ class TaskContext:
         return bool(self.should_stop and self.should_stop())
 
 
+def only_the_papers(settings: Mapping[str, Any]) -> tuple[str]:
+    """The models of a method that estimates the paper's alone."""
+    return (PAPER,)
+
+
 @dataclass(frozen=True)
 class Method:
     """One entry of the registry."""
@@ -71,9 +89,9 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    run: Callable[[Segment, Case, Any, TaskContext], Fit]
-    """Segment, case, settings (None for the defaults) and context to a fit; one that iterates
-    reports its progress and can be stopped several times a second."""
+    run: Callable[[Segment, Case, Any, TaskContext, Law], Fit]
+    """Segment, case, settings (None for the defaults), context and model to a fit; one that
+    iterates reports its progress and can be stopped several times a second."""
     summary: str
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
@@ -98,9 +116,13 @@ class Method:
     """How long it takes on a segment with settings, where that depends on these."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
-    together: Callable[[tuple[Segment, ...], Case, Any, TaskContext], tuple[Fit, ...]] | None = None
+    together: (
+        Callable[[tuple[Segment, ...], Case, Any, TaskContext, Law], tuple[Fit, ...]] | None
+    ) = None
     """The fit of each of several windows by one parameter set of them all; None where the method
     takes one window alone."""
+    models: Callable[[Mapping[str, Any]], Collection[str]] = only_the_papers
+    """Keys of the models that it can estimate with settings as JSON; the paper's among them."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
     duration in s; None for a method whose curves cannot be drawn again."""
@@ -123,6 +145,7 @@ class Method:
         case: Case = "II",
         settings: Any = None,
         context: TaskContext | None = None,
+        law: Law = PAPERS,
     ) -> Fit:
         """Estimate the parameters of a segment.
 
@@ -131,13 +154,15 @@ class Method:
             case: "I" for one parameter set, "II" for one per follower.
             settings: of the method's own type; None for its defaults.
             context: checkpoints, threads, progress and stop.
+            law: one of the method's models.
 
         Raises:
             AccpinnError: when the segment or the settings cannot serve the method.
         """
         if segment.blocks_missing and not self.allows_missing:
             raise _refusal(segment, self.title)
-        return self.run(segment, case, settings, context or TaskContext())
+        fit = self.run(segment, case, settings, context or TaskContext(), law)
+        return replace(fit, model=law.model)
 
 
 def relative_size(segment: Segment) -> float:
@@ -155,19 +180,27 @@ def _refusal(segment: Segment, title: str) -> SegmentError:
     )
 
 
-def direct(key: str, title: str, fit: Callable[[Segment, Case], Fit], **others: Any) -> Method:
+def direct(
+    key: str,
+    title: str,
+    fit: Callable[..., Fit],
+    models: Collection[str] = (PAPER,),
+    **others: Any,
+) -> Method:
     """A method without settings, so fast that neither progress nor stop is needed.
 
     Args:
         key: see `Method`, as all others.
         title: its name for people.
-        fit: estimates the parameters of a segment; how long it took is measured here.
+        fit: estimates the parameters of a segment, given the case, and the law where there are
+            further models; how long it took is measured here.
+        models: keys of those that it can estimate.
         others: further fields of `Method`.
     """
 
-    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext) -> Fit:
+    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext, law: Law) -> Fit:
         started = time.perf_counter()
-        estimated = fit(segment, case)
+        estimated = fit(segment, case, *((law,) if len(models) > 1 else ()))
         return replace(estimated, seconds=time.perf_counter() - started)
 
-    return Method(key, title, run, **others)
+    return Method(key, title, run, models=lambda _: models, **others)

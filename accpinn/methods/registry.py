@@ -14,6 +14,7 @@ from accpinn.methods import (
 )
 from accpinn.methods.method import Method
 from accpinn.methods.pinn import training as pinn
+from accpinn.model.models import MODELS
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import IncompleteWindow, cut
 from accpinn.segment.segment import Segment
@@ -33,6 +34,11 @@ METHODS: dict[str, Method] = {
         dual_ukf.METHOD,
     )
 }
+
+
+def usual_method(model: str | None) -> str:
+    """The method by which a model is estimated unless another is named."""
+    return "pinn" if model is None or model in MODELS else simulation.METHOD.key
 
 
 def method_of(key: str) -> Method:

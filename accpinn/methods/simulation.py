@@ -32,8 +32,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import block_diag
 
-from accpinn.errors import SegmentError
-from accpinn.methods import least_squares, splines
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.methods import following, least_squares, splines
 from accpinn.methods.fit import (
     Fit,
     MethodFinding,
@@ -42,7 +42,7 @@ from accpinn.methods.fit import (
     SimulatedSeparately,
     WeaklyDetermined,
 )
-from accpinn.methods.method import direct
+from accpinn.methods.method import PAPERS, Law, TaskContext, direct
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import (
     LARGEST,
@@ -54,6 +54,7 @@ from accpinn.model.cthp import (
     motion_matrix,
     respond,
 )
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen, stretches
 
@@ -77,13 +78,17 @@ LEAST_STRETCH: Seconds = 5.0
 """Shortest simulated stretch: in less time, an unknown first state explains any motion."""
 
 
-def fit(segment: Segment, case: Case = "II") -> Fit:
+def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     """The parameters of the best closed-loop simulation; the surrogate is that simulation.
+
+    Another model than the paper's is estimated as `following` does, with priors.
 
     Raises:
         SegmentError: when there are too few samples for the splines that the search starts from,
             or when no stretch between masked instants is long enough.
     """
+    if law != PAPERS:
+        return following.fit((segment,), segment, case, law)
     guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
     guesses.append(Parameters.of([TYPICAL.values] * segment.followers))
     ends = [
@@ -297,7 +302,25 @@ class _Search:
             )
 
 
+def fit_together(
+    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext, law: Law
+) -> tuple[Fit, ...]:
+    """The fit of each of several windows by one parameter set of them all.
+
+    Raises:
+        ConfigError: for the paper's model, of which the first state of a window is sought too.
+    """
+    if law == PAPERS:
+        raise ConfigError(
+            "windows: simulation estimates the paper's model from one window; choose another model,"
+            " as --model idm, maximum-likelihood, or one window."
+        )
+    kept = (segment for segment in segments if not context.is_stopped)
+    return tuple(following.fit(segments, segment, case, law) for segment in kept)
+
+
 METHOD = direct(
-    "simulation", "Simulation", fit, typical_seconds=1.4, is_closed_loop=True,
+    "simulation", "Simulation", fit, tuple(FOLLOWING), typical_seconds=1.4, is_closed_loop=True,
+    together=fit_together,
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

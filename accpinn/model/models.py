@@ -16,7 +16,6 @@ Where states are needed, a delay is its Padé approximant of second order,
 whose phase is right within 1 % up to ωd = 2.
 """
 
-from collections.abc import Mapping
 from typing import Literal, get_args
 
 from accpinn.errors import ConfigError
@@ -26,19 +25,13 @@ MODELS: tuple[Model, ...] = get_args(Model)
 Term = Literal["s0", "lag", "delay"]
 TERMS: tuple[Term, ...] = get_args(Term)
 """The terms in the order of `Parameters.complete`, behind α, β, τ."""
+Held = tuple[tuple[str, float], ...]
+"""Names of terms that keep their values, with these."""
 PAPER: Model = "cthp"
 """The paper's model."""
 BEST: Model = "cthp-s0-delay"
 """The model of answers: none predicts the gap in other windows better in the mean over the cars of
 the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
-TITLES: Mapping[Model, str] = {
-    "cthp": "CTHP",
-    "cthp-s0": "CTHP with intercept s₀",
-    "cthp-lag": "CTHP with lag λ",
-    "cthp-delay": "CTHP with delay d",
-    "cthp-s0-lag": "CTHP with intercept s₀ and lag λ",
-    "cthp-s0-delay": "CTHP with intercept s₀ and delay d",
-}
 
 
 def terms_of(model: str) -> tuple[Term, ...]:

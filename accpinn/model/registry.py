@@ -25,6 +25,8 @@ FOLLOWING: Mapping[str, FollowingModel] = {
     for model in (base, base.behind_a("lag"), base.behind_a("delay"))
 }
 """Every model by its key, each also behind a lag or a delay."""
+TITLES: Mapping[str, str] = {key: model.title for key, model in FOLLOWING.items()}
+"""Their names for people."""
 JUDGED = tuple(base.key for base in BASES)
 """Models that are compared unless others are named."""
 
@@ -39,7 +41,7 @@ def following_model(key: str) -> FollowingModel:
         return FOLLOWING[key]
     except KeyError:
         known = ", ".join(FOLLOWING)
-        raise ConfigError(f"models: {key[:40]} is not known; choose from {known}.") from None
+        raise ConfigError(f"model: {key[:40]} is not known; choose from {known}.") from None
 
 
 def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
@@ -54,7 +56,7 @@ def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> Float
         return parameters.time_gap(speed)
     theta = np.moveaxis(parameters.own, -1, 0)
     speed = np.asarray(speed, float)
-    return FOLLOWING[model].equilibrium_gaps(theta, speed) / speed
+    return np.asarray(FOLLOWING[model].equilibrium_gaps(theta, speed) / speed)
 
 
 def simulate(

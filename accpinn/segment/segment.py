@@ -1,6 +1,7 @@
 """A segment: a window of a recording and the vehicles in it, the data every method works on."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -350,3 +351,8 @@ class Segment(_Platoon):
         if self.missing is not None:
             content.update(b"missing" + np.ascontiguousarray(self.missing).tobytes())
         return content.hexdigest()
+
+
+def median_speeds(segments: Sequence[Segment]) -> FloatArray:
+    """(M,) each follower's median speed over some windows, in m/s."""
+    return np.asarray(np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0))

@@ -15,9 +15,11 @@ from typing import Any, Self
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.answer import checked_held
+from accpinn.methods.method import PAPERS, Law
 from accpinn.methods.registry import METHODS, method_of, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST, Model, model_of
+from accpinn.model.models import BEST, PAPER, Held
+from accpinn.model.registry import following_model
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
@@ -63,10 +65,12 @@ class Analysis:
     case: Case = "II"
     excluded: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation."""
-    model: Model = BEST
-    """The model of the answer; methods estimate the CTHP."""
-    held: tuple[tuple[str, float], ...] = ()
+    model: str = BEST
+    """The model of the answer."""
+    held: Held = ()
     """Terms of that model that keep their values, by name."""
+    fitted: str = PAPER
+    """The model of the fit, for a method that can estimate it; others estimate the paper's."""
     method: str = "pinn"
     """Key of the method in `METHODS`."""
     settings: dict[str, Any] = field(default_factory=dict)
@@ -81,7 +85,7 @@ class Analysis:
         *,
         case: Case = "II",
         excluded: str | Sequence[str] = (),
-        model: str = BEST,
+        model: str | None = None,
         held: Mapping[str, float] | None = None,
         method: str = "pinn",
         settings: Any = None,
@@ -95,7 +99,8 @@ class Analysis:
                 of vehicles with data from the first one on.
             case: "I" for one parameter set, "II" for one per follower.
             excluded: regimes, as `parse_regimes` takes them.
-            model: key of the answer's model.
+            model: key of the model of answer and fit; by default `BEST` for the answer and the
+                paper's for the fit.
             held: terms of it that keep their values, as {"s0": 4.0}.
             method: key of a method.
             settings: an object of the method's own type, or its JSON; None for the defaults.
@@ -119,8 +124,9 @@ class Analysis:
             tuple(windows) or (Window(0.0, DURATION),),
             case,
             tuple(regime for regime in EXCLUDABLE if regime in named),
-            model_of(model),
-            checked_held(model_of(model), held or {}),
+            following_model(model or BEST).key,
+            checked_held(model or BEST, held or {}),
+            model or PAPER,
             method=method,
             settings=settings,
         )
@@ -136,6 +142,13 @@ class Analysis:
         """The first window, which is the only one but where several were asked for."""
         return self.windows[0]
 
+    @property
+    def law(self) -> Law:
+        """The model that the method estimates, with what is held of it."""
+        if self.fitted not in METHODS[self.method].models(self.settings):
+            return PAPERS
+        return Law(self.fitted, self.held)
+
     @cached_property
     def key(self) -> str:
         """The content address of the answer, 64 hexadecimal digits."""
@@ -149,9 +162,9 @@ class Analysis:
         """
         resumable = METHODS[self.method].resumable_settings
         shared = resumable(self.settings) if resumable else None
-        # The answer's model is no part either: the method estimates the CTHP.
-        cthp = replace(self, model=BEST, held=())
-        return cthp._address(shared) if shared is not None else ""
+        # The answer's model is no part either.
+        alone = replace(self, model=self.fitted, held=self.law.held)
+        return alone._address(shared) if shared is not None else ""
 
     def _address(self, settings: dict[str, Any]) -> str:
         asked = {
@@ -163,6 +176,7 @@ class Analysis:
             "excluded": self.excluded,
             "model": self.model,
             "held": self.held,
+            "fitted": self.law.model,
             "method": self.method,
             "version": METHODS[self.method].version,
             "settings": settings,
@@ -223,6 +237,7 @@ def _asked(analysis: Analysis) -> dict[str, Any]:
         "excluded": ", ".join(analysis.excluded) or "nothing",
         "case": analysis.case,
         "model": " ".join([analysis.model, *(f"{name}={v:g}" for name, v in analysis.held)]),
+        "model of the fit": analysis.law.model,
         "method": analysis.method,
     }
 

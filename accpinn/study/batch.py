@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.errors import AccpinnError, ConfigError
-from accpinn.inference.answer import window_posterior
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accpinn.errors import ConfigError
-from accpinn.inference.answer import from_features, window_posterior
+from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.model.cthp import Parameters
+from accpinn.model.registry import FOLLOWING, time_gap
 from accpinn.units import FloatArray
 
 if TYPE_CHECKING:
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from accpinn.study.result import Result
 
 MISSING = 'xarray is not installed; install it by pip install "accpinn[draws]".'
-UNITS = {"alpha": "1/s2", "beta": "1/s", "tau": "s", "s0": "m", "lag": "s", "delay": "s"}
 GAP = "time_gap_100_kmh"
 
 
@@ -30,7 +31,7 @@ def table(result: "Result") -> "DataFrame":
     frames = []
     for kind, sets in (("typical", drawn.typical), ("further window", drawn.further)):
         for k, vehicle in enumerate(result.info.vehicles[1:]):
-            columns = {name: getattr(sets, name)[:, k] for name in drawn.names}
+            columns = {name: drawn.values(sets, name)[:, k] for name in drawn.names}
             frame = DataFrame({"draw": np.arange(len(sets.alpha)), **columns})
             frame.insert(0, "name", result.info.names[k + 1])
             frame.insert(0, "vehicle", vehicle)
@@ -57,9 +58,9 @@ def tree(result: "Result") -> "DataTree":
     def dataset(sets: Parameters, **coordinates: Any) -> Any:
         """Sets (draw, .., vehicle) by their names."""
         dims = ("chain", "draw", *coordinates, "vehicle")
-        every = {name: getattr(sets, name) for name in answer.names}
-        every[GAP] = sets.time_gap(AT_SPEED)
-        units = UNITS | {GAP: "s"}
+        every = {name: answer.values(sets, name) for name in answer.names}
+        every[GAP] = time_gap(answer.model, sets, AT_SPEED)
+        units = {p.name: p.unit for p in FOLLOWING[answer.model].parameters} | {GAP: "s"}
         return xarray.Dataset(
             {name: (dims, values[None], {"units": units[name]}) for name, values in every.items()},
             {"chain": [0], "vehicle": vehicles, **coordinates, **names},
@@ -73,7 +74,7 @@ def tree(result: "Result") -> "DataTree":
         ]
         starts = [segment.window.start for segment in result.segments]
         drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
-        sets = Parameters.of(from_features(answer.model, np.moveaxis(drawn, 2, 0)))
+        sets = parameters_of(answer.model, np.moveaxis(drawn, 2, 0), answer.speeds)
         groups["window_posterior"] = dataset(sets, window=starts)
         log: FloatArray = np.array([window.log_likelihood for window in windows])
         groups["window_log_likelihood"] = xarray.Dataset(

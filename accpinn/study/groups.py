@@ -28,17 +28,17 @@ from scipy.stats import multivariate_normal
 
 from accpinn.errors import ConfigError
 from accpinn.inference.answer import (
-    DRAWS,
     EVERY,
-    JUDGED,
     Car,
     Span,
     car_of,
-    from_features,
     middle_of,
 )
+from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import POPULATIONS, WITHIN, sampled_population
+from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.window_posterior import DRAWS, JUDGED
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import BEST, Model, terms_of
 from accpinn.stability.criteria import exact_margin, l2_margin
@@ -143,15 +143,17 @@ class Group:
         return self._share(exact_margin)
 
     def _share(self, margin: Any) -> Share:
-        drawn = (from_features(self.model, _evenly(car.value, JUDGED)) for car in self.cars)
-        stable = [(margin(Parameters.of(part)) >= 0).mean() for part in drawn]
+        drawn = (
+            parameters_of(self.model, _evenly(car.value, JUDGED), AT_SPEED) for car in self.cars
+        )
+        stable = [(margin(part) >= 0).mean() for part in drawn]
         return share(np.array(stable, float), self.level)
 
     @cached_property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
         drawn = self.drawn
         parts = (drawn.middle, drawn.value, drawn.further)
-        middle, value, further = (Parameters.of(from_features(self.model, phi)) for phi in parts)
+        middle, value, further = (parameters_of(self.model, phi, AT_SPEED) for phi in parts)
         return middle, value, further
 
     def _span(self, parts: Sequence[FloatArray]) -> Span:

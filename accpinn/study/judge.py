@@ -24,7 +24,8 @@ from scipy.special import stdtrit
 
 from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled
-from accpinn.methods.following import Drives, Estimate, NotDetermined, estimate
+from accpinn.methods.fit import Undetermined
+from accpinn.methods.following import Drives, Estimate, estimate
 from accpinn.model.registry import following_model
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import cut, default_vehicles
@@ -208,7 +209,7 @@ class Judgement:
         for score in self.scores:
             if symbols := score.estimate.undetermined:
                 title = score.estimate.model.title
-                found.append(NotDetermined(self.subject.vehicle, title, symbols))
+                found.append(Undetermined(self.subject.vehicle, title, symbols))
         return tuple(found)
 
 

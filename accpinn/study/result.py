@@ -140,7 +140,10 @@ class Result:
     @property
     def uncertainty(self) -> Uncertainty:
         """Intervals of the parameters, and of what follows from them, if the CTHP holds."""
-        return self._part("uncertainty", lambda: intervals(self._every_window, self.fit))
+        return self._part("uncertainty", self._intervals)
+
+    def _intervals(self) -> Uncertainty:
+        return intervals(self._every_window, self.fit, held=self.analysis.law.held)
 
     @property
     def answer(self) -> Answer:
@@ -248,7 +251,8 @@ class Result:
 
         def estimate(segment: Segment) -> Fit:
             method = METHODS[self.analysis.method]
-            return method.fit(segment, self.analysis.case, config, context)
+            asked = self.analysis
+            return method.fit(segment, asked.case, config, context, asked.law)
 
         evaluation = evaluate(self._data, self.fit, estimate, self.recording)
         return replace(self, parts=replace(self.parts, evaluation=evaluation))

@@ -10,7 +10,7 @@ import numpy as np
 from accpinn.channels import PARAMETERS, by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
-from accpinn.inference.answer import WindowPosterior
+from accpinn.inference.window_posterior import WindowPosterior
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import terms_of
 from accpinn.recordings.catalogue import make_and_model

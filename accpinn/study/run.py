@@ -77,7 +77,7 @@ def estimate(
         return _together(analysis, segments, recording, context)
     (segment,) = segments
     method, config = METHODS[analysis.method], analysis.config
-    fit = method.fit(segment, analysis.case, config, context)
+    fit = method.fit(segment, analysis.case, config, context, analysis.law)
     return result_of(analysis, segments, (fit,), recording)
 
 
@@ -124,7 +124,8 @@ def _together(
         )
     _check_windows(segments, analysis.case)
     context = context or TaskContext()
-    fits = method.together(segments, analysis.case, config, context)
+    together = method.together(segments, analysis.case, config, context, analysis.law)
+    fits = tuple(replace(fit, model=analysis.law.model) for fit in together)
     windows, began = list[Result](), time.perf_counter()
     quiet = replace(context, on_progress=None, checkpoints=None)
     for asked, segment in zip(analysis.windows, segments, strict=True):
@@ -133,7 +134,8 @@ def _together(
                 f"windows: stopped; {len(segments)} windows have no result before all are"
                 " estimated. Take fewer windows, or one."
             )
-        fit, alone = method.fit(segment, analysis.case, config, quiet), (asked,)
+        fit = method.fit(segment, analysis.case, config, quiet, analysis.law)
+        alone = (asked,)
         windows.append(result_of(replace(analysis, windows=alone), (segment,), (fit,), recording))
         if context.on_progress:
             elapsed = time.perf_counter() - began

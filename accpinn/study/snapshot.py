@@ -39,6 +39,7 @@ from accpinn.methods.fit import Fit, History, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Arrays, dump, flatten, restore
@@ -424,6 +425,10 @@ def _check(result: Result, is_complete: bool) -> None:
     """
     method = result.analysis.method
     _require(method in METHODS, f'the method "{method[:40]}" is not known')
+    for model in (result.analysis.model, result.analysis.fitted, *(f.model for f in result.fits)):
+        _require(model in FOLLOWING, f'the model "{model[:40]}" is not known')
+    answer = result.parts.answer
+    _require(not answer or answer.model == result.analysis.model, "its answer is of another model")
     counts = {len(result.analysis.windows), len(result.infos), len(result.fits)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
     _require(len(result.segments) in (0, len(result.infos)), "its data are not its windows'")

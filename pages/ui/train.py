@@ -13,7 +13,8 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, TITLES
+from accpinn.model.models import BEST
+from accpinn.model.registry import TITLES
 from accpinn.results.figures.training import (
     loss_history,
     parameter_history,

@@ -18,7 +18,7 @@ def windows() -> list[Segment]:
 
 def held(windows: list[Segment], answer: Parameters, taus: tuple[float, ...]) -> Trust:
     own = Parameters(np.full(4, 0.1), np.full(4, 0.3), np.array(taus))
-    return trust(windows, 2, [0], answer, own)
+    return trust(windows, 2, [0], "cthp", answer, own)
 
 
 def test_the_truth_reproduces_the_drive_and_windows_are_counted(windows: list[Segment]) -> None:

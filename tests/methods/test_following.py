@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn.findings import Finding
-from accpinn.methods.following import Drives, NotDetermined, estimate
+from accpinn.methods.following import Drives, Undetermined, estimate
 from accpinn.model.registry import FOLLOWING
 from tests.support.following import driven
 
@@ -42,7 +42,7 @@ def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
     (found,) = estimate(model, Drives.of([steady], model), [[0]])
     assert {"b", "v₀"} <= set(found.undetermined)
     assert set(known.undetermined) < set(found.undetermined)
-    finding: Finding = NotDetermined(2, model.title, found.undetermined)
+    finding: Finding = Undetermined(2, model.title, found.undetermined)
     assert "2 behind: these data do not determine" in finding.sentence(steady)
     assert (found.lower < found.theta).all()
     assert (found.theta < found.upper).all()

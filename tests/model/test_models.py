@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters, simulate
-from accpinn.model.models import MODELS, TERMS, TITLES, model_of, terms_of
+from accpinn.model.models import MODELS, TERMS, model_of, terms_of
 from accpinn.serial import dump, restore
 from accpinn.units import FloatArray
 
@@ -25,7 +25,7 @@ def test_a_key_names_the_terms_in_the_order_of_the_complete_parameters() -> None
     assert [terms_of(model) for model in MODELS] == [
         (), ("s0",), ("lag",), ("delay",), ("s0", "lag"), ("s0", "delay"),
     ]  # fmt: skip
-    assert [model_of(model) for model in MODELS] == list(MODELS) == list(TITLES)
+    assert [model_of(model) for model in MODELS] == list(MODELS)
     for at, term in enumerate(TERMS, 3):
         np.testing.assert_array_equal(getattr(PLATOON, term), PLATOON.complete[:, at])
 

@@ -9,7 +9,7 @@ import pytest
 from accpinn.methods.fit import Continued, Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, preset
 from accpinn.methods.registry import METHODS
-from accpinn.model import models
+from accpinn.model import registry
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.models import BEST
 from accpinn.model.published import ASTAZERO_ALIKE
@@ -563,7 +563,7 @@ def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
     result = session.result
     assert result.analysis.model == result.parts.answer.model == "cthp-s0", "computed already"
     page = open_page(TRAIN, session)
-    assert f"Answer: {models.TITLES['cthp-s0']}, one window" in page.texts()
+    assert f"Answer: {registry.TITLES['cthp-s0']}, one window" in page.texts()
     other = sessions.workspaces().new()
     other.restore(result)
     assert other.analysis().model == "cthp-s0"
@@ -585,7 +585,7 @@ def test_all_windows_in_car_following_are_trained_on_when_ticked() -> None:
     assert task.wait(WAIT)
     assert task.status is Status.DONE, task.error
     shown = open_page(TRAIN, session).plain()
-    assert f"Answer: {models.TITLES[BEST]}, {len(windows)} windows" in shown
+    assert f"Answer: {registry.TITLES[BEST]}, {len(windows)} windows" in shown
     assert f"with {len(windows) - 1} further window" in shown
     other = sessions.workspaces().new()
     other.restore(session.result)

@@ -23,12 +23,15 @@ from accpinn.methods.likelihood import (
     vanishing,
 )
 from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.method import PAPERS, Law
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
+from accpinn.methods.state_space import Form, complete
 from accpinn.model.cthp import Case
+from accpinn.model.models import PAPER, model_of
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
 
@@ -36,10 +39,10 @@ if TYPE_CHECKING:
     from accpinn.methods.pinn.fast import FastTraining
 
 
-def solution_of(coordinates: FloatArray, followers: int) -> Solution:
-    """The parameters at coordinates (G, P), as a solution for all followers."""
+def solution_of(coordinates: FloatArray, followers: int, form: Form = PAPER) -> Solution:
+    """α, ατ and β at coordinates (G, P), as a solution for all followers."""
     everyone = np.broadcast_to(coordinates, (followers, coordinates.shape[1]))
-    theta, free = vanishing("cthp", everyone), natural("cthp", everyone)[:, :3]
+    theta, free = vanishing(form, everyone), natural(form, everyone)[:, :3]
     return Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
 
 
@@ -54,6 +57,7 @@ class CalibratedTraining(Training):
         config: PinnConfig,
         threads: int = 1,
         together: tuple[Segment, ...] = (),
+        law: Law = PAPERS,
     ) -> None:
         """Begin the search where the filter's likelihood is largest.
 
@@ -61,10 +65,12 @@ class CalibratedTraining(Training):
         """
         super().__init__(segment, case, config, threads)
         together = together or (segment,)
-        self._evidence = Evidence(series_of(together, case))
+        self._form = model_of(law.model)
+        self._evidence = Evidence(series_of(together, case), self._form, law.held)
         self._network: FastTraining | None = None
         self._iteration = 0
-        self._search = climb(self._evidence, joint_maxima(together, case))
+        start = joint_maxima(together, case, self._form, held=law.held)
+        self._search = climb(self._evidence, start)
         self._at: Ascending = next(self._search)
         self._note()
 
@@ -99,12 +105,13 @@ class CalibratedTraining(Training):
 
         left = max(1, self.planned - self._iteration)
         config = replace(self.config, iterations=left)
-        return FastTraining(self.segment, self.case, config, self.threads, self._solution)
+        held = self._solution
+        return FastTraining(self.segment, self.case, config, self.threads, held, self._terms)
 
     def _note(self) -> None:
         """Look at the present moment, and see if it ends."""
         z = self._at.coordinates
-        self._solution = solution_of(z, self.followers)
+        self._solution = solution_of(z, self.followers, self._form)
         deviations = np.array([log_errors(curvature) for curvature in self._at.curvature])
         evidence, iteration = float(self._at.value.sum()), self._iteration
         if self._network:
@@ -117,6 +124,12 @@ class CalibratedTraining(Training):
         if self._network and self.outcome is not Outcome.DIVERGED:
             self.outcome = self._network.outcome or self.outcome
 
+    @property
+    def _terms(self) -> FloatArray:
+        """(M, 3) s₀, λ and d of all followers."""
+        terms = complete(self._form, natural(self._form, self._at.coordinates))[:, 3:]
+        return np.asarray(np.broadcast_to(terms, (self.followers, 3)))
+
     def outputs(self) -> FloatArray | None:
         """(N, 2M+1) the present surrogate; None while the evidence is still sought without one."""
         return self._network.outputs() if self._network else None
@@ -128,12 +141,12 @@ class CalibratedTraining(Training):
         network = self._network or (None if diverged else self._drawn())
         deviations = [log_errors(curvature) for curvature in self._at.curvature]
         arrays = {
-            "unknowns": natural("cthp", self._at.coordinates),
+            "unknowns": natural(self._form, self._at.coordinates),
             "deviations": np.nan_to_num(deviations, posinf=0.0),
         }
         if network is None:
             nothing = np.zeros_like(self.measured)
-            return Learned(nothing, self._solution, {"total": np.nan}, 0, arrays)
+            return Learned(nothing, self._solution, {"total": np.nan}, 0, arrays, terms=self._terms)
         drawn = network.learned()
         return replace(
             drawn,

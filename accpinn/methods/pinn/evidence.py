@@ -13,7 +13,8 @@ and the data, one sample each half second, add A = ⊕ ΦᵀΦ/σ². So w is int
 
     log p(y | z) = -½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - ½ log|Λ + A| + ½ log|Λ| - Σ log σ√(2π)
 
-which is the evidence. A loss has its first two terms alone. What the loss lacks is above all
+which is the evidence. An intercept s₀ is taken from the measured gaps.
+A loss has its first two terms alone. What the loss lacks is above all
 log|Λ|: its slope with respect to ατ + β tends to half the duration, and without it the estimate
 of the parameters is biased. With features that resolve the motion the evidence is the Kalman
 filter's likelihood of the same model, so the search for its maximum is that of `likelihood`, with
@@ -40,8 +41,9 @@ from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, loss_terms
 from accpinn.methods.series import Series
 from accpinn.methods.splines import SplineBasis
-from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY
-from accpinn.units import FloatArray, Mask, Seconds
+from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY, Form, coordinates
+from accpinn.model.models import PAPER, Held
+from accpinn.units import FloatArray, Mask, Metres, Seconds
 
 DEGREE = 5
 """Degree of the splines: e_r has third derivatives of v."""
@@ -56,6 +58,8 @@ DIFFERENCE = 4e-3
 """Difference of a coordinate for a slope: small against its deviation, large against rounding."""
 SECOND_DIFFERENCE = 0.02
 """The same for the curvature at the maximum."""
+METRES = 25.0
+"""Factor on both for s₀ in m: the evidence is quadratic in it."""
 LEAST_CURVATURE = 0.1
 """Least curvature of the criterion in any direction, where it is flat or curved upwards."""
 MOST_WEIGHT = 300.0
@@ -109,9 +113,9 @@ def physics(values: FloatArray) -> Physics:
     """The residuals over the deviations of what drives them.
 
     Args:
-        values: (9,) the unknowns in the order of `state_space.COMMON`.
+        values: (P,) the unknowns, those of `state_space.COMMON` first.
     """
-    alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values
+    alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values[:9]
     deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
     p, v, u = range(OUTPUTS)
     law = np.zeros((OUTPUTS, ORDER + 1))
@@ -130,6 +134,11 @@ def physics(values: FloatArray) -> Physics:
     for row, output in enumerate((p, v, u)):
         first[3 + row, output, 0] = 1 / FIRST[output]
     return Physics(running, first)
+
+
+def intercept_of(values: FloatArray) -> Metres:
+    """s₀ among unknowns (P,); 0 for the model without one."""
+    return float(values[9]) if len(values) > 9 else 0.0
 
 
 class Parts(NamedTuple):
@@ -159,6 +168,8 @@ class LinearEvidence:
         self._right = np.column_stack([v.T @ y for v, y in zip(rows, data, strict=True)])
         self._squares = np.array([(y**2).sum() for y in data])
         self._counts = np.array([len(y) for y in data])
+        self._gaps = data[0].sum()
+        self._shifted = np.asarray(rows[0].T @ np.ones(len(data[0])))
 
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
@@ -177,36 +188,39 @@ class LinearEvidence:
     def _empty(self) -> FloatArray:
         return np.zeros((OUTPUTS * (DEGREE + 1), OUTPUTS * self.basis.size), order="F")
 
-    def data(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A (18, 3K) in lower banded form, ΦᵀY/σ² (3K,), and σ (3,)."""
-        noise = values[[6, 7, 7]]
+    def data(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """A (18, 3K) in lower banded form, ΦᵀY/σ² (3K,), YᵀY (3,), and σ (3,); Y is without s₀."""
+        noise, intercept = values[[6, 7, 7]], intercept_of(values)
         banded = self._empty()
         for output, sigma in enumerate(noise):
             banded[::OUTPUTS, output::OUTPUTS] = self._grams[output] / sigma**2
-        return banded, (self._right / noise**2).ravel(), noise
+        right, squares = self._right.copy(), self._squares.copy()
+        right[:, 0] -= intercept * self._shifted
+        squares[0] += intercept * (intercept * self._counts[0] - 2 * self._gaps)
+        return banded, (right / noise**2).ravel(), squares, noise
 
     def parts(self, values: FloatArray) -> Parts:
-        """The evidence at unknowns (9,) in their own units; -inf where Λ is singular."""
+        """The evidence at unknowns (P,) in their own units; -inf where Λ is singular."""
         prior = self.prior(values)
-        data, right, noise = self.data(values)
+        data, right, own_squares, noise = self.data(values)
         posterior, fault = lapack.dpbtrf(prior + data, lower=1, overwrite_ab=1)
         factor, also = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
         if fault or also:
             return Parts(-np.inf, 0.0, 0.0)
         weights, _ = lapack.dpbtrs(posterior, right[:, None], lower=1)
-        squares = (self._squares / noise**2).sum() - right @ weights[:, 0]
+        squares = (own_squares / noise**2).sum() - right @ weights[:, 0]
         constant = 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
         determinants = [float(np.log(matrix[0]).sum()) for matrix in (posterior, factor)]
         return Parts(-0.5 * float(squares + constant), -determinants[0], determinants[1])
 
     def loss(self, values: FloatArray, config: PinnConfig) -> LossTerms:
         """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
-        data, right, _ = self.data(values)
+        data, right, *_ = self.data(values)
         factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
         weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, OUTPUTS)
         in_order = weights[:, [2, 1, 0]]
         outputs, rates = self.basis.values @ in_order, self.basis.rates @ in_order
-        measured = self._measured[:, [2, 1, 0]]
+        measured = (self._measured - [intercept_of(values), 0.0, 0.0])[:, [2, 1, 0]]
         known = np.where(np.isnan(measured), outputs, measured)
         return loss_terms(outputs, rates, known, values[None, :3], config)
 
@@ -216,9 +230,12 @@ class Evidence(Criterion):
 
     rounding = 1e-5
 
-    def __init__(self, series: Series) -> None:
-        """For series, each of them with features of its own length."""
-        super().__init__(series)
+    def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
+        """For series, each with features of its own length, and the paper's model or s₀ beside."""
+        super().__init__(series, form, held)
+        metres = [METRES if unknown.name == "s0" else 1.0 for unknown in coordinates(form)]
+        self.moves = np.diag(metres)
+        """(P, P) what a difference of one means for each coordinate."""
         self._terms = [
             LinearEvidence(measured, series.step)
             for measured in np.moveaxis(series.measured, -1, 0)
@@ -229,7 +246,7 @@ class Evidence(Criterion):
         return np.array(
             [
                 sum(sum(self._terms[k].parts(values)) for k in self._members[group])
-                for values, group in zip(np.exp(z), groups, strict=True)
+                for values, group in zip(natural(self.form, z), groups, strict=True)
             ]
         )
 
@@ -249,18 +266,18 @@ class Evidence(Criterion):
         value = self.log_likelihood(z, groups) + self.log_prior(z)
         gradient = np.zeros(z.shape)
         higher = np.ones(len(z), bool) if present is None else value > present - 1e-6
-        moves = DIFFERENCE * np.eye(self.size)
+        moves = DIFFERENCE * self.moves
         around = z[higher, None] + np.concatenate([moves, -moves])
         rows = around.reshape(-1, self.size)
         values = self.log_likelihood(rows, np.repeat(groups[higher], around.shape[1]))
         above, below = (values + self.log_prior(rows)).reshape(-1, 2, self.size).swapaxes(0, 1)
-        gradient[higher] = (above - below) / (2 * DIFFERENCE)
+        gradient[higher] = (above - below) / (2 * DIFFERENCE * np.diag(self.moves))
         *_, information = super().score(z, groups)
         return value, gradient, information
 
     def loss(self, z: FloatArray, config: PinnConfig) -> LossTerms:
         """Ψ of all series together, at coordinates (G, P) of the groups."""
-        values = natural("cthp", z)
+        values = natural(self.form, z)
         terms = [
             term.loss(values[group], config)
             for term, group in zip(self._terms, self.series.group, strict=True)
@@ -292,7 +309,7 @@ def _curvature(criterion: Evidence, maximum: Maximum, group: int) -> FloatArray:
     Directions in which the criterion is not curved downwards get `LEAST_CURVATURE`.
     """
     free = np.flatnonzero(np.diag(maximum.curvature) > 0)
-    moves = SECOND_DIFFERENCE * np.eye(criterion.size)[free]
+    moves = SECOND_DIFFERENCE * criterion.moves[free]
     rows, columns = np.triu_indices(len(free))
     pairs = moves[rows] + moves[columns]
     z = maximum.coordinates + np.concatenate([pairs, -pairs, moves, -moves])
@@ -301,7 +318,9 @@ def _curvature(criterion: Evidence, maximum: Maximum, group: int) -> FloatArray:
     along = single.reshape(2, -1).sum(axis=0)
     second = ahead + behind - along[rows] - along[columns] + 2 * maximum.criterion
     matrix = np.zeros((len(free), len(free)))
-    matrix[rows, columns] = matrix[columns, rows] = -second / (2 * SECOND_DIFFERENCE**2)
+    sizes = np.diag(criterion.moves)[free]
+    second /= 2 * SECOND_DIFFERENCE**2 * sizes[rows] * sizes[columns]
+    matrix[rows, columns] = matrix[columns, rows] = -second
     sizes, directions = np.linalg.eigh(matrix)
     curvature = np.zeros((criterion.size, criterion.size))
     downwards = directions * np.maximum(sizes, LEAST_CURVATURE) @ directions.T

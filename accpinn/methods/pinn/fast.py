@@ -237,6 +237,7 @@ class FastTraining(Training):
         config: PinnConfig,
         threads: int = 1,
         held: Solution | None = None,
+        terms: FloatArray | None = None,
     ) -> None:
         """Build the network and solve its output layer at the initial parameters.
 
@@ -246,8 +247,13 @@ class FastTraining(Training):
             config: the settings.
             threads: processor threads.
             held: parameters that are not to be moved.
+            terms: (M, 3) s₀, by which the measured gaps exceed those that are learned, λ and d.
         """
         super().__init__(segment, case, config, threads)
+        self._terms, self._shift = terms, np.zeros(2 * self.followers + 1)
+        if terms is not None:
+            self._shift[output_columns(self.followers)[1]] = terms[:, 0]
+            self.measured = self.measured - self._shift
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         with torch.no_grad():
@@ -294,7 +300,7 @@ class FastTraining(Training):
             after = self._solved(after)
             if _largest_move(after.solution, last) <= STANDSTILL:
                 break
-        terms = self._terms(after)
+        terms = self._loss(after)
         if terms.total < loss:
             self._best = after
             self._note("Adam", terms)
@@ -305,7 +311,7 @@ class FastTraining(Training):
         if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
-    def _terms(self, at: _Optimum) -> LossTerms:
+    def _loss(self, at: _Optimum) -> LossTerms:
         """Ψ on all instants."""
         outputs, rates = self._surrogate(at)
         theta = at.solution.theta
@@ -314,7 +320,7 @@ class FastTraining(Training):
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
         best = self._best
-        self._look(phase, self._iteration, terms or self._terms(best), best.solution.parameters)
+        self._look(phase, self._iteration, terms or self._loss(best), best.solution.parameters)
         if phase == "start":
             self._start_loss = self.progress.total
 
@@ -372,13 +378,13 @@ class FastTraining(Training):
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return self._surrogate(self._best)[0]
+        return self._surrogate(self._best)[0] + self._shift
 
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         biases, *weights = self._best.weights
         with torch.no_grad():
-            self.network.output.bias.copy_(torch.tensor(biases))
+            self.network.output.bias.copy_(torch.tensor(biases + self._shift))
             self.network.output.weight.copy_(torch.tensor(np.array(weights)).T)
         now = self.progress
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
@@ -389,6 +395,7 @@ class FastTraining(Training):
             network_weights=self.network.size,
             arrays=self.network.arrays(),
             findings=self._training_findings(self._start_loss),
+            terms=self._terms,
         )
 
 

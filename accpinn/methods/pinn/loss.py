@@ -128,6 +128,8 @@ class Learned:
     arrays: dict[str, FloatArray]
     """Weights and biases of the network, and further numbers of the preset."""
     findings: tuple[MethodFinding, ...] = ()
+    terms: FloatArray | None = None
+    """(M, 3) s₀, λ and d; None for the paper's model."""
 
 
 class Training(ABC):

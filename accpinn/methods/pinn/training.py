@@ -20,7 +20,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
 from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, PaperEstimate, Recorder
-from accpinn.methods.method import TYPICAL_SAMPLES, Method, TaskContext
+from accpinn.methods.method import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
 from accpinn.methods.pinn.config import (
     CALIBRATED,
     FAST,
@@ -32,6 +32,7 @@ from accpinn.methods.pinn.config import (
     PresetName,
 )
 from accpinn.methods.pinn.loss import Learned, Training, output_columns
+from accpinn.model import models
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
@@ -116,7 +117,11 @@ def _motion(time: FloatArray, outputs: FloatArray) -> Trajectories:
 
 @_needing_torch()
 def training(
-    segment: Segment, case: Case, settings: PinnConfig | None, context: TaskContext
+    segment: Segment,
+    case: Case,
+    settings: PinnConfig | None,
+    context: TaskContext,
+    law: Law = PAPERS,
 ) -> Fit:
     """Learn the parameters of a segment with the physics-inspired neural network.
 
@@ -127,13 +132,14 @@ def training(
         case: "I" for one parameter set, "II" for one per follower.
         settings: None for those of the preset `fast`.
         context: checkpoints, threads (by default as many as help, at most four), progress, stop.
+        law: the paper's, or for `calibrated` also that with an intercept.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
         ConfigError: when the number of threads is no sensible one.
         SegmentError: when the segment is too long to be trained on.
     """
-    return _trained(segment, case, settings or FAST, context)[0]
+    return _trained(segment, case, settings or FAST, context, law)[0]
 
 
 def _trained(
@@ -141,6 +147,7 @@ def _trained(
     case: Case,
     config: PinnConfig,
     context: TaskContext,
+    law: Law,
     together: tuple[Segment, ...] = (),
 ) -> tuple[Fit, Learned]:
     """Train on a segment, or draw it with the parameters of several ``together``."""
@@ -149,7 +156,7 @@ def _trained(
     start_loading()
 
     def begin() -> tuple[Training, Recorder]:
-        return _begun(segment, case, config, threads, together), Recorder()
+        return _begun(segment, case, config, threads, together, law), Recorder()
 
     started = saved = drawn = time.perf_counter()
     (training, recorder), earlier = begin(), 0.0
@@ -218,6 +225,7 @@ def _trained(
         network_weights=learned.network_weights,
         arrays=learned.arrays,
         findings=[*learned.findings, *begun, *_biased(config.preset)],
+        terms=learned.terms,
     )
     return fit, learned
 
@@ -228,7 +236,11 @@ def _biased(preset: PresetName) -> tuple[PaperEstimate, ...]:
 
 @_needing_torch()
 def _together(
-    segments: tuple[Segment, ...], case: Case, settings: PinnConfig | None, context: TaskContext
+    segments: tuple[Segment, ...],
+    case: Case,
+    settings: PinnConfig | None,
+    context: TaskContext,
+    law: Law,
 ) -> tuple[Fit, ...]:
     """The fits of several windows, whose evidences add up; of the preset `calibrated` alone.
 
@@ -244,7 +256,7 @@ def _together(
             f"windows: the preset {config.preset} takes one window, as in the paper; choose the"
             " preset calibrated, maximum-likelihood, or one window."
         )
-    first, learned = _trained(segments[0], case, config, context, segments)
+    first, learned = _trained(segments[0], case, config, context, law, segments)
     fits = [first]
     for segment in segments[1:]:
         if first.outcome is Outcome.STOPPED or context.is_stopped:
@@ -259,7 +271,7 @@ def _drawn(segment: Segment, case: Case, config: PinnConfig, learned: Learned) -
 
     started = time.perf_counter()
     require_memory(segment, config)
-    network = FastTraining(segment, case, config, 1, learned.solution)
+    network = FastTraining(segment, case, config, 1, learned.solution, learned.terms)
     while network.outcome is None:
         network.advance()
     curves = network.learned()
@@ -277,6 +289,7 @@ def _drawn(segment: Segment, case: Case, config: PinnConfig, learned: Learned) -
         network_weights=curves.network_weights,
         arrays=curves.arrays,
         findings=list(curves.findings),
+        terms=learned.terms,
     )
 
 
@@ -286,12 +299,13 @@ def _begun(
     config: PinnConfig,
     threads: int,
     together: tuple[Segment, ...],
+    law: Law,
 ) -> Training:
     """The preset's training, imported only now; the search of `calibrated` needs no PyTorch."""
     if config.preset == "calibrated":
         from accpinn.methods.pinn.calibrated import CalibratedTraining
 
-        return CalibratedTraining(segment, case, config, threads, together)
+        return CalibratedTraining(segment, case, config, threads, together, law)
     import_module("torch")
     if config.preset == "fast":
         from accpinn.methods.pinn.fast import FastTraining
@@ -368,6 +382,12 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
     return shared
 
 
+def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """The models that a preset estimates."""
+    own = ("cthp-s0",) if settings.get("preset") == "calibrated" else ()
+    return (models.PAPER, *own)
+
+
 def _variant(config: Mapping[str, Any]) -> str:
     """The preset, and whether settings differ from it."""
     name = str(config.get("preset", ""))
@@ -391,4 +411,5 @@ METHOD = Method(
     duration=typical_seconds,
     redraw=redraw,
     together=_together,
+    models=_models,
 )

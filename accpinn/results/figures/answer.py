@@ -7,12 +7,13 @@ import plotly.graph_objects as go
 
 from accpinn.channels import TIME
 from accpinn.inference.answer import Answer
+from accpinn.model.registry import time_gap
 from accpinn.results.figures import style
-from accpinn.results.tables.answer import COLUMNS
+from accpinn.results.tables.answer import columns_of
 from accpinn.segment.segment import SegmentInfo
 
 JOINT = ("alpha", "beta", "tau", "s0")
-"""Parameters whose joint distribution is drawn."""
+"""Parameters of a CTHP whose joint distribution is drawn; of another model all are."""
 DRAWN = 300
 """Draws of it that are shown."""
 FURTHER, TYPICAL = 0.10, 0.22
@@ -29,7 +30,8 @@ def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: 
         colour: of the vehicle.
     """
     speed = answer.stated_speed
-    span, gaps = answer.time_gap(speed, follower), answer.windows.time_gap(speed)[:, follower]
+    span = answer.time_gap(speed, follower)
+    gaps = time_gap(answer.model, answer.windows, speed)[:, follower]
     low, high = answer.windows_gap[:, :, follower]
     ends = np.array([[info.window.start, info.window.end] for info in infos])
     margin = 0.03 * max(float(np.ptp(ends)), 1.0)
@@ -73,11 +75,12 @@ def joint(answer: Answer, follower: int, colour: str) -> go.Figure:
         follower: 0 for the first.
         colour: of the vehicle.
     """
-    names = [name for name in JOINT if name in answer.names]
+    columns = columns_of(answer.model)
+    names = [name for name in JOINT if name in columns] if "alpha" in columns else [*columns]
     count = len(names) - 1
     rows = np.linspace(0, len(answer.typical.alpha) - 1, DRAWN).astype(int)
-    drawn = {name: getattr(answer.typical, name)[rows, follower] for name in names}
-    values = {name: float(getattr(answer.parameters, name)[follower]) for name in names}
+    drawn = {name: answer.values(answer.typical, name)[rows, follower] for name in names}
+    values = {name: answer.span(name, follower).value for name in names}
     traces, axes = list[style.Part](), dict[str, style.Part]()
     for row, vertical in enumerate(names[1:]):
         for column, horizontal in enumerate(names[:-1]):
@@ -94,9 +97,9 @@ def joint(answer: Answer, follower: int, colour: str) -> go.Figure:
                  "hovertemplate": "%{x:.3g}, %{y:.3g}", **at},
             ]  # fmt: skip
             if row == count - 1:
-                axes[at["xaxis"]] = style.titled(COLUMNS[horizontal].heading)
+                axes[at["xaxis"]] = style.titled(columns[horizontal].heading)
             if column == 0:
-                axes[at["yaxis"]] = style.titled(COLUMNS[vertical].heading)
+                axes[at["yaxis"]] = style.titled(columns[vertical].heading)
     height = 60 + 150 * count
     grid = style.matrix(count)
     return style.composed(

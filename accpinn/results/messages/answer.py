@@ -6,7 +6,8 @@ from typing import NamedTuple
 from accpinn.findings import joined, percent, probability, who
 from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
-from accpinn.model.models import TITLES
+from accpinn.model.models import MODELS
+from accpinn.model.registry import TITLES
 from accpinn.results.judged import Judged
 from accpinn.results.tables.table import between, supported_digits
 from accpinn.segment.segment import SegmentInfo
@@ -22,8 +23,10 @@ def assumption(answer: Answer) -> str:
     """The model and the windows that a verdict on the answer rests on."""
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
+    at = "" if answer.model in MODELS else ", linearised at the vehicle's median speed"
     return (
-        f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over {windows}."
+        f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over"
+        f" {windows}{at}."
     )
 
 
@@ -61,9 +64,9 @@ def cards(info: SegmentInfo, answer: Answer, subject: Judged) -> tuple[Card, ...
 
 def about_answer(answer: Answer) -> str:
     """What the intervals of an answer are."""
-    gap = "τ + s₀/v" if "s0" in answer.names else "τ"
+    gap = f", {'τ + s₀/v' if 's0' in answer.names else 'τ'}" if answer.model in MODELS else ""
     return (
-        f"Time gap: in equilibrium, {gap}. In brackets: the {percent(answer.level)} interval of the"
+        f"Time gap: in equilibrium{gap}. In brackets: the {percent(answer.level)} interval of the"
         " vehicle's typical value. The last column is the interval for a further window of the same"
         " vehicle."
     )
@@ -103,7 +106,7 @@ def _headline(label: str, are_several: bool, answer: Answer, follower: int) -> s
 
 def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
     """How well α and β are known: the less known one counts."""
-    spans = [answer.span(name, follower) for name in ("alpha", "beta")]
+    spans = [answer.gain(name, follower) for name in ("alpha", "beta")]
     if any(isnan(span.value) for span in spans):
         return ()
     factor = max(sqrt(span.upper / span.lower) if span.lower > 0 else inf for span in spans)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from accpinn.findings import percent
 from accpinn.inference.answer import SPEEDS
-from accpinn.model.models import TITLES
+from accpinn.model.registry import TITLES
 from accpinn.results.tables.table import between
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import Group

@@ -7,9 +7,10 @@ import numpy as np
 
 from accpinn.channels import ALPHA, BETA, TAU
 from accpinn.inference.answer import SPEEDS, Answer, Span
-from accpinn.model import models
+from accpinn.model import registry
 from accpinn.model.cthp import Case
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, parameter_rows
+from accpinn.model.models import MODELS, terms_of
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, further_columns, parameter_rows
 from accpinn.results.tables.table import (
     Column,
     Estimate,
@@ -30,6 +31,14 @@ COLUMNS: dict[str, Column] = {
     "delay": Column("d", "s", 2),
 }
 """Parameters in the order in which they are shown, by their names in `Parameters`."""
+
+
+def columns_of(model: str) -> dict[str, Column]:
+    """The parameters of a model by their names, in the order in which they are shown."""
+    if model in MODELS:
+        shown = ("alpha", "beta", "tau", *terms_of(model))
+        return {name: column for name, column in COLUMNS.items() if name in shown}
+    return {column.key: column for column, _ in further_columns(model)}
 
 
 def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
@@ -55,17 +64,16 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
         )
         for speed, spans in gaps.items()
     ]
-    for name, column in COLUMNS.items():
-        if name in answer.names:
-            spans = [answer.span(name, k) for k in followers]
-            filled.append((replace(column, group=level, key=name), cells(spans)))
+    for name, column in columns_of(answer.model).items():
+        spans = [answer.span(name, k) for k in followers]
+        filled.append((replace(column, group=level, key=name), cells(spans)))
     last = answer.stated_speed
     further = [Range(s.further_lower, s.further_upper) for s in gaps[last]]
     title, group = f"Time gap at {last * 3.6:.0f} km/h", "Further window"
     filled.append((Column(title, "s", 2, group, key=f"further_{_gap_key(last)}"), further))
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
-    return Table.of(f"Answer: {models.TITLES[answer.model]}, {windows}", filled)
+    return Table.of(f"Answer: {registry.TITLES[answer.model]}, {windows}", filled)
 
 
 def _gap_key(speed: MetresPerSecond) -> str:
@@ -80,18 +88,18 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     intervals.
     """
     speed = answer.stated_speed
-    gaps = answer.windows.time_gap(speed)[:, follower]
+    gaps = registry.time_gap(answer.model, answer.windows, speed)[:, follower]
     filled: list[Filled] = [
         (Column("Window"), [str(info.window) for info in infos]),
         (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2), gaps.tolist()),
     ]
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
-    group = f"Maximum likelihood ({100 * answer.level:.0f} % interval)"
-    for name, column in COLUMNS.items():
-        if name in answer.names:
-            value, low, high = (getattr(part, name)[:, follower] for part in parts)
-            ends = np.minimum(value, low), np.maximum(value, high)
-            shown = replace(column, group=group, key=name)
-            filled.append((shown, estimate_cells(value, *ends)))
+    how = "Maximum likelihood" if answer.model in MODELS else "Closed-loop simulation"
+    group = f"{how} ({100 * answer.level:.0f} % interval)"
+    for name, column in columns_of(answer.model).items():
+        value, low, high = (answer.values(part, name)[:, follower] for part in parts)
+        ends = np.minimum(value, low), np.maximum(value, high)
+        shown = replace(column, group=group, key=name)
+        filled.append((shown, estimate_cells(value, *ends)))
     label = infos[0].labels[follower + 1]
-    return Table.of(f"{label}: {models.TITLES[answer.model]}, each window alone", filled)
+    return Table.of(f"{label}: {registry.TITLES[answer.model]}, each window alone", filled)

@@ -14,10 +14,10 @@ from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
-from accpinn.model import models
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import TERMS, Term, terms_of
+from accpinn.model.models import MODELS, PAPER, TERMS, Term, terms_of
 from accpinn.model.published import ParameterSet
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.table import (
     Cell,
     Column,
@@ -50,6 +50,7 @@ def name_of(fit: Fit) -> str:
     if method is None:
         return fit.method
     said = [method.variant(fit.config)] if method.variant else []
+    said += [FOLLOWING[fit.model].title] if fit.model != PAPER else []
     said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
     return f"{method.title} ({', '.join(said)})" if said else method.title
 
@@ -95,10 +96,11 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     """
     info, fit, evaluation = result.info, result.fit, result.evaluation
     numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
-    estimated = [*parameter_cells(fit.parameters)]
+    estimated = [*parameter_cells(fit.parameters), *further_cells(fit.model, fit.parameters)]
     if with_intervals:
         known = result.uncertainty
-        estimated = [*_estimate_cells(fit.parameters, known), *probability_cells(known)]
+        estimates = _estimate_cells(fit.parameters, known, model=fit.model)
+        estimated = [*estimates, *probability_cells(known)]
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
         (followers, driver_cells(drivers(info))),
         (parameter_rows(info, fit.case), estimated),
@@ -150,14 +152,39 @@ def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
+def further_columns(model: str) -> Iterator[tuple[Column, int]]:
+    """The parameters of a model beside α, β and τ, and where they are in `Parameters.everything`.
+
+    Those of a model that is no CTHP stand behind the linearisation at the median speed.
+    """
+    if model in MODELS:
+        for term in terms_of(model):
+            yield TERM_COLUMNS[term], 3 + TERMS.index(term)
+        return
+    following = FOLLOWING[model]
+    for at, one in enumerate(following.parameters, 6):
+        column = Column(one.symbol, one.unit, OWN_DIGITS, following.title, key=one.name)
+        yield column, at
+
+
+def further_cells(model: str, parameters: Parameters) -> Iterator[Filled]:
+    """Those parameters of (K,) vehicles."""
+    for column, at in further_columns(model):
+        yield column, [*parameters.everything[:, at]]
+
+
 def _estimate_cells(
-    parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate"
+    parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate", model: str = PAPER
 ) -> Iterator[Filled]:
-    """α, β and τ of (M,) followers, each with its interval."""
+    """The parameters of (M,) followers, each with its interval."""
     group = f"{kind} ({100 * uncertainty.level:.0f} % interval)"
     sets = (parameters, uncertainty.lower, uncertainty.upper)
     for column, *numbers in zip(PARAMETER_COLUMNS, *(part.values.T for part in sets), strict=True):
         yield replace(column, group=group), estimate_cells(*numbers)
+    for column, at in further_columns(model):
+        values = [part.everything[:, at] for part in sets]
+        shown = f"{column.group} ({100 * uncertainty.level:.0f} % interval)"
+        yield replace(column, group=shown if column.group else group), estimate_cells(*values)
 
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
@@ -253,11 +280,13 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
 
 
 TERM_COLUMNS: dict[Term, Column] = {
-    "s0": Column("s₀", "m", 1),
-    "lag": Column("λ", "s", 2),
-    "delay": Column("d", "s", 2),
+    "s0": Column("s₀", "m", 1, key="s0"),
+    "lag": Column("λ", "s", 2, key="lag"),
+    "delay": Column("d", "s", 2, key="delay"),
 }
 """The terms beside the CTHP."""
+OWN_DIGITS = 3
+"""Decimals of the parameters of other models."""
 
 
 def _form_cells(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
@@ -285,7 +314,7 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
-            (Column("Model"), [models.TITLES[form.form] for form in forms]),
+            (Column("Model"), [FOLLOWING[form.form].title for form in forms]),
             *_form_cells(forms, follower),
             (Column("Log-likelihood", "", 1, AGAINST),
              [form.likelihood_ratio[follower] for form in forms]),
@@ -392,6 +421,6 @@ def joint_table(result: Result) -> Table:
         f" {seconds:g} s together{case}",
         [
             (Column("Vehicle"), info.labels[1:]),
-            *_estimate_cells(result.parameters, result.uncertainty),
+            *_estimate_cells(result.parameters, result.uncertainty, model=result.fit.model),
         ],
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import isnan
 
 from accpinn.inference.answer import SPEEDS, Span
-from accpinn.model import models
+from accpinn.model import registry
 from accpinn.results.tables.answer import COLUMNS
 from accpinn.results.tables.table import (
     ABSENT,
@@ -43,7 +43,7 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """
     groups = grouped.groups
     level = f"{100 * grouped.level:g} % interval"
-    caption = f"{models.TITLES[grouped.model]}, typical value ({level})"
+    caption = f"{registry.TITLES[grouped.model]}, typical value ({level})"
 
     def gaps(speed: MetresPerSecond) -> list[Cell]:
         return [_estimate(group.time_gap(speed)) for group in groups]

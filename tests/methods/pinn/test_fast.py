@@ -77,4 +77,4 @@ def test_starts_at_the_output_layers_optimum_for_the_initial_values() -> None:
     away = np.random.default_rng(0).standard_normal(training._best.weights.shape)
     for size in (1e-3, -1e-3):
         moved = replace(training._best, weights=training._best.weights + size * away)
-        assert float(training._terms(moved).total) > best
+        assert float(training._loss(moved).total) > best

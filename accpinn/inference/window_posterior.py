@@ -1,0 +1,92 @@
+"""What one window alone says of its vehicles under a model, as draws of equal weight.
+
+Of a CTHP they are drawn from the posterior of the exact likelihood (see `inference.posterior`), of
+any other model from the normal approximation of `methods.following`.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from accpinn.inference.coordinates import count_of, parameters_of, possible
+from accpinn.inference.posterior import features, sample
+from accpinn.methods import following
+from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
+from accpinn.methods.method import Law, one_thread
+from accpinn.methods.series import determined_followers, series_of
+from accpinn.model.cthp import Case
+from accpinn.model.models import MODELS, Held, model_of
+from accpinn.segment.segment import Segment, median_speeds
+from accpinn.stability.criteria import exact_margin, l2_margin
+from accpinn.units import FloatArray
+
+STAGES = (150, 150, 500)
+"""Draws in each stage of a window's posterior."""
+DRAWS = 400
+"""Draws of equal weight that stand for a window's posterior."""
+JUDGED = 200
+"""Draws that string stability is judged by."""
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPosterior:
+    """What one window alone says of its M followers; nan for one that it does not determine."""
+
+    estimates: FloatArray
+    """(M, 6 + n) parameters of greatest likelihood, as `Parameters.everything`."""
+    drawn: FloatArray
+    """(M, n, p) draws of the `coordinates` of equal weight from the posterior."""
+    log_likelihood: FloatArray
+    """(M, n) of the window's data at each draw, shared by all followers in Case I; nan for a model
+    that is no CTHP."""
+    model: str
+    speeds: FloatArray
+    """(M,) median speeds in m/s."""
+
+    @cached_property
+    def stable(self) -> tuple[FloatArray, FloatArray]:
+        """(M,) the probabilities of L₂ and of L∞ string stability."""
+        drawn = self.drawn[:, :: DRAWS // JUDGED]
+        some = parameters_of(self.model, drawn, self.speeds[:, None])
+        unknown = np.isnan(self.estimates[:, 0])
+        l2, linf = ((margin(some) >= 0).mean(axis=1) for margin in (l2_margin, exact_margin))
+        return np.where(unknown, np.nan, l2), np.where(unknown, np.nan, linf)
+
+
+@lru_cache(maxsize=256)
+@one_thread
+def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) -> WindowPosterior:
+    """The posterior of each follower of one window under a model, with some terms held."""
+    if model not in MODELS:
+        return simulated_posterior((segment,), case, Law(model, held))
+    form, followers = model_of(model), segment.followers
+    estimates = np.full((followers, 6), np.nan)
+    drawn = np.full((followers, DRAWS, count_of(model)), np.nan)
+    log_likelihood = np.full((followers, DRAWS), np.nan)
+    known = determined_followers((segment,), case)
+    if known:
+        series = series_of([segment], case, known)
+        cthp = joint_maxima((segment,), case, followers=known)
+        maxima = further_maxima(series, form, cthp, held)
+        posteriors = sample(series, maxima, form, held=held, stages=STAGES)
+        rows = [np.array(known)] if case == "I" else [np.array([k]) for k in known]
+        for row, maximum, posterior in zip(rows, maxima, posteriors, strict=True):
+            estimates[row] = maximum.complete
+            drawn[row] = features(form, posterior.all_evenly(DRAWS))
+            log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
+    return WindowPosterior(estimates, drawn, log_likelihood, model, median_speeds((segment,)))
+
+
+def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> WindowPosterior:
+    """The same under a model that is no CTHP, estimated by simulation from some windows at once."""
+    key, speeds = law.model, median_speeds(segments)
+    followers, count = len(speeds), count_of(key)
+    estimates = np.full((followers, 6 + count), np.nan)
+    drawn = np.full((followers, DRAWS, count), np.nan)
+    for row, found in following.estimates(segments, case, law):
+        estimates[row] = parameters_of(key, found.scores, speeds[row]).everything
+        for k in row:
+            drawn[k] = possible(key, found.draws(DRAWS), speeds[k])
+    unknown = np.full((followers, DRAWS), np.nan)
+    return WindowPosterior(estimates, drawn, unknown, key, speeds)
