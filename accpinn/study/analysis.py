@@ -151,7 +151,12 @@ class Analysis:
 
     @cached_property
     def key(self) -> str:
-        """The content address of the answer, 64 hexadecimal digits."""
+        """The content address of all that is found, 64 hexadecimal digits."""
+        return self._address(self.settings, model=self.model, answer_held=self.held)
+
+    @cached_property
+    def fit_key(self) -> str:
+        """The content address of the fit alone, which does not depend on the answer's model."""
         return self._address(self.settings)
 
     @cached_property
@@ -162,11 +167,9 @@ class Analysis:
         """
         resumable = METHODS[self.method].resumable_settings
         shared = resumable(self.settings) if resumable else None
-        # The answer's model is no part either.
-        alone = replace(self, model=self.fitted, held=self.law.held)
-        return alone._address(shared) if shared is not None else ""
+        return self._address(shared) if shared is not None else ""
 
-    def _address(self, settings: dict[str, Any]) -> str:
+    def _address(self, settings: dict[str, Any], **answer: Any) -> str:
         asked = {
             "format": FORMAT,
             "data": self.source.data,
@@ -174,12 +177,12 @@ class Analysis:
             "windows": [(float(window.start), float(window.end)) for window in self.windows],
             "case": self.case,
             "excluded": self.excluded,
-            "model": self.model,
-            "held": self.held,
             "fitted": self.law.model,
+            "held": self.law.held,
             "method": self.method,
             "version": METHODS[self.method].version,
             "settings": settings,
+            **answer,
         }
         return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 

@@ -288,6 +288,13 @@ class Result:
         infos = tuple(segment.info for segment in segments)
         return replace(self, infos=infos, segments=segments, recording=recording, windows=windows)
 
+    def under(self, analysis: Analysis) -> Self:
+        """The same fit for an analysis that may ask for another model of the answer."""
+        parts, asked = self.parts, self.analysis
+        if (analysis.model, analysis.held) != (asked.model, asked.held):
+            parts = replace(parts, answer=None, gain_checks=None)
+        return replace(self, analysis=analysis, parts=parts)
+
     def found_in(self, recording: Recording | None) -> Self:
         """The same with the recording's data, where it is this one; else as it is."""
         try:

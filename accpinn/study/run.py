@@ -46,7 +46,7 @@ def run(
     known = store.find(analysis, problems.append) if store else None
     if known:
         cached = tuple(replace(fit, cached=True) for fit in known.fits)
-        result = replace(known, analysis=analysis, fits=cached).on(segments, recording)
+        result = replace(known, fits=cached).on(segments, recording)
     else:
         if store and analysis.checkpoint_key:
             checkpoints = store.checkpoints(analysis, problems.append)

@@ -273,11 +273,14 @@ class Store(Shelf):
         super().__init__(place or folder("cache"), cap_bytes)
 
     def find(self, analysis: Analysis, say: Say | None = None) -> Result | None:
-        """The answer to an analysis, without its data; None where there is none."""
-        path = self.path(analysis.key)
+        """What was found for an analysis, without its data; None where nothing was.
+
+        The answer is not part of it where that has another model.
+        """
+        path = self.path(analysis.fit_key)
         try:
             result = read(path.read_bytes(), is_complete=False)
-            if result.analysis.key != analysis.key:
+            if result.analysis.fit_key != analysis.fit_key:
                 raise SnapshotError("it belongs to another analysis")
         except (FileNotFoundError, NotADirectoryError):  # the latter is said when writing
             return None
@@ -286,7 +289,8 @@ class Store(Shelf):
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
-        return replace(result, digest="")  # it is no snapshot before it is saved as one
+        # It is no snapshot before it is saved as one.
+        return replace(result, digest="").under(analysis)
 
     def read(self, name: str) -> Result:
         """The result of that key; see `Shelf.read`."""
@@ -297,7 +301,7 @@ class Store(Shelf):
 
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result, with the parts that were computed so far."""
-        key = result.analysis.key
+        key = result.analysis.fit_key
         fits = tuple(replace(fit, cached=False) for fit in result.fits)
         bare = replace(result, fits=fits, segments=(), recording=None, windows=tuple(
             replace(window, segments=(), recording=None) for window in result.windows
@@ -319,7 +323,7 @@ class Store(Shelf):
 
     def stopped_state(self, analysis: Analysis) -> Checkpoint | None:
         """The state from which a stopped training would go on; None where it is new."""
-        if not analysis.checkpoint_key or self.has(analysis.key):
+        if not analysis.checkpoint_key or self.has(analysis.fit_key):
             return None
         config = analysis.config
         return self.checkpoints(analysis).load(config.iterations + config.lbfgs_iterations)
@@ -357,7 +361,7 @@ class Store(Shelf):
         with self.index() as index:
             index.execute(
                 "insert or replace into shown values (?, ?, ?)",
-                (session, result.analysis.key, time.time()),
+                (session, result.analysis.fit_key, time.time()),
             )
 
     # Files

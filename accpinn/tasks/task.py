@@ -294,7 +294,7 @@ class TaskQueue:
         analysis, store = task.analysis, self._store
         known: Any = None
         if analysis and store:  # before the lock: others need not wait for the disk
-            known = store.has(analysis.key) and task.recall()
+            known = store.has(analysis.fit_key) and task.recall()
         with self._lock:
             earlier = self.of(task.owner, task.kind)
             if earlier:
@@ -398,7 +398,8 @@ def training_task(
         yield answer(context)
 
     def recall() -> Result | None:
-        return answer(None) if store and store.find(analysis) else None
+        known = store.find(analysis) if store else None
+        return answer(None) if known and known.parts.answer else None
 
     task = Task(owner, "training", steps, analysis=analysis, recall=recall)
     return task

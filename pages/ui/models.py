@@ -11,12 +11,12 @@ from accpinn.results.messages import messages
 from accpinn.results.tables.models import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement
 from accpinn.tasks.task import judgement_seconds
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import kept
-from pages.ui.session.workspace import Workspace
+from pages.ui.session.workspace import MODEL, Workspace
 
 LEAD = (
     "Which model does this car follow? Each is fitted to all windows but one by closed-loop"
@@ -73,6 +73,7 @@ def _show(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool) -> 
     for one in judged:
         (said, *_) = messages(one.findings, one.subject.windows[0]) or ("",)
         st.markdown(f"**{escape_markdown(said)}**")
+    _take_model(workspace, judged)
     labels = [one.subject.label for one in judged]
     at = 0
     if len(judged) > 1:
@@ -81,6 +82,26 @@ def _show(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool) -> 
             key="models_follower", label_visibility="collapsed",
         )  # fmt: skip
     _show_follower(workspace, judged[at])
+
+
+def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
+    """Make the model that held-out windows clearly favour that of the answer."""
+    best = {one.ranked[0].estimate.model.key for one in judged if one.is_clear}
+    if len(best) != 1 or best == {workspace.model} or not workspace.segment:
+        return
+    (key,) = best
+    with st.container(horizontal=True, vertical_alignment="center"):
+        if st.button(
+            f"Take the {FOLLOWING[key].title} for the answer", key="models_take",
+            icon=":material/swap_horiz:",
+        ):  # fmt: skip
+            workspace.choices[MODEL] = key
+            workspace.train(workspace.config)
+            frame.go(frame.TRAIN, workspace)
+        st.caption(
+            "The windows left out clearly favour it. Train, Stability and Platoon then have its"
+            " parameters, and what follows from them at the vehicle's median speed."
+        )
 
 
 def _show_follower(workspace: Workspace, one: Judgement) -> None:

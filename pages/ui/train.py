@@ -59,9 +59,11 @@ START_HELP = (
 )
 
 MODEL_HELP = (
-    "The answer has the parameters of this model, whichever preset is chosen. The presets estimate"
-    " α, β and τ of the CTHP. An intercept s₀ and a delay d predict the gaps of other windows and"
-    " the measured gain best."
+    "The answer has the parameters of this model, whichever preset is chosen; choosing another one"
+    " does not train again. The presets estimate α, β and τ of the CTHP, calibrated also the"
+    " intercept s₀ where only that is chosen. Of the CTHPs, the one with s₀ and a delay d predicts"
+    " the gaps of other windows and the measured gain best. IDM and FVDM are estimated by"
+    " simulation."
 )
 WEIGHT_PHYSICS = (
     "Of the squared residual of the model's equation. A larger weight binds the curves to the"

@@ -386,7 +386,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
         assert session.training.wait(WAIT)
         page.sound()
         assert ("From the cache" in page.texts()) == cached
-        assert session.result.analysis.key in store().session(session.id).decode()
+        assert session.result.analysis.fit_key in store().session(session.id).decode()
     for said in ("Converged", "Surrogate fit, MAE", "Closed-loop simulation, MAE"):
         assert said in page.texts()
     assert len(page.figures()) == 1

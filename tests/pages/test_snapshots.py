@@ -265,8 +265,10 @@ class TestRestoring:
         assert "the training is new" in page.plain()
         assert session.training.wait(120)
         assert session.result.parameters == whole().parameters
-        assert session.result.analysis.key != whole().analysis.key, "nobody saw the recording"
-        assert [entry.id for entry in session.runs] == [session.result.analysis.key]
+        assert session.result.analysis.fit_key != whole().analysis.fit_key, (
+            "nobody saw the recording"
+        )
+        assert [entry.id for entry in session.runs] == [key]
         session.compare()
         session.comparison.stop()
         session.train(PAPER)

@@ -41,7 +41,7 @@ from tests.support.command import ROOT, Capture, strict
 from tests.support.openacc_files import csv, metadata, platoon
 
 
-def quick_intervals(_: Sequence[Segment], fit: Fit, held: Held) -> Uncertainty:
+def quick_intervals(_: Sequence[Segment], fit: Fit, held: Held = ()) -> Uncertainty:
     """Draws about the estimate: those of the likelihood take a second."""
     normal = np.random.default_rng(0).normal(size=(50, 1, 1))
     draws = np.maximum(fit.parameters.values, 1e-6) * np.exp(0.1 * normal)

@@ -75,7 +75,7 @@ class TestRun:
         self, recording: Recording, store: Store, content: str
     ) -> None:
         first = run(asked(recording), recording, store=store)
-        path = store.path(first.analysis.key)
+        path = store.path(first.analysis.fit_key)
         data = path.read_bytes()
         other = run(asked(recording, "least-squares"), recording, store=store)
         path.write_bytes({
@@ -83,7 +83,7 @@ class TestRun:
             "truncated": data[:300],
             "foreign": b"Time,Speed1\n",
             "newer": resealed(lambda *_: None, data, SCHEMA + 1),
-            "another": store.path(other.analysis.key).read_bytes(),
+            "another": store.path(other.analysis.fit_key).read_bytes(),
         }[content])  # fmt: skip
         again = run(asked(recording), recording, store=store)
         (said,) = problems(again)
@@ -109,7 +109,7 @@ class TestRun:
         stopping = replace(ONE_THREAD, should_stop=lambda: next(moments))
         stopped = run(analysis, recording, store=store, context=stopping)
         assert stopped.fit.outcome is Outcome.STOPPED
-        assert not store.has(analysis.key), "an unfinished answer is none"
+        assert not store.has(analysis.fit_key), "an unfinished answer is none"
         at = store.stopped_at(analysis)
         assert at == stopped.fit.iterations
         assert 0 < at < 30

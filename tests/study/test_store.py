@@ -62,7 +62,7 @@ class TestStore:
         kept = store.find(result.analysis, pytest.fail)
         bare = replace(result, segments=())
         assert bits(replace(kept, digest="")) == bits(bare)
-        assert bits(store.read(result.analysis.key)) == bits(kept)
+        assert bits(store.read(result.analysis.fit_key)) == bits(kept)
         assert store.find(numbered(1, result).analysis) is None
 
     def test_all_results_can_be_searched_by_words(self, store: Store) -> None:
@@ -74,7 +74,7 @@ class TestStore:
         assert [entry.name for entry in store.entries("maximum")] == ["two"]
         assert store.entries("astazero maximum") == ()
         (entry,) = store.entries("whole")
-        assert (entry.id, entry.preset) == (numbered(1, whole()).analysis.key, "fast")
+        assert (entry.id, entry.preset) == (numbered(1, whole()).analysis.fit_key, "fast")
         assert entry.parameters[0] == tuple(whole().parameters.values[0])
         assert entry.vehicles == whole().info.labels
 
@@ -85,7 +85,9 @@ class TestStore:
         store.show("ann", numbered(1))
         store.show("bob", numbered(2))
         assert (store.session("ann"), store.session("eve")) == (b"open", None)
-        assert [entry.id for entry in store.entries(session="ann")] == [numbered(1).analysis.key]
+        assert [entry.id for entry in store.entries(session="ann")] == [
+            numbered(1).analysis.fit_key
+        ]
         later = time.time() + SESSION_KEPT + 60
         monkeypatch.setattr(time, "time", lambda: later)
         store.keep_session("bob", b"later")
@@ -114,7 +116,7 @@ class TestStore:
         monkeypatch.setattr(store, "read", lambda _: pytest.fail("read again"))
         assert store.entries() == before
         monkeypatch.undo()
-        store.path(small().analysis.key).write_bytes(b"short")
+        store.path(small().analysis.fit_key).write_bytes(b"short")
         assert store.entries()[0].fault
 
     @pytest.mark.parametrize("number", [errno.EACCES, errno.EMFILE, errno.EIO])
@@ -132,17 +134,19 @@ class TestStore:
     def test_what_was_not_used_for_the_longest_time_makes_room(self, store: Store) -> None:
         for k in range(3):
             store.keep(numbered(k))
-            os.utime(store.path(numbered(k).analysis.key), (k, k))
+            os.utime(store.path(numbered(k).analysis.fit_key), (k, k))
         (store.folder / "notes.txt").write_bytes(bytes(500_000))  # somebody else's
         (store.folder / "killed.part").write_bytes(bytes(100_000))
         os.utime(store.folder / "killed.part", (1, 1))
-        size = store.path(numbered(0).analysis.key).stat().st_size
+        size = store.path(numbered(0).analysis.fit_key).stat().st_size
         assert store.find(numbered(0).analysis) is not None  # used just now
         capped = Store(store.folder, cap_bytes=3 * size + 1000)
         capped.keep(numbered(3))
-        left = {k for k in range(4) if capped.has(numbered(k).analysis.key)}
+        left = {k for k in range(4) if capped.has(numbered(k).analysis.fit_key)}
         assert left == {0, 2, 3}
-        assert {entry.id for entry in capped.entries()} == {numbered(k).analysis.key for k in left}
+        assert {entry.id for entry in capped.entries()} == {
+            numbered(k).analysis.fit_key for k in left
+        }
         assert "notes.txt" in names(store.folder)
         assert "killed.part" not in names(store.folder)
         Store(store.folder, cap_bytes=10).keep(numbered(4))

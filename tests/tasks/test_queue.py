@@ -296,11 +296,11 @@ class TestStore:
         self, puppet: Puppet, tmp_path: Path
     ) -> None:
         store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
-        (tmp_path / f"{analysis.key}.accpinn.zip").write_bytes(b"damaged")
+        (tmp_path / f"{analysis.fit_key}.accpinn.zip").write_bytes(b"damaged")
         queue = TaskQueue(store=store, threads=1)
         task = finished(queue.submit(training_task("ann", analysis, run(), store)))
-        assert any(analysis.key in str(note) for note in task.result.fit.findings)
-        assert [entry.id for entry in store.entries(session="ann")] == [analysis.key]
+        assert any(analysis.fit_key in str(note) for note in task.result.fit.findings)
+        assert [entry.id for entry in store.entries(session="ann")] == [analysis.fit_key]
         busy = queue.submit(puppet.task("cem"))
         puppet.starts()
         known = queue.submit(training_task("ben", analysis, run(), store))
@@ -308,7 +308,7 @@ class TestStore:
         assert known.result.fit.cached
         assert known.result.id == "", "it is no snapshot"
         assert known.result.parameters == task.result.parameters
-        assert [entry.id for entry in store.entries(session="ben")] == [analysis.key]
+        assert [entry.id for entry in store.entries(session="ben")] == [analysis.fit_key]
         puppet.give(result())
         finished(busy)
         queue.close()
@@ -365,7 +365,7 @@ class TestStore:
         task = finished(queue.submit(starts_task("ann", analysis, run(), store)))
         queue.close()
         assert task.status is Status.DONE
-        assert len({row.analysis.key for row in task.results}) == 5
+        assert len({row.analysis.fit_key for row in task.results}) == 5
         assert store.entries(session="ann") == (), "they are no results of their own"
 
 

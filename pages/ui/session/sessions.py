@@ -260,7 +260,7 @@ def keep(workspace: Workspace) -> None:
     asked = asked or (result.analysis if result else None)
     if asked is None:
         return
-    key = result.id or result.analysis.key if result else ""
+    key = result.id or result.analysis.fit_key if result else ""
     shown = Shown(asked, (recording and recording.campaign) or "", key)
     document = msgspec.json.encode(dump(shown)[0])
     if document != workspace.kept:
@@ -275,7 +275,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
         asked = shown.analysis
         workspace.take_settings(asked)
         with suppress(SnapshotError):
-            workspace.restore(result_of(shown.result or asked.key))
+            workspace.restore(result_of(shown.result or asked.fit_key).under(asked))
         workspace.awaited = asked
         source, campaign = asked.source, shown.campaign or None
         if known := find_sample(source.name, source.sha256):

@@ -13,7 +13,8 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, Model, model_of
+from accpinn.model.models import BEST, PAPER
+from accpinn.model.registry import following_model
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
@@ -143,9 +144,9 @@ class Workspace:
         return PinnConfig.from_json(PRESETS[self.preset].to_json() | changes)
 
     @property
-    def model(self) -> Model:
+    def model(self) -> str:
         """The model of the answer, as chosen on page Train."""
-        return model_of(self.choices.get(MODEL, BEST))
+        return following_model(self.choices.get(MODEL, BEST)).key
 
     def analysis(self, config: PinnConfig | None = None) -> Analysis | None:
         """What a training with these settings would answer; None where no data are at hand.
@@ -160,7 +161,8 @@ class Workspace:
         if self.recording:
             return Analysis.of(
                 self.recording, (self.window,), self.vehicles, case=self.case,
-                excluded=self.excluded, model=self.model, settings=config,
+                excluded=self.excluded, model=None if self.model == BEST else self.model,
+                settings=config,
             )  # fmt: skip
         if self.segment is None or self.restored is None:
             return None
@@ -168,7 +170,10 @@ class Workspace:
         # The key is that of the data at hand: what a file says of its recording is not checked.
         source = replace(asked.source, data=sha256(self.segment.info.digest.encode()).hexdigest())
         held = asked.held if asked.model == self.model else ()
-        same = replace(asked, source=source, windows=(self.window,), model=self.model, held=held)
+        same = replace(
+            asked, source=source, windows=(self.window,), model=self.model, held=held,
+            fitted=PAPER if self.model == BEST else self.model,
+        )  # fmt: skip
         return same.with_method("pinn", config)
 
     def training_analysis(self, config: PinnConfig) -> Analysis | None:
