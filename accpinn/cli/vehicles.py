@@ -180,7 +180,9 @@ def run_simulate(options: argparse.Namespace) -> int:
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
     subject, _ = _chosen(options)
-    result = simulate_platoon(_platoon(subject.vehicles.parameters, options.vehicles), leader)
+    vehicles = subject.vehicles
+    platoon = _platoon(vehicles.parameters, options.vehicles)
+    result = simulate_platoon(platoon, leader, model=vehicles.model)
     show_result(options, _describe_run, _run_text, result)
     return 0
 

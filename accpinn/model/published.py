@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import PAPER
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,8 @@ class ParameterSet:
     """(M,) for legends and tables: number and name in the recording; by default the names."""
     drivers: tuple[str, ...] = ()
     """(M,) who drives in place of ACC, as "Human"; empty where nobody does."""
+    model: str = PAPER
+    """Key of the model whose parameters they are."""
 
     def __post_init__(self) -> None:
         """Fill in the defaults; refuse an empty set and names that do not match."""

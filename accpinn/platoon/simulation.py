@@ -15,6 +15,10 @@ Behind a sinusoid, once the transient is over, follower k's speed is one of ampl
 A |H_1(jω) .. H_k(jω)|. The measured amplitude is the least-squares fit of a constant, a sine and a
 cosine over the last whole periods. The transient is known exactly: it is the platoon left to
 itself, started from what the sinusoids would need and the equilibrium does not have.
+
+Another model than a CTHP is integrated, by Runge's and Kutta's method in steps of `NONLINEAR_STEP`.
+What is predicted is then that of its linearisation at the leader's first speed, which small
+disturbances follow.
 """
 
 from dataclasses import dataclass
@@ -30,6 +34,9 @@ from accpinn.errors import ParameterError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
+from accpinn.model.following import FollowingModel
+from accpinn.model.models import PAPER
+from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.stability.criteria import checked, response, slowest_rate
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
@@ -43,6 +50,8 @@ FASTEST: PerSecond = 1e6
 """Fastest reaction; beyond it a step of any use loses the slow motion to rounding."""
 TOUCH: Metres = 1e-6
 """Depth to which rounding alone makes a gap negative that ends at 0 behind a leader at rest."""
+NONLINEAR_STEP: Seconds = 0.05
+"""Largest step of the integration: with half of it speeds differ by less than 1 mm/s."""
 SLACK: Seconds = 1e-9
 """An instant this close before a phase belongs to it."""
 SETTLED = 1e-3
@@ -188,7 +197,10 @@ class PlatoonRun:
 
 
 def simulate_platoon(
-    parameters: Parameters, leader: Leader, sample_time: Seconds | None = None
+    parameters: Parameters,
+    leader: Leader,
+    sample_time: Seconds | None = None,
+    model: str = PAPER,
 ) -> PlatoonRun:
     """Simulate the platoon behind the leader from equilibrium, exactly at every sample.
 
@@ -196,10 +208,20 @@ def simulate_platoon(
         parameters: one entry a follower, in their order.
         leader: what the vehicle ahead of them does.
         sample_time: by default 0.1 s, or less for a fast sinusoid; a recorded leader has its own.
+        model: whose parameters, where that is no CTHP.
 
     Raises:
         ParameterError: for parameters or settings that cannot be simulated.
     """
+    width = parameters.everything.shape[-1]
+    own = Parameters.of(parameters.everything.reshape(-1, width)).own
+    if own.size:
+        parameters = FOLLOWING[model].linearisations(own.T, leader.speed)
+        if np.isnan(parameters.tau).any():
+            raise ParameterError(
+                f"{FOLLOWING[model].title}: a vehicle has no equilibrium at {leader.speed:g} m/s;"
+                " choose a lower speed."
+            )
     parameters = _with_equilibrium(Parameters.of(parameters.complete.reshape(-1, 6)))
     if isinstance(leader, Recorded):
         still, time = np.zeros(len(parameters)), leader.time
@@ -214,6 +236,8 @@ def simulate_platoon(
         frozen(moved.speeds + leader.speed),
         frozen(moved.gaps + leader.speed * parameters.tau + parameters.s0),
     )
+    if own.size:
+        driven = _integrated(FOLLOWING[model], own, driven)
     wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
     meaningful = _meaningful(driven, collisions)
@@ -235,6 +259,14 @@ def simulate_platoon(
         amplitudes=wave,
         findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
     )
+
+
+def _integrated(model: FollowingModel, own: FloatArray, linear: Trajectories) -> Trajectories:
+    """The motion of a nonlinear model (M, n) behind the leader of a linear run."""
+    step = (linear.time[-1] - linear.time[0]) / (len(linear.time) - 1)
+    leader, start = linear.speeds[:, 0], (linear.speeds[0, 1:], linear.gaps[0])
+    with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told as a collision
+        return model.simulate(own.T, linear.time, leader, *start, ceil(step / NONLINEAR_STEP))
 
 
 def _with_equilibrium(parameters: Parameters) -> Parameters:

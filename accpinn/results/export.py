@@ -35,6 +35,8 @@ from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.trust import Trust
 from accpinn.methods.following import LEVEL
 from accpinn.model.cthp import Parameters
+from accpinn.model.idm import IDM
+from accpinn.model.models import PAPER
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.segment.segment import SegmentInfo
@@ -60,6 +62,17 @@ NOT_BINDING = {
     "speedDev": "0",
 }
 """Limits beside the CTHP: m/s², m/s; wide enough not to interfere."""
+ABOUT_ACC = (
+    " Car-following model ACC as the CTHP: use it with the ballistic step method and steps of 0.05"
+    " s. minGap is the intercept s0, actionStepLength twice the delay. accel, decel and maxSpeed"
+    " are set so that they do not interfere; choose realistic ones for traffic. "
+)
+ABOUT_IDM = (
+    " Car-following model IDM: use it with the ballistic step method and steps of 0.05 s. maxSpeed"
+    " is the desired speed v0, on lanes that allow as much; actionStepLength is twice the delay. "
+)
+SUMO_IDM = {"a": "accel", "b": "decel", "T": "tau", "s0": "minGap", "v0": "maxSpeed"}
+"""Names of the IDM's parameters in SUMO."""
 CARD_FORMAT = "accpinn parameter card 1"
 
 
@@ -68,6 +81,7 @@ def sumo_types(
     parameters: Parameters,
     draws: Parameters | None = None,
     speeds: FloatArray | None = None,
+    model: str = PAPER,
 ) -> str:
     """An additional file for SUMO: one `vType` a follower, and a distribution over its draws.
 
@@ -77,48 +91,55 @@ def sumo_types(
         draws: (n, M) of equal weight; without them, and for followers whose draws are nan, there is
             no distribution.
         speeds: (M,) in m/s, at which the time gap holds where s₀ is negative.
+        model: whose parameters; the IDM is SUMO's own, others are as linearised.
 
     Raises:
         ParameterError: where a follower's τ is undetermined.
     """
     root = ElementTree.Element("additional")
-    root.append(
-        ElementTree.Comment(
-            " Car-following model ACC as the CTHP: use it with the ballistic step method and steps"
-            " of 0.05 s. minGap is the intercept s0, actionStepLength twice the delay. accel, decel"
-            " and maxSpeed are set so that they do not interfere; choose realistic ones for"
-            " traffic. "
-        )
-    )
+    root.append(ElementTree.Comment(ABOUT_IDM if _is_idm(model) else ABOUT_ACC))
     speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds
     for k, (name, speed) in enumerate(zip(names, speeds.tolist(), strict=True)):
         label = _identifier(name, k)
         if not np.isfinite(parameters[k].values).all():
             raise ParameterError(f"{name}: τ is undetermined, so SUMO cannot use the parameters.")
-        root.append(_type(label, parameters[k], speed))
+        root.append(_type(label, parameters[k], speed, model))
         if draws is None or not np.isfinite(draws[:, k].values).all():
             continue
         mixture = ElementTree.SubElement(root, "vTypeDistribution", id=f"{label}_samples")
         count = len(draws.alpha)
         for i in range(count):
-            member = _type(f"{label}_{i}", draws[i, k], speed)
+            member = _type(f"{label}_{i}", draws[i, k], speed, model)
             member.set("probability", f"{1 / count:.12g}")
             mixture.append(member)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
 
-def _type(label: str, parameters: Parameters, speed: MetresPerSecond) -> ElementTree.Element:
+def _is_idm(model: str) -> bool:
+    return model.split("-")[0] == IDM.key
+
+
+def _type(
+    label: str, parameters: Parameters, speed: MetresPerSecond, model: str
+) -> ElementTree.Element:
     alpha, beta, tau, s0, lag, delay = parameters.complete.tolist()
-    tau = max(0.0, tau + min(0.0, s0) / speed)
-    settings = {"tau": f"{tau:.12g}"}
-    for regime in GAP_REGIMES:
-        settings |= {f"{regime}GainSpace": f"{alpha:.12g}", f"{regime}GainSpeed": f"{beta:.12g}"}
-    settings |= NOT_BINDING | {"minGap": f"{max(0.0, s0):.12g}"}
+    if _is_idm(model):
+        name, values = "IDM", zip(IDM.names, parameters.own.tolist(), strict=False)
+        own = {key: f"{value:.12g}" for key, value in values}
+        settings = {SUMO_IDM[key]: value for key, value in own.items() if key in SUMO_IDM}
+        settings |= {"emergencyDecel": str(max(10.0, float(own["b"]))), "speedDev": "0"}
+    else:
+        name, tau = "ACC", max(0.0, tau + min(0.0, s0) / speed)
+        settings = {"tau": f"{tau:.12g}"}
+        for regime in GAP_REGIMES:
+            gains = {"GainSpace": f"{alpha:.12g}", "GainSpeed": f"{beta:.12g}"}
+            settings |= {f"{regime}{key}": value for key, value in gains.items()}
+        settings |= NOT_BINDING | {"minGap": f"{max(0.0, s0):.12g}"}
     steps = round(2 * (lag + delay) / STEP)
     if steps > 1:
         settings["actionStepLength"] = f"{steps * STEP:.12g}"
-    return ElementTree.Element("vType", {"id": label, "carFollowModel": "ACC", **settings})
+    return ElementTree.Element("vType", {"id": label, "carFollowModel": name, **settings})
 
 
 def _identifier(name: str, follower: int) -> str:
@@ -145,7 +166,8 @@ def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
         most = len(answer.typical.alpha)
         count = min(samples, most)
         draws = answer.typical[((np.arange(count) + 0.5) * most / count).astype(int)]
-    return sumo_types(snapshot.info.names[1:], answer.parameters, draws, answer.speeds)
+    names = snapshot.info.names[1:]
+    return sumo_types(names, answer.parameters, draws, answer.speeds, answer.model)
 
 
 def parameter_card(snapshot: Result) -> dict[str, Any]:

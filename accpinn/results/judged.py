@@ -11,12 +11,15 @@ import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.methods.fit import Outcome
+from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.estimates import learned_parameters
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.result import Result
+from accpinn.units import MetresPerSecond
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +41,33 @@ class Judged:
             return None
 
 
+def at_speed(
+    vehicles: ParameterSet, uncertainty: Uncertainty | None, speed: MetresPerSecond
+) -> tuple[ParameterSet, Uncertainty | None]:
+    """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.
+
+    Raises:
+        ParameterError: where a vehicle has no equilibrium there.
+    """
+    model, own = FOLLOWING[vehicles.model], vehicles.parameters.own
+    for row in own:
+        model.equilibrium_gap(row, speed)
+    there = replace(vehicles, parameters=model.linearisations(own.T, speed))
+    if uncertainty is None:
+        return there, None
+    own = np.moveaxis(uncertainty.draws.own, -1, 0)
+    drawn = model.linearisations(own, speed).everything.copy()
+    for k in range(drawn.shape[1]):  # a vehicle has an equilibrium where its answer has one
+        kept = np.isfinite(drawn[:, k]).all(axis=1)
+        drawn[~kept, k] = np.resize(drawn[kept, k], ((~kept).sum(), drawn.shape[2]))
+    return there, from_draws(there.parameters, Parameters.of(drawn), uncertainty.level)
+
+
 def judged(result: Result) -> Judged:
     """The answer's followers; those of the method where the answer is not known."""
     vehicles, stored = learned_parameters(result.info, result.fit), result.known_answer
     if stored and np.isfinite(stored.parameters.complete).all():
-        vehicles = replace(vehicles, parameters=stored.parameters)
+        vehicles = replace(vehicles, parameters=stored.parameters, model=stored.model)
         return Judged(vehicles, stored.uncertainty, result.gain_checks)
     stopped = result.fit.outcome is Outcome.STOPPED
     return Judged(vehicles, None if stopped else result.uncertainty)

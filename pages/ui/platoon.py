@@ -92,7 +92,9 @@ def show_page() -> None:
         )
     if not (order and leader):
         return
-    run = show.attempt(lambda: simulate_platoon(chosen.parameters[order], leader))
+    run = show.attempt(
+        lambda: simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
+    )
     if run is None:
         return
     recorded = recorded_leader(workspace) if isinstance(leader, Recorded) else None

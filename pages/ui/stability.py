@@ -1,15 +1,18 @@
 """The page Stability: the verdict beside the Bode magnitude, a table, and details in tabs."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import streamlit as st
 
 from accpinn.inference.intervals import Uncertainty
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
+from accpinn.results.judged import at_speed
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import (
@@ -42,6 +45,7 @@ from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
+KMH = 3.6
 HEIGHT = 370
 """Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
@@ -56,6 +60,8 @@ NO_DATA = (
 def show_page() -> None:
     workspace = frame.begin("Stability")
     source = choose_parameters(workspace, "stability", LEAD)
+    if source and source.vehicles.parameters.own.size:
+        source = _at_chosen_speed(workspace, source)
     if source is None or show.attempt(lambda: source.report) is None:
         return
     answer_column, chart_column = st.columns((1, 1.35), gap="medium")
@@ -71,6 +77,23 @@ def show_page() -> None:
         "Map": lambda: _show_map(workspace, source, shaded),
         "Measured": lambda: _show_measured(workspace, source, shaded),
     })  # fmt: skip
+
+
+def _at_chosen_speed(workspace: Workspace, source: Chosen) -> Chosen | None:
+    """The vehicles at a speed that the user chooses, by default the recording's median."""
+    stored = source.result.known_answer if source.result else None
+    median = round(KMH * float(np.median(stored.speeds)) if stored else 100.0)
+    speed = st.number_input(
+        "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
+        help=f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
+        f" at every speed. The recording's median: {median} km/h.",
+        **kept(workspace, "stability_speed", float(median)),
+    )  # fmt: skip
+    if speed == median:
+        return source
+    there = show.attempt(lambda: at_speed(source.vehicles, source.uncertainty, speed / KMH))
+    # The measured gain is that of the recorded speeds.
+    return replace(source, vehicles=there[0], uncertainty=there[1], checks=()) if there else None
 
 
 def _show_answer(source: Chosen) -> None:

@@ -268,7 +268,7 @@ class TestRestoring:
         assert session.result.analysis.fit_key != whole().analysis.fit_key, (
             "nobody saw the recording"
         )
-        assert [entry.id for entry in session.runs] == [key]
+        assert [entry.id for entry in session.runs] == [session.result.analysis.fit_key]
         session.compare()
         session.comparison.stop()
         session.train(PAPER)

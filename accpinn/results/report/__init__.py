@@ -359,7 +359,9 @@ def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Pictu
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
     omega = report.platoon.peaks[-1].omega or Sinusoid.frequency
     try:
-        run = simulate_platoon(vehicles.parameters[order], Sinusoid(frequency=omega))
+        run = simulate_platoon(
+            vehicles.parameters[order], Sinusoid(frequency=omega), model=vehicles.model
+        )
     except ParameterError:
         return None
     cast = platoon_figures.cast_of(vehicles, order)

@@ -65,7 +65,8 @@ def where(info: SegmentInfo, case: Case | None = None) -> str:
 def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
     """The followers' parameters, titled with file, window and excluded regimes."""
     names, labels = info.names[1:], info.labels[1:]
-    return ParameterSet(where(info), names, fit.parameters, info.vehicles, labels, drivers(info))
+    title, who = where(info), drivers(info)
+    return ParameterSet(title, names, fit.parameters, info.vehicles, labels, who, fit.model)
 
 
 def drivers(info: SegmentInfo) -> tuple[str, ...]:

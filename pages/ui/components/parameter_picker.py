@@ -178,7 +178,7 @@ def _of_result(result: Result, source: Source) -> Chosen:
         known = of_first(known) if known else None
         vehicles = ParameterSet(
             vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1], (info.vehicles[0], 0),
-            drivers=tuple(filter(None, vehicles.drivers))[:1],
+            drivers=tuple(filter(None, vehicles.drivers))[:1], model=vehicles.model,
         )  # fmt: skip
     return Chosen(vehicles, source, result, known, subject.checks)
 
