@@ -13,6 +13,7 @@ import pytest
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.results.export import parameter_card, snapshot_types, sumo_types
@@ -47,6 +48,26 @@ def test_sumo_answers_as_our_platoon(published: ParameterSet, frequency: float) 
     )  # fmt: skip
     leader = Sinusoid(frequency, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
     expected = simulate_platoon(published.parameters, leader).amplitudes
+    found = json.loads(ran.stdout.splitlines()[-1])
+    np.testing.assert_allclose(found, expected.measured, rtol=0.02)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed")
+@pytest.mark.parametrize("key", ["idm", "idm-delay"])
+def test_sumos_own_idm_answers_as_our_platoon(key: str) -> None:
+    theta = [[1.0, 2.0, 1.1, 4.0, 38.0, 0.3], [0.8, 5.0, 0.9, 6.0, 45.0, 0.5]]
+    model = FOLLOWING[key]
+    own = np.array(theta)[:, : len(model.parameters)]
+    vehicles = model.linearisations(own.T, sumo.SPEED)
+    types = sumo_types(("A", "B"), vehicles, model=key)
+    headways = vehicles.time_gap(sumo.SPEED).tolist()
+    given = {"types": types, "ids": ids(types), "headways": headways, "frequency": 0.2}
+    ran = subprocess.run(
+        [sys.executable, str(PROGRAM)], input=json.dumps(given), capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    leader = Sinusoid(0.2, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
+    expected = simulate_platoon(vehicles, leader, model=key).amplitudes
     found = json.loads(ran.stdout.splitlines()[-1])
     np.testing.assert_allclose(found, expected.measured, rtol=0.02)
 

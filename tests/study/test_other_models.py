@@ -1,0 +1,179 @@
+"""The model that answer and fit estimate: every way to ask, and every place that shows it."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import accpinn
+from accpinn.errors import ConfigError, ParameterError
+from accpinn.inference.intervals import intervals
+from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
+from accpinn.methods.method import Law
+from accpinn.methods.pinn.config import CALIBRATED
+from accpinn.methods.registry import METHODS
+from accpinn.model.models import MODELS
+from accpinn.model.registry import FOLLOWING
+from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.simulation import simulate_platoon
+from accpinn.recordings.files import read
+from accpinn.results.judged import at_speed, judged
+from accpinn.segment.cut import cut
+from accpinn.study.result import Result
+from accpinn.study.snapshot import load
+from accpinn.study.store import Store
+from tests.support.command import STUDY, Capture, document
+from tests.support.following import driven
+from tests.support.openacc_files import csv, metadata
+
+IDM = np.array([[1.2, 1.6, 1.1, 3.0, 40.0]])
+SHIFTED = np.array([[0.1, 0.25, 0.9, 6.0]])
+
+
+def file_of(path: Path, key: str, theta: np.ndarray, seconds: float = 300.0) -> Path:
+    """A recording of a vehicle that drives by a model behind another one."""
+    (run,) = driven(FOLLOWING[key], theta, 3, noise=0.03, seconds=seconds)
+    columns = {"Time": run.time, "Speed1": run.speeds[:, 0], "Speed2": run.speeds[:, 1]}
+    frame = pd.DataFrame({**columns, "IVS1": run.gaps[:, 0]})
+    path.write_bytes(csv(frame, metadata(("Lead", "Car"))))
+    return path
+
+
+@cache
+def idm_result(folder: Path) -> Result:
+    """An IDM's recording, estimated as one."""
+    return accpinn.fit(file_of(folder / "idm.csv", "idm", IDM), model="idm")
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("models")
+
+
+def test_an_idm_is_found_by_fit_and_in_its_answer(folder: Path) -> None:
+    result = idm_result(folder)
+    assert (result.analysis.method, result.fit.model) == ("simulation", "idm")
+    np.testing.assert_allclose(result.parameters.own, IDM, rtol=0.15)
+    answer = result.answer
+    assert (answer.model, answer.names) == ("idm", FOLLOWING["idm"].names)
+    for name, true in zip(answer.names, IDM[0], strict=True):
+        span = answer.span(name, 0)
+        assert span.further_lower < span.lower < true < span.upper < span.further_upper
+    for speed in (50 / 3.6, 100 / 3.6):
+        true = FOLLOWING["idm"].equilibrium_gap(IDM[0], speed) / speed
+        assert answer.time_gap(speed, 0).value == pytest.approx(true, rel=0.03)
+    assert answer.trust[0].is_reproduced
+    assert result.evaluation.closed_loop.gap_mae[0] < 0.2
+
+
+def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
+    result = idm_result(folder)
+    speed = float(result.answer.speeds[0])
+    near = FOLLOWING["idm"].linearised(result.answer.parameters.own[0], speed)
+    subject = judged(result)
+    np.testing.assert_allclose(subject.vehicles.parameters.complete[0], near.complete)
+    np.testing.assert_allclose(subject.uncertainty.draws.own.shape[-1], 5)
+    true = FOLLOWING["idm"].linearised(IDM[0], speed)
+    lower, upper = subject.uncertainty.lower.complete[0], subject.uncertainty.upper.complete[0]
+    inside = (lower <= true.complete) & (true.complete <= upper)
+    assert inside[:4].all()
+    there, known = at_speed(subject.vehicles, subject.uncertainty, 15.0)
+    slower = FOLLOWING["idm"].linearised(result.answer.parameters.own[0], 15.0)
+    np.testing.assert_allclose(there.parameters.complete[0], slower.complete)
+    assert known.probability_l2.shape == (1,)
+
+
+def test_a_small_disturbance_grows_as_linearised_and_a_large_one_does_not() -> None:
+    near = FOLLOWING["idm"].linearisations(IDM.T, 20.0)[[0] * 3]
+    small, large = (
+        simulate_platoon(near, Sinusoid(0.2, size, 20.0), model="idm").amplitudes
+        for size in (0.05, 6.0)
+    )
+    np.testing.assert_allclose(small.measured, small.predicted, rtol=5e-3)
+    assert abs(large.measured[-1] / large.predicted[-1] - 1) > 0.02
+    fine = simulate_platoon(near, Sinusoid(0.2, 6.0, 20.0), 0.02, model="idm").trajectories
+    usual = simulate_platoon(near, Sinusoid(0.2, 6.0, 20.0), model="idm").trajectories
+    np.testing.assert_allclose(usual.speeds, fine.speeds[::5], atol=1e-2)
+    with pytest.raises(ParameterError, match="no equilibrium at 60 m/s"):
+        simulate_platoon(near, Sinusoid(0.2, 1.0, 60.0), model="idm")
+
+
+def test_a_snapshot_of_it_is_the_same_and_is_confirmed(folder: Path) -> None:
+    result = idm_result(folder)
+    place = accpinn.save(result, folder / "idm.accpinn.zip")
+    kept = load(place)
+    assert kept.answer.parameters == result.answer.parameters
+    assert kept.fit.model == "idm"
+    assert accpinn.verify(place, folder / "idm.csv").ok
+    assert "IDM" in accpinn.report(result, folder / "idm.html").read_text()
+    assert set(result.draws.columns) >= set(FOLLOWING["idm"].names)
+
+
+def test_commands_have_the_models_own_parameters(capsys: Capture, folder: Path) -> None:
+    path = file_of(folder / "short.csv", "idm", IDM, 120.0)
+    out = folder / "short.accpinn.zip"
+    found = document(capsys, "fit", path, "--model", "idm", "--intervals", "--out", out)
+    assert (found["model"], found["method"]) == ("idm", "simulation")
+    (row,), (own,), (known,) = found["parameters"], found["answer"], found["intervals"]
+    assert {*FOLLOWING["idm"].names, "alpha", "beta", "tau"} <= row.keys()
+    assert known["T"][0] < row["T"] < known["T"][1]
+    assert list(own["parameters"]) == list(FOLLOWING["idm"].names)
+    held = document(capsys, "fit", path, "--model", "idm", "--hold", "v0=40", "--hold", "b=1.6")
+    for entry in (held["parameters"][0], held["answer"][0]["parameters"]):
+        assert (entry["v0"], entry["b"]) == (pytest.approx(40), pytest.approx(1.6))
+    stable = document(capsys, "stability", out)["vehicles"][0]
+    assert stable["alpha"] > 0
+    swung = document(capsys, "simulate", out, "--vehicles", 3)
+    assert len(swung["amplitude"]) == 4
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_maximum_likelihood_estimates_every_cthp(model: str) -> None:
+    (run,) = driven(FOLLOWING["cthp-s0"], SHIFTED, 5, noise=0.03, seconds=200.0)
+    fit = METHODS["maximum-likelihood"].fit(run, law=Law(model))
+    assert fit.model == model
+    known = intervals(run, fit)
+    width = known.upper.complete - known.lower.complete
+    # A lag or a delay of nothing ends at its least value, below all draws.
+    low, found, high = (part.complete[:, :4] for part in (known.lower, fit.parameters, known.upper))
+    assert (np.abs(found - (low + high) / 2) <= width[:, :4] + 1e-9).all()
+    assert np.abs(fit.surrogate.gaps - run.gaps).max() < 0.5
+    if "s0" in model:
+        assert fit.parameters.s0[0] == pytest.approx(SHIFTED[0, 3], abs=1.0)
+        gap = fit.parameters.time_gap(25.0)
+        assert gap[0] == pytest.approx(SHIFTED[0, 2] + SHIFTED[0, 3] / 25.0, rel=0.02)
+
+
+def test_the_calibrated_network_has_the_intercept_too() -> None:
+    run, law = cut(read(STUDY), 0, 150, (1, 2)), Law("cthp-s0")
+    fit = METHODS["pinn"].fit(run, settings=CALIBRATED, law=law)
+    likeliest = maximum_likelihood(run, law=law)
+    known = intervals(run, likeliest)
+    width = known.upper.complete - known.lower.complete
+    away = np.abs(fit.parameters.complete - likeliest.parameters.complete)
+    assert (away <= 0.1 * width + 1e-9).all()
+    assert np.abs(fit.surrogate.gaps - run.gaps).mean() < 0.2
+    again = METHODS["pinn"].redraw(fit, run.time, run.window.duration)
+    np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
+    held = METHODS["pinn"].fit(run, settings=CALIBRATED, law=Law("cthp-s0", (("s0", 4.0),)))
+    assert held.parameters.s0[0] == 4.0
+
+
+def test_another_model_of_the_answer_does_not_estimate_again(tmp_path: Path) -> None:
+    store, recording = Store(tmp_path), read(STUDY)
+    first = accpinn.fit(recording, 0, 60, method="splines", store=store)
+    other = accpinn.fit(recording, 0, 60, method="splines", model="idm", store=store)
+    assert other.fit.cached
+    assert (first.answer.model, other.answer.model) == ("cthp-s0-delay", "idm")
+    assert other.fit.model == "cthp", "splines estimate the paper's model alone"
+
+
+def test_a_method_that_cannot_share_windows_says_which_model_could() -> None:
+    with pytest.raises(ConfigError, match="idm"):
+        accpinn.fit(STUDY, windows="0-60,60-120", method="simulation")
+    found = accpinn.fit(STUDY, windows="0-60,60-120", model="cthp-s0", method="simulation")
+    assert [window.fit.model for window in found.windows] == ["cthp-s0"] * 2
+    assert json.dumps(found.analysis.held) == "[]"
