@@ -28,7 +28,7 @@ from accpinn.inference.intervals import (
     from_draws,
     interval_ends,
 )
-from accpinn.inference.population import CHAINS, KEPT, POPULATIONS, WITHIN, sampled_population
+from accpinn.inference.population import CHAINS, KEPT, WITHIN, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import JUDGED, window_posterior
 from accpinn.methods.method import one_thread
@@ -297,7 +297,7 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
         nothing = np.full((size, count), np.nan)
         return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
     free, prior = free_of(model, held), log_prior(model, drawn)
-    sampled = sampled_population(drawn[..., free], prior, POPULATIONS[model].of(free))
+    sampled = sampled_population(drawn[..., free], prior, population_of(model, count).of(free))
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::EVERY], sampled.further[::EVERY]
     covariance = np.zeros((size, count, count))

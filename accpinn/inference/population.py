@@ -42,6 +42,8 @@ LEAST_GAP_SPREAD = 0.08
 in the few cars at hand, and typical values of simulated cars were covered too seldom with less."""
 TAILS = 4.0
 """κ: further windows are more probable with it than under a normal one (docs/validation.md)."""
+UNLEARNED = 0.4
+"""About the mean deviation between windows that was learned of the IDM, in deviations of priors."""
 WITHIN = 1.1416
 """Deviation within which 68 % of that t lie, over the root of its scale."""
 
@@ -389,3 +391,14 @@ POPULATIONS: dict[str, Population] = {
     ),
 }
 """As `python -m bench.population` printed them for 16 cars in 95 windows of OpenACC."""
+
+
+def population_of(model: str, count: int) -> Population:
+    """The population of a model's coordinates.
+
+    Where nothing was learned of a model, its ``count`` parameters differ between cars as its priors
+    say, and between windows by `UNLEARNED` of that.
+    """
+    if model in POPULATIONS:
+        return POPULATIONS[model]
+    return Population(np.zeros(count), np.eye(count), UNLEARNED**2 * np.eye(count))

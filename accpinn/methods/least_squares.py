@@ -11,34 +11,51 @@ its value and its slope there are the smoothed signal and its derivative. Smooth
 and the model is linear, so what holds for the signals holds for the smoothed ones: the window adds
 hardly any bias where the model holds, and it averages out the receivers' noise.
 
+With an intercept s₀ the same holds of the rows about their means.
+
 Source: Savitzky and Golay, Analytical Chemistry 36 (1964) 1627-1639; the pass band after Schafer,
 IEEE Signal Processing Magazine 28 (2011) 111-117.
 """
 
 from functools import partial
 
+import numpy as np
+
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.method import direct
-from accpinn.methods.regression import Regression
+from accpinn.methods.method import PAPERS, Law, direct
+from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.models import PAPER
 from accpinn.segment.segment import Segment
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 
 WINDOW: Seconds = 2.0
 """Passes up to about 0.75 Hz at 10 Hz: above what a platoon does, which stays below 0.3 Hz, and
 well below the 3-5 Hz of the receivers' reports, whose splining leaves ripples."""
+MODELS = (PAPER, "cthp-s0")
+"""Models that are linear in their parameters and need no earlier instants."""
 DEGREE = 3
 LEAST_SAMPLES = 5
 """In a window: with fewer, the cubic interpolates every sample and smooths nothing."""
 
 
-def fit(segment: Segment, case: Case = "II") -> Fit:
+def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     """The least-squares parameters of a segment; takes milliseconds."""
-    solution = Regression.of(segment).solve(case)
-    return Fit.of("least-squares", segment, case, solution, outcome=Outcome.SOLVED, config={})
+    solution, terms = solved(Regression.of(segment), case, law)
+    return Fit.of(
+        "least-squares", segment, case, solution, outcome=Outcome.SOLVED, config={}, terms=terms
+    )
 
 
-def fit_smoothed(segment: Segment, case: Case = "II") -> Fit:
+def solved(regression: Regression, case: Case, law: Law) -> tuple[Solution, FloatArray | None]:
+    """The solution under a model of `MODELS`, and s₀, λ and d (M, 3) where it has terms."""
+    if law == PAPERS:
+        return regression.solve(case), None
+    solution, s0 = regression.solve_with_intercept(case)
+    return solution, np.column_stack([s0, np.zeros((len(s0), 2))])
+
+
+def fit_smoothed(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     """The least-squares parameters of the smoothed segment; the surrogate is that segment."""
     from scipy.signal import savgol_filter  # takes a second to import, which few need
 
@@ -52,7 +69,8 @@ def fit_smoothed(segment: Segment, case: Case = "II") -> Fit:
     speeds, gaps = smoothing(segment.speeds), smoothing(segment.gaps)
     acceleration = smoothing(segment.speeds[:, 1:], deriv=1)
     # The window reaches into masked instants, as the signals there are as good as elsewhere.
-    solution = Regression.of_motion(speeds, gaps, acceleration, segment.mask).solve(case)
+    regression = Regression.of_motion(speeds, gaps, acceleration, segment.mask)
+    solution, terms = solved(regression, case, law)
     return Fit.of(
         "savitzky-golay",
         segment,
@@ -61,15 +79,16 @@ def fit_smoothed(segment: Segment, case: Case = "II") -> Fit:
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED,
         config={"window": samples * segment.sample_time, "degree": degree},
+        terms=terms,
     )
 
 
 METHOD = direct(
-    "least-squares", "Least squares", fit, typical_seconds=0.1,
+    "least-squares", "Least squares", fit, MODELS, typical_seconds=0.1,
     summary="batch least squares on finite differences of the speeds",
 )  # fmt: skip
 
 SMOOTHED = direct(
-    "savitzky-golay", "Savitzky-Golay", fit_smoothed, typical_seconds=0.1,
+    "savitzky-golay", "Savitzky-Golay", fit_smoothed, MODELS, typical_seconds=0.1,
     summary="batch least squares on smoothed signals",
 )  # fmt: skip

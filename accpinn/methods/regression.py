@@ -153,6 +153,23 @@ class Regression:
         """The least-squares θ within the rational driving constraints."""
         return solve_platoon(self.grams(), self.moments(), case)
 
+    def solve_with_intercept(self, case: Case) -> tuple[Solution, FloatArray]:
+        """The same, and s₀ (M,) in m, for dv/dt = X θ - α s₀ + r; nan where α = 0.
+
+        About their means over the instants that count, rows have no s₀.
+        """
+        counts: Mask = np.asarray(self.terms.any(axis=2))
+        axis = (0, 1) if case == "I" else 1
+        weights = counts[..., None] / counts.sum(axis=axis, keepdims=True)[..., None]
+        term = (weights * self.terms).sum(axis=axis, keepdims=True)
+        rate = (weights[..., 0] * self.rates).sum(axis=axis, keepdims=True)
+        terms = np.where(counts[..., None], self.terms - term, 0.0)
+        solution = Regression(terms, np.where(counts, self.rates - rate, 0.0)).solve(case)
+        rest = (term * solution.theta[:, None]).sum(axis=2)[:, 0] - rate[:, 0]
+        alpha = solution.theta[:, 0]
+        s0 = np.divide(rest, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
+        return solution, s0
+
 
 @dataclass(frozen=True, eq=False)
 class OneSecondMeans:

@@ -19,7 +19,8 @@ from scipy.sparse import csr_array, diags_array
 
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.method import direct
+from accpinn.methods.least_squares import MODELS, solved
+from accpinn.methods.method import PAPERS, Law, direct
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment
@@ -35,7 +36,12 @@ TOLERANCE = 1e-9
 """Largest relative change of θ at which the alternation ends."""
 
 
-def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY) -> Fit:
+def fit(
+    segment: Segment,
+    case: Case = "II",
+    law: Law = PAPERS,
+    knots_every: Seconds = KNOTS_EVERY,
+) -> Fit:
     """Trajectories and parameters that minimise Ψ over all splines with these knots.
 
     Raises:
@@ -48,11 +54,13 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
         )
     knots_every = max(knots_every, LEAST_SAMPLES * segment.sample_time)
     basis = _Basis(segment, knots_every)
-    solution = Regression.of(segment).solve(case)
+    solution, terms = solved(Regression.of(segment), case, law)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
-        speeds, gaps, rates = basis.smooth(solution.theta)
+        shift = np.zeros(segment.followers) if terms is None else np.nan_to_num(terms[:, 0])
+        speeds, gaps, rates = basis.smooth(solution.theta, shift)
         before = solution.theta
-        solution = Regression.of_motion(speeds, gaps, rates, segment.mask).solve(case)
+        regression = Regression.of_motion(speeds, gaps, rates, segment.mask)
+        solution, terms = solved(regression, case, law)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
             break
     return Fit.of(
@@ -65,6 +73,7 @@ def fit(segment: Segment, case: Case = "II", knots_every: Seconds = KNOTS_EVERY)
         config={"knots_every": knots_every, "degree": DEGREE},
         loss=basis.loss(solution.theta, segment.mask),
         iterations=rounds,
+        terms=terms,
     )
 
 
@@ -127,7 +136,7 @@ class _Basis:
         splines = SplineBasis(float(segment.time[-1]), knots_every, DEGREE)
         self.value, self.rate = splines.derivatives(segment.time, 1)
         self.size, mask = splines.size, segment.mask
-        self._measured = np.hstack([segment.speeds, segment.gaps])
+        self._given = self._measured = np.hstack([segment.speeds, segment.gaps])
 
         def bands(rows: slice | Mask) -> _Bands:
             value, rate = self.value[rows], self.rate[rows]
@@ -139,16 +148,22 @@ class _Basis:
         self._dynamic_bands = everywhere if mask is None else [bands(kept) for kept in mask.T]
         self._coefficients: FloatArray = np.zeros((self.size, 0))
 
-    def smooth(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Speeds (N, M+1), gaps (N, M) and the followers' dv/dt (N, M) for parameters θ (M, 3)."""
+    def smooth(
+        self, theta: FloatArray, shift: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Speeds (N, M+1), gaps (N, M) and the followers' dv/dt (N, M) for parameters θ (M, 3).
+
+        The gaps obey the model without the shift s₀ (M,), which is added to them at the end.
+        """
         followers = len(theta)
         outputs = 2 * followers + 1
+        self._measured = self._given - np.append(np.zeros(followers + 1), shift)
         right = (self.value.T @ self._measured).ravel()
         solved = solveh_banded(self._normal_matrix(theta), right, lower=True, check_finite=False)
         self._coefficients = solved.reshape(self.size, outputs)
         values, rates = self._evaluate()
         split = followers + 1
-        return values[:, :split], values[:, split:], rates[:, 1:split]
+        return values[:, :split], values[:, split:] + shift, rates[:, 1:split]
 
     def _evaluate(self) -> tuple[FloatArray, FloatArray]:
         values: FloatArray = np.asarray(self.value @ self._coefficients)
@@ -215,6 +230,6 @@ def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
 
 
 METHOD = direct(
-    "splines", "Splines", fit, typical_seconds=0.3,
+    "splines", "Splines", fit, MODELS, typical_seconds=0.3,
     summary="smoothing with splines: the limit of the PiNN's loss",
 )  # fmt: skip

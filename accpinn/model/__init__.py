@@ -1,1 +1,1 @@
-"""The model every method estimates: the constant time-headway policy (CTHP)."""
+"""Car-following models: the constant time-headway policy (CTHP), its terms, and others."""

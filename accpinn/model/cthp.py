@@ -1,4 +1,4 @@
-"""The constant time-headway policy (CTHP), the model whose parameters every method estimates.
+"""The constant time-headway policy (CTHP), the paper's model, which every method can estimate.
 
 Vehicle i follows vehicle i-1; p_i is the space-gap [m], v_i the speed [m/s], Δv_i = v_{i-1} - v_i:
 

@@ -66,6 +66,9 @@ def at_speed(
 def judged(result: Result) -> Judged:
     """The answer's followers; those of the method where the answer is not known."""
     vehicles, stored = learned_parameters(result.info, result.fit), result.known_answer
+    if len(result.infos) > 1:
+        windows = f"{result.info.source}, {len(result.infos)} windows"
+        vehicles = replace(vehicles, title=windows)
     if stored and np.isfinite(stored.parameters.complete).all():
         vehicles = replace(vehicles, parameters=stored.parameters, model=stored.model)
         return Judged(vehicles, stored.uncertainty, result.gain_checks)

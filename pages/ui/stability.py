@@ -93,7 +93,10 @@ def _at_chosen_speed(workspace: Workspace, source: Chosen) -> Chosen | None:
         return source
     there = show.attempt(lambda: at_speed(source.vehicles, source.uncertainty, speed / KMH))
     # The measured gain is that of the recorded speeds.
-    return replace(source, vehicles=there[0], uncertainty=there[1], checks=()) if there else None
+    if there is None:
+        return None
+    vehicles, known = there
+    return replace(source, vehicles=vehicles, uncertainty=known, checks=(), speed=speed / KMH)
 
 
 def _show_answer(source: Chosen) -> None:
@@ -121,7 +124,7 @@ def _show_answer(source: Chosen) -> None:
         assumed = GIVEN_PARAMETERS
         if result:
             stored = result.known_answer
-            assumed = assumption(stored) if stored else conditional(None, result.info)
+            assumed = assumption(stored, source.speed) if stored else conditional(None, result.info)
         st.caption(escape_markdown(assumed))
 
 

@@ -38,7 +38,7 @@ class TestSplines:
         basis = splines._Basis(segment, splines.KNOTS_EVERY)
 
         def lowest(theta: np.ndarray) -> float:
-            basis.smooth(theta[None] * scale)
+            basis.smooth(theta[None] * scale, np.zeros(1))
             return 1e3 * basis.loss(theta[None] * scale, None)["total"]
 
         scale = fit.parameters[0].theta

@@ -38,6 +38,7 @@ from tests.support.apptest import (
     DATA,
     HOME,
     PAGES,
+    PLATOON,
     STABILITY,
     TRAIN,
     WAIT,
@@ -567,6 +568,30 @@ def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
     other = sessions.workspaces().new()
     other.restore(result)
     assert other.analysis().model == "cthp-s0"
+
+
+def test_an_answer_by_another_model_needs_no_second_training_and_holds_at_a_speed() -> None:
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session.preset, session.settings["fast"] = "fast", {"iterations": 20}
+    open_page(TRAIN, session).press("Start training")
+    assert session.training.wait(WAIT)
+    weights = session.result.fit.arrays
+    open_page(TRAIN, session).choose("train_options", True).choose(MODEL, "idm")
+    open_page(TRAIN, session).press("Start training")
+    assert session.training.wait(WAIT)
+    result = session.result
+    assert result.parts.answer.model == "idm"
+    assert result.fit.cached
+    assert all((result.fit.arrays[name] == values).all() for name, values in weights.items())
+    assert "Answer: IDM, one window" in open_page(TRAIN, session).plain()
+    page = open_page(STABILITY, session)
+    before = page.plain()
+    page.choose("stability_speed", 40.0)
+    assert page.plain() != before
+    assert "linearised at the vehicle's median speed" in before
+    open_page(PLATOON, session)
+    open_page(COMPARE, session)
 
 
 def test_all_windows_in_car_following_are_trained_on_when_ticked() -> None:

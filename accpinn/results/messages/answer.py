@@ -12,6 +12,7 @@ from accpinn.results.judged import Judged
 from accpinn.results.tables.table import between, supported_digits
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import assessment
+from accpinn.units import MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")
 """Presets that minimise the paper's loss."""
@@ -19,11 +20,17 @@ PAPERS_ESTIMATE = "the paper's estimate, biased if disturbances last"
 """The label of what those presets estimate."""
 
 
-def assumption(answer: Answer) -> str:
-    """The model and the windows that a verdict on the answer rests on."""
+def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
+    """The model and the windows that a verdict on the answer rests on.
+
+    Args:
+        answer: that is judged.
+        speed: at which a model that is no CTHP is linearised; by default each vehicle's median.
+    """
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
-    at = "" if answer.model in MODELS else ", linearised at the vehicle's median speed"
+    at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
+    at = "" if answer.model in MODELS else f", linearised at {at}"
     return (
         f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over"
         f" {windows}{at}."

@@ -19,6 +19,7 @@ from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
+from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
@@ -56,6 +57,8 @@ class Chosen:
     """That of the vehicles; None for a training that was stopped, too."""
     checks: tuple[GainCheck, ...] = ()
     """What the measured gain says of each follower's answer; empty for other parameters."""
+    speed: MetresPerSecond | None = None
+    """At which they hold, where that was chosen."""
 
     @cached_property
     def report(self) -> StabilityReport:
