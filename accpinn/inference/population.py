@@ -37,6 +37,9 @@ LESS_RELATED, MORE_CARS = 0.6, 2.0
 MORE_BETWEEN = 1.5
 """Factor on the variances between windows that were learned: with it the interval for a further
 window holds as many left-out windows as it says (docs/validation.md)."""
+OF_OTHERS = 0.8, 2.0
+"""Factors on the correlations and the variances between windows of models that are no CTHP, for the
+same reason: their time gap depends on all parameters at once."""
 LEAST_GAP_SPREAD = 0.08
 """Least scale of ln G between windows: deviations of 11 %. That of the CTHP differed by less
 in the few cars at hand, and typical values of simulated cars were covered too seldom with less."""
@@ -173,9 +176,13 @@ def regularised(learned: Population, is_cthp: bool = True) -> Population:
     """A population as it is used: what a few cars taught of S and Σ₀ is uncertain."""
     variances = np.diag(np.diag(learned.cars))
     cars = MORE_CARS * (LESS_RELATED * learned.cars + (1 - LESS_RELATED) * variances)
-    windows = MORE_BETWEEN * learned.windows
     if is_cthp:
+        windows = MORE_BETWEEN * learned.windows
         windows[2, 2] += max(0.0, LEAST_GAP_SPREAD**2 - windows[2, 2])
+    else:
+        related, more = OF_OTHERS
+        own = np.diag(np.diag(learned.windows))
+        windows = more * (related * learned.windows + (1 - related) * own)
     return Population(learned.centre, cars, windows)
 
 
