@@ -275,7 +275,7 @@ def _show_options(workspace: Workspace) -> None:
     select(
         "Model of the answer", TITLES, BEST, MODEL, workspace, width=380, help=MODEL_HELP,
     )  # fmt: skip
-    rows = [st.columns(4) for _ in range(5)]
+    rows = [st.columns(4) for _ in range(4 if preset == "calibrated" else 5)]
     places = [column for row in rows for column in row]
 
     def number(column: Any, name: str, label: str, step: float, help: str) -> None:
@@ -295,17 +295,19 @@ def _show_options(workspace: Workspace) -> None:
         column.number_input(label, **shown, step=step, help=help, **look)
 
     fields = OPTIONS | (OF_PAPER if preset == "paper" else OF_OTHERS)
-    for column, (name, (label, step, explained)) in zip(
-        [*places[:4], *places[5:]], fields.items(), strict=False
-    ):
+    has_start = preset != "calibrated"  # which begins where the likelihood is largest
+    if has_start:
+        now = tuple(float(value) for value in settings["initial"])
+        starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
+        select(
+            "Start from", {start: "α {:g}, β {:g}, τ {:g}".format(*start) for start in starts},
+            now, f"train_{preset}_start", lambda initial: changes.update(initial=initial),
+            place=places.pop(4), help=START_HELP,
+        )  # fmt: skip
+    else:
+        fields = {name: field for name, field in fields.items() if "initial-" not in name}
+    for column, (name, (label, step, explained)) in zip(places, fields.items(), strict=False):
         number(column, name, label, step, explained)
-    now = tuple(float(value) for value in settings["initial"])
-    starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
-    select(
-        "Start from", {start: "α {:g}, β {:g}, τ {:g}".format(*start) for start in starts},
-        now, f"train_{preset}_start", lambda initial: changes.update(initial=initial),
-        place=places[4], help=START_HELP,
-    )  # fmt: skip
     with places[-1]:
         st.space("stretch")
         st.button(

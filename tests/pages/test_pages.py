@@ -553,6 +553,16 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
     assert config.initial.values.tolist() == [0.5, 0.5, 0.5]
 
 
+def test_calibrated_shows_no_initial_values_as_it_uses_none() -> None:
+    session = with_sample()
+    page = open_page(TRAIN, session).choose("train_options", True)
+    keys = [str(field.key) for field in page.number_input]
+    assert "train_calibrated_highest_frequency" in keys
+    assert not [key for key in keys if "initial" in key and "weight" not in key]
+    fast = page.choose("train_preset", "fast")
+    assert "train_fast_initial_0" in [field.key for field in fast.number_input]
+
+
 def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
     session = with_sample()
     session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
