@@ -13,6 +13,11 @@ is then standard normal (Bartlett, JRSS Suppl. 8, 1946), and large where disturb
 integrated autocorrelation time (Geyer's initial positive sequence, Statistical Science 7, 1992)
 measures how long the residual lasts.
 
+Where the residual is correlated with the acceleration ahead, some of the vehicle's response to it
+is missing in the model. By chance alone such correlations are normal with the variance
+Σ_k ρ_e(k) ρ_u(k) / N, and those of a white residual with itself with 1/N (Ljung, System
+Identification, 2nd ed., 1999, section 16.6).
+
 Seconds with a missing sample do not count.
 """
 
@@ -20,11 +25,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import toeplitz
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from accpinn.findings import Finding, Labelled
 from accpinn.methods.fit import Fit
-from accpinn.methods.regression import STEP, one_second_means
+from accpinn.methods.regression import STEP, OneSecondMeans, one_second_means
+from accpinn.model.cthp import regressors
+from accpinn.model.models import PAPER
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -34,6 +42,10 @@ FEWEST = 30
 """Fewest seconds from which a correlation is computed."""
 CORRELATED = 0.01
 """Level of the test: below it, the residual is called correlated."""
+LONGEST_LAG = 20
+"""Most seconds between two values that are correlated."""
+CONFIDENCE = 0.99
+"""Share of correlations by chance that lie within their limits."""
 NEGLIGIBLE = 0.02
 """Residual in m/s² that receivers' noise of 0.015 m/s and sampling alone produce."""
 
@@ -117,9 +129,7 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
         segment: the data; instants that its mask excludes do not count.
         fit: the fit of any method.
     """
-    steps = one_second_means(segment)
-    theta = np.nan_to_num(fit.parameters.theta)
-    residuals = steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
+    steps, residuals = residuals_of(segment, fit)
     pairs = zip(residuals, steps.mask, strict=True)
     figures = np.array([_figures(row, mask, steps.length) for row, mask in pairs])
     samples = steps.mask.sum(axis=1) * steps.samples
@@ -127,6 +137,85 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     findings = tuple(_finding(*row) for row in rows)
     deviation, correlation, memory, independent, probability = figures.T
     return Whiteness(deviation, correlation, memory, independent, probability, findings)
+
+
+def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray]:
+    """The seconds of a segment, and the residuals (M, K) in m/s² of a fit's model."""
+    steps, parameters = one_second_means(segment), fit.parameters
+    if fit.model == PAPER:
+        theta = np.nan_to_num(parameters.theta)
+        return steps, steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
+    moved, speeds = segment.gaps, segment.speeds
+    if parameters.own.size:
+        model = FOLLOWING[fit.model]
+        command = model.acceleration(moved, speeds[:, 1:], speeds[:, :-1], parameters.own.T, np)
+    else:
+        terms = regressors(speeds, moved).transpose(1, 0, 2)
+        shift = parameters.alpha * parameters.s0
+        command = np.einsum("nmc,mc->nm", terms, np.nan_to_num(parameters.theta)) - shift
+    from scipy.signal import lfilter  # takes a second to import, which few need
+
+    reached = np.asarray(command, float).copy()
+    for k, (lag, delay) in enumerate(parameters.complete[:, 4:]):
+        late = np.interp(segment.time - delay, segment.time, command[:, k])
+        keep = np.exp(-segment.sample_time / lag) if lag > 0 else 0.0
+        reached[:, k] = lfilter([1 - keep], [1, -keep], late, zi=[keep * late[0]])[0]
+    used = reached[: steps.rates.shape[1] * steps.samples + 1]
+    means = ((used[1:] + used[:-1]) / 2).reshape(-1, steps.samples, segment.followers).mean(axis=1)
+    return steps, steps.rates - means.T
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualCorrelations:
+    """Of one follower's residual with itself, and with the acceleration of the vehicle ahead."""
+
+    lags: FloatArray
+    """(L,) in s, from 1."""
+    own: FloatArray
+    """(L,)"""
+    own_limit: float
+    """Within ± this 99 % of a white residual's correlations lie."""
+    ahead_lags: FloatArray
+    """(2L+1,) in s; above zero the residual comes after the acceleration ahead."""
+    ahead: FloatArray
+    """(2L+1,)"""
+    ahead_limit: float
+    """The same for a residual that has nothing to do with the acceleration ahead."""
+
+
+def residual_correlations(segment: Segment, fit: Fit, follower: int) -> ResidualCorrelations | None:
+    """The correlations of a follower's residual; None where too little is measured.
+
+    Args:
+        segment: the data.
+        fit: of any method.
+        follower: 0 for the first.
+    """
+    steps, residuals = residuals_of(segment, fit)
+    residual, mask = residuals[follower], steps.mask[follower]
+    speeds = segment.speeds[:: steps.samples, follower][: len(residual) + 1]
+    ahead = np.diff(speeds) / steps.length
+    count = int(mask.sum())
+    if count < FEWEST:
+        return None
+    e, u = (np.where(mask, part - part[mask].mean(), 0.0) for part in (residual, ahead))
+    if not e.any() or not u.any():
+        return None
+    longest = min(LONGEST_LAG, count // 3)
+    of_e, of_u = _correlations(e, mask), _correlations(u, mask)
+    scale = np.sqrt((e**2).sum() * (u**2).sum())
+    lags = np.arange(-longest, longest + 1)
+    full = np.correlate(e, u, "full")[len(e) - 1 + lags] / scale
+    both = 1.0 + 2.0 * float((of_e[1 : longest + 1] * of_u[1 : longest + 1]).sum())
+    limit = float(ndtri(0.5 + CONFIDENCE / 2) / np.sqrt(count))
+    return ResidualCorrelations(
+        np.asarray(lags[longest + 1 :] * steps.length, float),
+        of_e[1 : longest + 1],
+        limit,
+        np.asarray(lags * steps.length, float),
+        full,
+        limit * float(np.sqrt(max(both, 1.0))),
+    )
 
 
 def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFinding:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import streamlit as st
 
+from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.identifiability import (
     INCREASE,
     identifiability_warnings,
@@ -366,7 +367,23 @@ def _show_adequacy(shown: _Shown) -> None:
         " prefer a form with a clearly lower AIC and a higher density. If there is none, the forms"
         " show how much α, β and τ depend on the assumptions."
     )
+    _show_residual(shown)
     _show_disturbance(shown)
+
+
+def _show_residual(shown: _Shown) -> None:
+    """What the model leaves unexplained: its memory, and what it has to do with the car ahead."""
+    row = shown.rows[0]
+    found = residual_correlations(shown.segment, row.fit, shown.follower)
+    if found is None:
+        return
+    show.chart(figures.residual(found, shown.colour), "compare_residual")
+    st.caption(
+        f"Residual of dv/dt by {escape_markdown(tables.name_of(row.fit))}, in steps of a second."
+        f" Dashed: {CONFIDENCE:.0%} of what chance alone gives lies between. Left, bars beyond:"
+        " disturbances last. Right, bars beyond at lags above zero: the model lacks a part of the"
+        " response to the car ahead, as a delay.".replace("%", " %")
+    )
 
 
 def _show_disturbance(shown: _Shown) -> None:

@@ -12,13 +12,17 @@ from accpinn.evaluation.whiteness import (
     ShortResidual,
     Whiteness,
     WhiteResidual,
+    residual_correlations,
+    residuals_of,
     whiteness,
 )
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven
+from tests.support.following import driven as followed
 
 TRUTH = Parameters.of([LAW])
 
@@ -89,3 +93,28 @@ def test_a_short_window_has_no_test() -> None:
     found = at_truth(segment)
     assert np.isnan(found.probability[0])
     assert found.findings == (ShortResidual(2),)
+
+
+def test_a_response_that_the_model_lacks_comes_after_the_acceleration_ahead() -> None:
+    model, theta = FOLLOWING["cthp-s0-delay"], np.array([[0.1, 0.3, 0.9, 6.0, 0.8]])
+    (run,) = followed(model, theta, 4, noise=0.01, seconds=1200.0)
+    right = Parameters(*theta[:, :3].T, s0=theta[:, 3], delay=theta[:, 4])
+    fit = replace(least_squares.fit(run), parameters=right, model=model.key)
+    without = replace(fit, parameters=Parameters(*theta[:, :3].T, s0=theta[:, 3]), model="cthp-s0")
+    deviations = [whiteness(run, one).deviation[0] for one in (fit, without)]
+    assert deviations[0] < 0.3 * deviations[1]
+    lacking = residual_correlations(run, without, 0)
+    late = np.abs(lacking.ahead[(lacking.ahead_lags >= 0) & (lacking.ahead_lags <= 3)]).max()
+    assert late > lacking.ahead_limit
+    assert (lacking.lags[0], lacking.ahead_lags[0]) == (1.0, -lacking.lags[-1])
+    np.testing.assert_allclose(lacking.own[0], whiteness(run, without).correlation[0])
+    assert residual_correlations(part(run, 0, 200), without, 0) is None
+
+
+@pytest.mark.parametrize("key", ["idm", "cthp-s0-lag"])
+def test_the_residual_is_that_of_the_fits_own_model(key: str) -> None:
+    model = FOLLOWING[key]
+    (run,) = followed(model, model.typical[None], 4, noise=0.0)
+    near = model.linearisations(model.typical[:, None], 25.0)
+    _, residuals = residuals_of(run, replace(least_squares.fit(run), parameters=near, model=key))
+    assert np.sqrt((residuals[:, 2:] ** 2).mean()) < 0.01

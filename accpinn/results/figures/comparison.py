@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import PARAMETERS, TIME
+from accpinn.evaluation.whiteness import ResidualCorrelations
 from accpinn.inference.identifiability import INCREASE, Profile
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
@@ -118,6 +119,30 @@ def tracks(
             traces, 560, "compare-tracks", axes, grid=style.stack(1, 1, 1), shapes=shapes
         )
     )
+
+
+def residual(found: ResidualCorrelations, colour: str) -> go.Figure:
+    """Correlations of a residual with itself and with the acceleration ahead, and their limits."""
+    parts = (
+        (found.lags, found.own, found.own_limit, "Residual with itself"),
+        (found.ahead_lags, found.ahead, found.ahead_limit, "Residual after acceleration ahead"),
+    )
+    traces, lines, axes = list[style.Part](), list[style.Part](), dict[str, style.Part]()
+    limit = {"color": style.LEADER, "width": 1, "dash": "dash"}
+    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most, _ in parts)
+    for panel, (lags, values, most, title) in enumerate(parts, 1):
+        at = style.axes_of(panel)
+        traces.append(
+            {"type": "bar", "x": lags, "y": values, "marker": {"color": colour}, **at,
+             "hovertemplate": "%{x:.0f} s: %{y:.2f}<extra></extra>"}
+        )  # fmt: skip
+        lines += [style.across(at["yaxis"], end, line=limit) for end in (-most, most)]
+        axes[at["xaxis"]] = style.titled(f"{title}: lag [s]")
+        axes[at["yaxis"]] = {"range": [-shown, shown]}
+    return style.composed(
+        traces, 240, "compare-residual", axes, {"x": {}, "y": {}}, style.row(2, 0.06), shapes=lines,
+        hovermode="closest", dragmode=False,
+    )  # fmt: skip
 
 
 def profiles(
