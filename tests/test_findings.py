@@ -13,7 +13,7 @@ from accpinn.inference import (
     prediction,
     trust,
 )
-from accpinn.methods import fit, following, maximum_likelihood
+from accpinn.methods import fit, maximum_likelihood
 from accpinn.platoon import simulation
 from accpinn.recordings import openacc
 from accpinn.recordings import recording as recordings
@@ -42,7 +42,7 @@ SAID = [
     (recordings.ValuesFrozen("IVS", 3, BLOCKS[0]), ["space-gap", "1.5 s", "1–2.5 s"]),
     (recordings.LittleLeaderMotion(2, 0.021), ["0.02 m/s"]),
     (recordings.MappingRemembered(), []),
-    (following.NotDetermined(2, "IDM", ("b", "v₀")), ["2 Audi", "b and v₀", "IDM"]),
+    (fit.Undetermined(2, "IDM", ("b", "v₀")), ["2 Audi", "b and v₀", "IDM"]),
     (judge.Describes(2, "IDM", "CTHP", 5, 1.5, 20.0, 4.0, True), ["2 Audi", "IDM", "CTHP", "20 %"]),
     (trust.Trust(2, 5, 4, 25.0, 1.9, 6.1, False), ["2 Audi", "4 of 5", "1.9 m", "6.1 m"]),
     (segments.WindowMoved(5.04, 5.0), ["5 s", "5.04 s"]),

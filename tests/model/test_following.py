@@ -98,7 +98,7 @@ def test_a_complex_step_gives_the_derivatives_of_a_simulation(model: FollowingMo
 def test_what_no_model_can_do_ends_in_one_sentence() -> None:
     with pytest.raises(ParameterError, match=r"IDM: .* no equilibrium at 60.0 m/s; choose"):
         IDM.linearised(IDM.typical, 60.0)
-    with pytest.raises(ConfigError, match="models: krauss is not known; choose from cthp"):
+    with pytest.raises(ConfigError, match="model: krauss is not known; choose from cthp"):
         following_model("krauss")
 
 
