@@ -58,7 +58,7 @@ def analyse(
         chosen = parse_windows(windows)
     elif windows:
         chosen = [Window(float(first), float(last)) for first, last in windows]
-    method = method or usual_method(model)
+    method = method or usual_method(model, preset)
     if not isinstance(seed, int) or isinstance(seed, bool):
         raise ConfigError(f"seed: {repr(seed)[:40]} is not allowed; choose a whole number, as 0.")
     settings = named_config(preset, seed=seed) if method_of(method).settings else None

@@ -128,7 +128,7 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
 
 def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
-    options.method = options.method or usual_method(options.model)
+    options.method = options.method or usual_method(options.model, options.preset)
     settings = _settings(options)
     if options.windows:
         check_windows_options(options)

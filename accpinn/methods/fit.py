@@ -407,14 +407,16 @@ class Recorder:
     def __init__(self) -> None:
         """Empty."""
         self._rows: list[FloatArray] = []
-        """Scalars, P parameter sets (P, 3), and the P rows of their deviations if any."""
+        """Scalars, then P parameter sets (P, 6 + n)."""
+        self._deviations: list[FloatArray] = []
         self._sets = 1
 
     def add(self, progress: Progress) -> None:
         """Store a moment."""
         scalars = [float(getattr(progress, name)) for name in _SCALARS]
-        deviations = [] if progress.deviations is None else [progress.deviations]
-        self._rows.append(np.append(scalars, [progress.parameters.values, *deviations]))
+        self._rows.append(np.append(scalars, progress.parameters.everything))
+        if progress.deviations is not None:
+            self._deviations.append(progress.deviations)
         self._sets = len(progress.parameters)
 
     def __len__(self) -> int:
@@ -426,22 +428,26 @@ class Recorder:
         spacing = 1
         while len(self) > spacing * (KEPT - 1):
             spacing *= 2
-        kept = self._rows[::spacing] + self._rows[-1:] * ((len(self) - 1) % spacing > 0)
-        rows = np.array(kept or np.zeros((0, len(_SCALARS))))
-        tables = rows[:, len(_SCALARS) :].reshape(len(rows), -1, self._sets, 3)
+        moments = [*range(0, len(self), spacing)]
+        moments += [len(self) - 1] * ((len(self) - 1) % spacing > 0)
+        rows = np.array([self._rows[k] for k in moments] or np.zeros((0, len(_SCALARS) + 6)))
+        tables = rows[:, len(_SCALARS) :].reshape(
+            len(rows), self._sets, (rows.shape[1] - len(_SCALARS)) // self._sets
+        )
         named = dict(zip(_SCALARS, rows.T, strict=False))
-        if tables.shape[1] < 2:
-            return History(**named | {"evidence": None}, parameters=Parameters.of(tables[:, 0]))
-        return History(**named, parameters=Parameters.of(tables[:, 0]), deviations=tables[:, 1])
+        if not self._deviations:
+            return History(**named | {"evidence": None}, parameters=Parameters.of(tables))
+        deviations = np.array([self._deviations[k] for k in moments])
+        return History(**named, parameters=Parameters.of(tables), deviations=deviations)
 
     def state(self) -> Checkpoint:
         """For a checkpoint of a training whose parameters have no deviations."""
-        return {"history.rows": np.array(self._rows)}
+        return {"history.rows": np.array(self._rows), "history.sets": np.array(self._sets)}
 
     def restore(self, state: Checkpoint) -> None:
         """From a checkpoint."""
         self._rows = list(np.array(state["history.rows"], float))
-        self._sets = (len(self._rows[-1]) - len(_SCALARS)) // 3
+        self._sets = int(state["history.sets"])
 
 
 def headway_findings(vehicles: Sequence[int], parameters: Parameters) -> tuple[LongHeadway, ...]:

@@ -211,10 +211,28 @@ def estimate(
     return search.estimates(z[chosen], (~active)[chosen])
 
 
-def bounds_of(model: FollowingModel) -> FloatArray:
-    """(2, n) least and largest z."""
+def bounds_of(model: FollowingModel, held: Held = ()) -> FloatArray:
+    """(2, n) least and largest z; the same for parameters that keep their values."""
     ends = ("lower", "upper")
-    return np.array([[p.score(getattr(p, end)) for p in model.parameters] for end in ends])
+    bounds = np.array([[p.score(getattr(p, end)) for p in model.parameters] for end in ends])
+    for name, value in held:
+        at = model.names.index(name)
+        bounds[:, at] = model.parameters[at].score(value)
+    return bounds
+
+
+def bounded_step(
+    z: FloatArray, gradient: FloatArray, system: FloatArray, bounds: FloatArray
+) -> FloatArray:
+    """(B, n) the next z within bounds (2, n); one at a bound that pushes outward stays there."""
+    lower, upper = bounds
+    usable = np.isfinite(system).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
+    outward = np.where(gradient > 0, z <= lower, z >= upper) & (gradient != 0)
+    fixed: Mask = np.logical_or(outward, np.reshape(~usable, (-1, 1)))
+    system = np.where(fixed[:, :, None] | fixed[:, None, :], np.eye(len(z.T)), system)
+    down = np.where(fixed, 0.0, -gradient)
+    move = np.linalg.solve(system, down[..., None])[..., 0]
+    return np.clip(z + np.clip(move, -2.0, 2.0), lower, upper)
 
 
 class _Search:
@@ -230,10 +248,7 @@ class _Search:
         self._model, self._drives, size = model, drives, max(map(len, groups))
         self._index = np.array([[*group] + [group[0]] * (size - len(group)) for group in groups])
         self._used = np.array([np.arange(size) < len(group) for group in groups])
-        self.bounds = bounds_of(model)
-        for name, value in held:
-            at = model.names.index(name)
-            self.bounds[:, at] = model.parameters[at].score(value)
+        self.bounds = bounds_of(model, held)
         self._free: Mask = np.asarray(self.bounds[0] < self.bounds[1])
 
     def expanded(
@@ -253,17 +268,10 @@ class _Search:
     def step(
         self, z: FloatArray, gradient: FloatArray, curvature: FloatArray, damping: FloatArray
     ) -> FloatArray:
-        """(B, n) the next z within the bounds; one at a bound that pushes outward stays there."""
-        lower, upper = self.bounds
+        """(B, n) the next z within the bounds."""
         diagonal = np.einsum("bii->bi", curvature)
         system = curvature + np.einsum("bi,ij->bij", damping[:, None] * diagonal, np.eye(len(z.T)))
-        usable = np.isfinite(system).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
-        outward = np.where(gradient > 0, z <= lower, z >= upper) & (gradient != 0)
-        fixed: Mask = np.logical_or(outward, np.reshape(~usable, (-1, 1)))
-        system = np.where(fixed[:, :, None] | fixed[:, None, :], np.eye(len(z.T)), system)
-        down = np.where(fixed, 0.0, -gradient)
-        move = np.linalg.solve(system, down[..., None])[..., 0]
-        return np.clip(z + np.clip(move, -2.0, 2.0), lower, upper)
+        return bounded_step(z, gradient, system, self.bounds)
 
     def estimates(self, z: FloatArray, converged: Mask) -> tuple[Estimate, ...]:
         """The estimates of all groups, with intervals."""

@@ -36,9 +36,10 @@ METHODS: dict[str, Method] = {
 }
 
 
-def usual_method(model: str | None) -> str:
-    """The method by which a model is estimated unless another is named."""
-    return "pinn" if model is None or model in MODELS else simulation.METHOD.key
+def usual_method(model: str | None, preset: str | None = None) -> str:
+    """The method by which a model is estimated unless another is named: a preset may be."""
+    by_network = model in MODELS or model in pinn.METHOD.models({"preset": preset})
+    return "pinn" if model is None or by_network else simulation.METHOD.key
 
 
 def method_of(key: str) -> Method:

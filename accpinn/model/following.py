@@ -64,10 +64,10 @@ class Parameter:
         """Whether it is positive, so that the prior is log-normal."""
         return self.lower > 0
 
-    def value(self, z: Any) -> Any:
+    def value(self, z: Any, xp: ModuleType | Any = np) -> Any:
         """The parameter that lies z standard deviations of the prior above its median."""
         if self.is_positive:
-            return self.typical * np.exp(self.spread * z)
+            return self.typical * xp.exp(self.spread * z)
         return self.typical + self.spread * z
 
     def score(self, value: Any) -> Any:

@@ -56,7 +56,8 @@ class PinnConfig:
     seed: int = 0
     """Seed of the network's initial weights, the minibatches and the train/test split."""
     initial: Parameters = STARTS[0]
-    """Before the first iteration; the paper's notebooks start at ones."""
+    """Before the first iteration; the paper's notebooks start at ones. Another model than the CTHP
+    starts at the `own` of these, or at its typical values where there are none."""
     weight_physics: tuple[float, float] = (1.0, 1.0)
     """Q: weights of the squared residuals of dp/dt and dv/dt in Ψ_F."""
     weight_initial: float = 0.0
@@ -163,7 +164,8 @@ def _title(setting: str) -> str:
 
 
 def _numbers(parameters: Parameters) -> list[float]:
-    numbers: list[float] = parameters.values.tolist()
+    has_own = parameters.own.size > 0
+    numbers: list[float] = (parameters.everything if has_own else parameters.values).tolist()
     return numbers
 
 

@@ -31,8 +31,10 @@ speed ahead.
     [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 """
 
+from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Generic, Self, TypeVar
 
 import numpy as np
 import torch
@@ -47,6 +49,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask
 
+Unknown = TypeVar("Unknown")
 CYCLE = 50
 """Adam iterations between exact solves."""
 HALF_LIFE = 100
@@ -60,6 +63,8 @@ CYCLE_ROUNDS = 3
 """Largest number of exact rounds after a cycle."""
 CONVERGED = 1e-3
 """Largest share by which a parameter moves over the last cycle."""
+_GAP_RATE = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Residual of the gap's rate: values and rates of own speed, gap and speed ahead."""
 RIDGE = 1e-10
 """Share of the mean squared activation added to the diagonal: activations may be collinear."""
 
@@ -141,39 +146,72 @@ def _joined(first: FloatArray, cross: FloatArray, last: FloatArray) -> FloatArra
 
 def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
     """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
-    size, followers = len(sums.first), len(theta)
+
+    def blocks(follower: int) -> FloatArray:
+        return _follower_blocks(sums, follower, theta[follower], config)
+
+    return solve_chain(sums, blocks, data_moments(sums, config)[..., None], config)[..., 0]
+
+
+def data_moments(sums: NormalEquations, config: PinnConfig) -> FloatArray:
+    """(K, 2M+1) the right-hand side of the output layer's normal equations that data give."""
+    gap_columns = output_columns(sums.value_data.shape[1] // 2)[1]
+    (s_gap, s_speed), restart = config.weight_data, config.weight_initial
+    right = s_speed * sums.value_data
+    right[:, gap_columns] *= s_gap / s_speed
+    right[:, 1:] += restart * np.outer(sums.first, sums.first_data[1:])
+    return right
+
+
+def solve_chain(
+    sums: NormalEquations,
+    blocks: Callable[[int], FloatArray],
+    right: FloatArray,
+    config: PinnConfig,
+) -> FloatArray:
+    """Solve the chain of the module's head for R right-hand sides at once.
+
+    Args:
+        sums: products of Φ and the data.
+        blocks: (3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed
+            ahead.
+        right: (K, 2M+1, R)
+        config: holds the weights R and S.
+
+    Returns:
+        (K, 2M+1, R)
+    """
+    size, followers = len(sums.first), right.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     (s_gap, s_speed), restart = config.weight_data, config.weight_initial
     at_first = restart * np.outer(sums.first, sums.first)
     value_value = sums.value_value
-    right = s_speed * sums.value_data
-    right[:, gap_columns] *= s_gap / s_speed
-    right[:, 1:] += restart * np.outer(sums.first, sums.first_data[1:])
 
     # From the last follower to the first: what is left of those behind on their speed ahead.
-    behind = np.zeros((size, size + 1))
+    behind = np.zeros((size, size + right.shape[2]))
     eliminated: list[tuple[FloatArray, FloatArray]] = []
     for follower in reversed(range(followers)):
-        blocks = _follower_blocks(sums, follower, theta[follower], config)
-        normal = np.block([[blocks[a, b] for b in range(3)] for a in range(3)])
+        squares = blocks(follower)
+        normal = np.block([[squares[a, b] for b in range(3)] for a in range(3)])
         both = slice(0, 2 * size)
-        normal[:size, :size] += s_speed * value_value + at_first + behind[:, :-1]
+        normal[:size, :size] += s_speed * value_value + at_first + behind[:, :size]
         normal[size : 2 * size, size : 2 * size] += s_gap * value_value + at_first
-        goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].T.copy()
-        goal[0] += behind[:, -1]
+        goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].swapaxes(0, 1).copy()
+        goal[0] += behind[:, size:]
         coupling = normal[both, 2 * size :]
         factor = cholesky(normal[both, both], lower=True, check_finite=False)
-        linked = np.column_stack([coupling, goal.ravel()])
+        linked = np.column_stack([coupling, goal.reshape(2 * size, -1)])
         half = solve_triangular(factor, linked, lower=True, check_finite=False)
         eliminated.append((factor, half))
-        behind = -half[:, :-1].T @ half
-        behind[:, :-1] += normal[2 * size :, 2 * size :]
+        behind = -half[:, :size].T @ half
+        behind[:, :size] += normal[2 * size :, 2 * size :]
 
-    weights = np.empty((size, 2 * followers + 1))
-    leader = s_speed * value_value + behind[:, :-1]
-    weights[:, 0] = solve(leader, right[:, 0] + behind[:, -1], assume_a="pos", check_finite=False)
+    weights = np.empty_like(right)
+    leader = s_speed * value_value + behind[:, :size]
+    given = right[:, 0] + behind[:, size:]
+    weights[:, 0] = solve(leader, given, assume_a="pos", check_finite=False)
     for follower, (factor, half) in enumerate(reversed(eliminated)):
-        left = half[:, -1] - half[:, :-1] @ weights[:, speed_columns[follower]]
+        left = half[:, size:] - half[:, :size] @ weights[:, speed_columns[follower]]
         solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
         weights[:, speed_columns[follower + 1]] = solved[:size]
         weights[:, gap_columns[follower]] = solved[size:]
@@ -185,18 +223,22 @@ def _follower_blocks(
 ) -> FloatArray:
     """(3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed ahead."""
     alpha, alpha_tau, beta = theta
-    gap_rate = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     acceleration = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
     q_gap, q_speed = config.weight_physics
     forms = (
-        q_gap * np.multiply.outer(gap_rate, gap_rate),
+        q_gap * np.multiply.outer(_GAP_RATE, _GAP_RATE),
         q_speed * np.multiply.outer(acceleration, acceleration),
     )
     dynamic = sums.dynamic_grams[follower]
     if dynamic is sums.grams:
         return np.tensordot(forms[0] + forms[1], dynamic, ((0, 2), (0, 1)))
-    kinematic = np.tensordot(forms[0], sums.grams, ((0, 2), (0, 1)))
-    return np.asarray(kinematic + np.tensordot(forms[1], dynamic, ((0, 2), (0, 1))))
+    return np.asarray(gap_blocks(sums, config) + np.tensordot(forms[1], dynamic, ((0, 2), (0, 1))))
+
+
+def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
+    """The part of a follower's blocks that comes from the rate of its gap."""
+    form = config.weight_physics[0] * np.multiply.outer(_GAP_RATE, _GAP_RATE)
+    return np.tensordot(form, sums.grams, ((0, 2), (0, 1)))
 
 
 def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> Solution:
@@ -215,7 +257,7 @@ def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class _Optimum:
+class Optimum(Generic[Unknown]):
     """The exact optimum, as far as sought, for some hidden layers."""
 
     hidden: FloatArray
@@ -223,11 +265,12 @@ class _Optimum:
     sums: NormalEquations
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
-    solution: Solution
+    solution: Unknown
+    """The model's parameters."""
 
 
-class FastTraining(Training):
-    """See the module's head; one `advance` is an exact round or a cycle."""
+class ProjectedTraining(Training, Generic[Unknown]):
+    """See the module's head, for any model; one `advance` is an exact round or a cycle."""
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(
@@ -235,8 +278,9 @@ class FastTraining(Training):
         segment: Segment,
         case: Case,
         config: PinnConfig,
-        threads: int = 1,
-        held: Solution | None = None,
+        threads: int,
+        initial: Unknown,
+        is_held: bool = False,
         terms: FloatArray | None = None,
     ) -> None:
         """Build the network and solve its output layer at the initial parameters.
@@ -246,7 +290,8 @@ class FastTraining(Training):
             case: "I" or "II".
             config: the settings.
             threads: processor threads.
-            held: parameters that are not to be moved.
+            initial: parameters.
+            is_held: whether these are not to be moved.
             terms: (M, 3) s₀, by which the measured gaps exceed those that are learned, λ and d.
         """
         super().__init__(segment, case, config, threads)
@@ -266,12 +311,32 @@ class FastTraining(Training):
         self._features = features[:, 0], features[:, 1]
         self._skipped_sums = NormalEquations.of(self._skipped, self.measured, segment.mask)
         self._adam = Adam(list(self.network.hidden.parameters()), b2=0.99)
-        self._held = held
-        initial = Parameters.of([config.initial.values] * self.followers)
-        self._starting, self._iteration = held is None, 0
+        self._starting, self._iteration = not is_held, 0
         self._start_loss = float("nan")
-        self._best = self._optimum(held or Solution.of(initial.theta))
+        self._best = self._optimum(initial)
         self._note("start")
+
+    @abstractmethod
+    def _theta(self, solution: Unknown) -> FloatArray:
+        """Parameters as `loss_terms` takes them."""
+
+    @abstractmethod
+    def _parameters(self, solution: Unknown) -> Parameters:
+        """(M,) parameters."""
+
+    @abstractmethod
+    def _move(self, now: Unknown, before: Unknown) -> float:
+        """Largest relative change of a parameter."""
+
+    @abstractmethod
+    def _output(
+        self, hidden: FloatArray, sums: NormalEquations, solution: Unknown, near: FloatArray
+    ) -> FloatArray:
+        """(K, 2M+1) the output layer's optimum; the outputs (N, 2M+1) will be ``near`` these."""
+
+    @abstractmethod
+    def _solved(self, at: Optimum[Unknown]) -> Optimum[Unknown]:
+        """One exact round: the parameters, unless they are held, and the output layer."""
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
@@ -281,7 +346,7 @@ class FastTraining(Training):
                 before = self._best.solution
                 self._best = self._solved(self._best)
                 self._iteration += 1
-                moved = _largest_move(self._best.solution, before)
+                moved = self._move(self._best.solution, before)
                 self._starting = moved > STANDSTILL and self._iteration < START_ROUNDS
                 self._note("start")
             else:
@@ -294,11 +359,11 @@ class FastTraining(Training):
         kept = self.network.arrays()
         steps = min(CYCLE, self.planned - self._iteration)
         self._descend(steps)
-        after = self._optimum(before.solution)
+        after = self._optimum(before.solution, before)
         for _ in range(CYCLE_ROUNDS):
             last = after.solution
             after = self._solved(after)
-            if _largest_move(after.solution, last) <= STANDSTILL:
+            if self._move(after.solution, last) <= STANDSTILL:
                 break
         terms = self._loss(after)
         if terms.total < loss:
@@ -307,47 +372,43 @@ class FastTraining(Training):
         else:
             self.network.load_arrays(kept)
             self._note("Adam")
-        moved = _largest_move(self._best.solution, before.solution)
+        moved = self._move(self._best.solution, before.solution)
         if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
-    def _loss(self, at: _Optimum) -> LossTerms:
+    def _loss(self, at: Optimum[Unknown]) -> LossTerms:
         """Ψ on all instants."""
         outputs, rates = self._surrogate(at)
-        theta = at.solution.theta
-        return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask)
+        theta = self._theta(at.solution)
+        return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask, self.model)
 
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
         best = self._best
-        self._look(phase, self._iteration, terms or self._loss(best), best.solution.parameters)
+        parameters = self._parameters(best.solution)
+        self._look(phase, self._iteration, terms or self._loss(best), parameters)
         if phase == "start":
             self._start_loss = self.progress.total
 
-    def _optimum(self, solution: Solution) -> _Optimum:
+    def _optimum(
+        self, solution: Unknown, before: Optimum[Unknown] | None = None
+    ) -> Optimum[Unknown]:
         """The output layer's optimum for the present hidden layers and some parameters."""
         with torch.no_grad():
             hidden = torch.stack(self.network.activations(*self._features), 1).numpy()
         mask = self.segment.mask
         sums = self._skipped_sums.extended(self._skipped, hidden, self.measured, mask)
-        return _Optimum(hidden, sums, solve_output(sums, solution.theta, self.config), solution)
+        near = self._surrogate(before)[0] if before and self.model else self.measured
+        return Optimum(hidden, sums, self._output(hidden, sums, solution, near), solution)
 
-    def _surrogate(self, at: _Optimum) -> tuple[FloatArray, FloatArray]:
+    def _surrogate(self, at: Optimum[Unknown]) -> tuple[FloatArray, FloatArray]:
         """(N, 2M+1) outputs and their rates."""
         both = self._from_features(at) + _mapped(at.hidden, at.weights[-self.config.width :])
         return both[:, 0], both[:, 1]
 
-    def _from_features(self, at: _Optimum) -> FloatArray:
+    def _from_features(self, at: Optimum[Unknown]) -> FloatArray:
         """(N, 2, 2M+1) what the skip connection contributes."""
         return _mapped(self._skipped, at.weights[: -self.config.width])
-
-    def _solved(self, at: _Optimum) -> _Optimum:
-        """One exact round: the parameters, unless they are held, and then the output layer."""
-        if self._held:
-            return at
-        solution = solve_parameters(at.sums, at.weights, self.case)
-        weights = solve_output(at.sums, solution.theta, self.config)
-        return replace(at, weights=weights, solution=solution)
 
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed."""
@@ -355,7 +416,8 @@ class FastTraining(Training):
         count = len(self.measured)
         through = torch.from_numpy(best.weights[-width:])
         fixed = torch.from_numpy(self._from_features(best))
-        measured, theta = torch.from_numpy(self.measured), torch.tensor(best.solution.theta)
+        measured = torch.from_numpy(self.measured)
+        theta = torch.tensor(self._theta(best.solution))
         mask = None if self.mask is None else torch.from_numpy(self.mask)
         value, rate = self._features
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
@@ -372,6 +434,7 @@ class FastTraining(Training):
                 theta,
                 config,
                 None if mask is None else mask[pick],
+                self.model,
             )
             self._adam.step(terms.total, learning_rate)
         self._iteration += iterations
@@ -380,8 +443,8 @@ class FastTraining(Training):
         """(N, 2M+1) the present surrogate on all instants."""
         return self._surrogate(self._best)[0] + self._shift
 
-    def learned(self) -> Learned:
-        """The surrogate, the parameters, and what training the hidden layers brought."""
+    def _learned(self, solution: Solution) -> Learned:
+        """What was learned, with parameters as a solution."""
         biases, *weights = self._best.weights
         with torch.no_grad():
             self.network.output.bias.copy_(torch.tensor(biases + self._shift))
@@ -390,7 +453,7 @@ class FastTraining(Training):
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         return Learned(
             outputs=self.outputs(),
-            solution=self._best.solution,
+            solution=solution,
             loss=loss | {"initial": now.initial, "start": self._start_loss},
             network_weights=self.network.size,
             arrays=self.network.arrays(),
@@ -399,11 +462,51 @@ class FastTraining(Training):
         )
 
 
-def _largest_move(now: Solution, before: Solution) -> float:
-    """Largest relative change of α, β, τ; one at zero counts by its absolute change."""
-    new, old = now.parameters.values, before.parameters.values
-    scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
-    return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
+class FastTraining(ProjectedTraining[Solution]):
+    """The training of the CTHP."""
+
+    def __init__(
+        self,
+        segment: Segment,
+        case: Case,
+        config: PinnConfig,
+        threads: int = 1,
+        held: Solution | None = None,
+        terms: FloatArray | None = None,
+    ) -> None:
+        """See `ProjectedTraining`; parameters that are ``held`` are not to be moved."""
+        self._held = held
+        initial = Parameters.of([config.initial.values] * segment.followers)
+        start = held or Solution.of(initial.theta)
+        super().__init__(segment, case, config, threads, start, held is not None, terms)
+
+    def _theta(self, solution: Solution) -> FloatArray:
+        return solution.theta
+
+    def _parameters(self, solution: Solution) -> Parameters:
+        return solution.parameters
+
+    def _move(self, now: Solution, before: Solution) -> float:
+        """Largest relative change of α, β, τ; one at zero counts by its absolute change."""
+        new, old = now.parameters.values, before.parameters.values
+        scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
+        return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
+
+    def _output(
+        self, hidden: FloatArray, sums: NormalEquations, solution: Solution, near: FloatArray
+    ) -> FloatArray:
+        return solve_output(sums, solution.theta, self.config)
+
+    def _solved(self, at: Optimum[Solution]) -> Optimum[Solution]:
+        if self._held:
+            return at
+        solution = solve_parameters(at.sums, at.weights, self.case)
+        weights = solve_output(at.sums, solution.theta, self.config)
+        return replace(at, weights=weights, solution=solution)
+
+    def learned(self) -> Learned:
+        """The surrogate, the parameters, and what training the hidden layers brought."""
+        return self._learned(self._best.solution)
 
 
 def _mapped(columns: FloatArray, weights: FloatArray) -> FloatArray:

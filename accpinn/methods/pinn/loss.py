@@ -10,11 +10,13 @@ At masked instants the term with Q₂ is zero; |T| counts all instants.
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
 
-The formulas serve numpy's arrays and torch's tensors alike.
+With another model than the CTHP its acceleration f(p̂, v̂, û; θ) stands in the term with Q₂. The
+formulas serve numpy's arrays and torch's tensors alike.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -30,6 +32,7 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.following import FollowingModel
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -79,6 +82,7 @@ def loss_terms(
     theta: Array,
     config: PinnConfig,
     mask: Array | None = None,
+    model: FollowingModel | None = None,
 ) -> LossTerms:
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
@@ -86,18 +90,23 @@ def loss_terms(
         outputs: (N, 2M+1) in m and m/s, in the order of `output_columns`.
         rates: (N, 2M+1) their time derivative.
         measured: (N, 2M+1) the data, in the same order.
-        theta: (M, 3) α, ατ, β per follower.
+        theta: (M, 3) α, ατ, β per follower, or (n, M) the parameters of another model.
         config: holds the weights Q, R, S.
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
+        model: the model, unless it is the paper's.
     """
-    count, followers = len(outputs), theta.shape[0]
+    count, followers = len(outputs), outputs.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
     relative = speeds[:, :-1] - speeds[:, 1:]
-    alpha, alpha_tau, beta = theta.T
     gap_rate = rates[:, gap_columns] - relative
-    model = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
-    speed_rate = rates[:, speed_columns[1:]] - model
+    if model is None:
+        alpha, alpha_tau, beta = theta.T
+        acceleration = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
+    else:
+        library = np if isinstance(outputs, np.ndarray) else import_module("torch")
+        acceleration = model.acceleration(gaps, speeds[:, 1:], speeds[:, :-1], theta, library)
+    speed_rate = rates[:, speed_columns[1:]] - acceleration
     if mask is not None:
         speed_rate = speed_rate * mask
     error = outputs - measured
@@ -130,6 +139,8 @@ class Learned:
     findings: tuple[MethodFinding, ...] = ()
     terms: FloatArray | None = None
     """(M, 3) s₀, λ and d; None for the paper's model."""
+    parameters: Parameters | None = None
+    """(M,) where the solution is only the linearisation of another model."""
 
 
 class Training(ABC):
@@ -139,6 +150,8 @@ class Training(ABC):
     """The present moment; its seconds are left to whoever drives the training."""
     outcome: Outcome | None
     """None while there is more to do."""
+    model: FollowingModel | None = None
+    """The model in the loss; None for the CTHP, in whose parameters Ψ is quadratic."""
     has_checkpoints: ClassVar[bool] = False
     """Whether `state` and `restore` let it continue in another process."""
 

@@ -35,7 +35,7 @@ class PaperTraining(Training):
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         sets = 1 if case == "I" else self.followers
-        initial = np.tile(config.initial.values, (sets, 1))
+        initial = np.tile(self._initial(), (sets, 1))
         self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ
         self._unknowns = [*self.network.parameters(), self._parameters]
         self._adam = Adam(self._unknowns)
@@ -58,8 +58,7 @@ class PaperTraining(Training):
     @torch.no_grad()
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
-        now = Parameters.of(self._parameters.detach().numpy())
-        self._look(phase, self._iteration, terms or self._loss(), now)
+        self._look(phase, self._iteration, terms or self._loss(), self._now())
 
     def _descend(self, iterations: int) -> LossTerms:
         """Adam; the terms are those before the last step, as they come with its gradient."""
@@ -88,6 +87,14 @@ class PaperTraining(Training):
         self._clip()
         self._iteration += iterations
 
+    def _initial(self) -> FloatArray:
+        """(n,) what training begins with."""
+        return self.config.initial.values
+
+    def _now(self) -> Parameters:
+        """(sets,) the present parameters."""
+        return Parameters.of(self._parameters.detach().numpy())
+
     @torch.no_grad()
     def _clip(self) -> None:
         self._parameters.clamp_(min=0.0)
@@ -100,7 +107,7 @@ class PaperTraining(Training):
     def _loss(self) -> LossTerms:
         time, data, mask = self._train
         outputs, rates = self.network(time)
-        return loss_terms(outputs, rates, data, self._theta(), self.config, mask)
+        return loss_terms(outputs, rates, data, self._theta(), self.config, mask, self.model)
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
@@ -130,7 +137,9 @@ class PaperTraining(Training):
 
     def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
         rows, (_, data, mask) = torch.from_numpy(instants), self._at(instants)
-        return loss_terms(outputs[rows], rates[rows], data, self._theta(), self.config, mask)
+        return loss_terms(
+            outputs[rows], rates[rows], data, self._theta(), self.config, mask, self.model
+        )
 
     def _at(self, instants: Mask) -> tuple[Tensor, Tensor, Tensor | None]:
         """Time, data and mask at some instants."""

@@ -34,6 +34,7 @@ from accpinn.methods.pinn.config import (
 from accpinn.methods.pinn.loss import Learned, Training, output_columns
 from accpinn.model import models
 from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -132,7 +133,7 @@ def training(
         case: "I" for one parameter set, "II" for one per follower.
         settings: None for those of the preset `fast`.
         context: checkpoints, threads (by default as many as help, at most four), progress, stop.
-        law: the paper's, or for `calibrated` also that with an intercept.
+        law: a model that the preset estimates, and what is held of it.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
@@ -227,6 +228,8 @@ def _trained(
         findings=[*learned.findings, *begun, *_biased(config.preset)],
         terms=learned.terms,
     )
+    if learned.parameters is not None:
+        fit = replace(fit, parameters=learned.parameters, unconstrained=None)
     return fit, learned
 
 
@@ -307,6 +310,11 @@ def _begun(
 
         return CalibratedTraining(segment, case, config, threads, together, law)
     import_module("torch")
+    if law.model != models.PAPER:
+        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
+
+        kind = FollowingFast if config.preset == "fast" else FollowingPaper
+        return kind(segment, case, config, threads, law)
     if config.preset == "fast":
         from accpinn.methods.pinn.fast import FastTraining
 
@@ -383,9 +391,11 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """The models that a preset estimates."""
-    own = ("cthp-s0",) if settings.get("preset") == "calibrated" else ()
-    return (models.PAPER, *own)
+    """All models without lag or delay; of the preset `calibrated` CTHPs alone."""
+    simple = tuple(key for key, model in FOLLOWING.items() if not model.terms)
+    if settings.get("preset") in ("fast", "paper"):
+        return simple
+    return tuple(key for key in simple if key in models.MODELS)
 
 
 def _variant(config: Mapping[str, Any]) -> str:

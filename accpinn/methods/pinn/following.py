@@ -1,0 +1,250 @@
+"""The presets `fast` and `paper` with the residual of any car-following model in the loss.
+
+The parameters are z, in standard deviations of their priors (see `model.following`), within the
+model's bounds. `paper` learns them by gradient with the weights. `fast` takes Gauss-Newton steps in
+the output layer W and z together, of
+
+    ½ m M ln Ψ(W, z) + ½ |z|²,    m = duration / `MEMORY`
+
+as `methods.following` has it for simulations. Near the present outputs a follower's residual is
+
+    v̂' - f ≈ D w - c - F dz,    D = (Φ' - f_v Φ, -f_p Φ, -f_u Φ),    F = ∂f/∂z,
+
+so w = w₀ + Y dz is the chain of `fast`, solved for several right-hand sides, and dz follows from
+the Schur complement, the curvature of the objective's profile. Derivatives are exact, by complex
+steps. A parameter whose deviation by that curvature exceeds `OPEN` of its prior's is not
+determined.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from accpinn.errors import ConfigError
+from accpinn.methods.fit import MethodFinding, Undetermined
+from accpinn.methods.following import MEMORY, OPEN, bounded_step, bounds_of
+from accpinn.methods.method import Law
+from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.fast import (
+    NormalEquations,
+    Optimum,
+    ProjectedTraining,
+    data_moments,
+    gap_blocks,
+    solve_chain,
+)
+from accpinn.methods.pinn.loss import Learned, output_columns
+from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.regression import Solution
+from accpinn.model.cthp import Case, Parameters
+from accpinn.model.following import COMPLEX_STEP, FollowingModel
+from accpinn.model.registry import FOLLOWING
+from accpinn.segment.segment import Segment, median_speeds
+from accpinn.units import FloatArray
+
+SHORTENED = 6
+"""Times that a step which does not lower the objective is halved."""
+
+
+def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray) -> FloatArray:
+    """(n,) z of the user's initial values, or of typical ones.
+
+    Raises:
+        ConfigError: where these are not the model's.
+    """
+    own, named = config.initial.own, model.parameters
+    if not own.size:
+        return np.clip(np.zeros(len(named)), *bounds)
+    ends = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
+    if len(own) != len(named) or any(
+        not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
+    ):
+        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {ends}.")
+    return np.clip([p.score(value) for p, value in zip(named, own, strict=True)], *bounds)
+
+
+def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
+    """(n, M) parameters at z (S, n), one row a follower or one for all."""
+    z = np.broadcast_to(z, (followers, z.shape[1]))
+    return np.array([p.value(z[:, k]) for k, p in enumerate(model.parameters)])
+
+
+class FollowingFast(ProjectedTraining[FloatArray]):
+    """`fast` for any model; what it solves for is z (S, n), S = 1 in Case I, M in Case II."""
+
+    model: FollowingModel
+
+    @np.errstate(all="ignore")
+    def __init__(
+        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
+    ) -> None:
+        """Begin at the user's initial values or at typical ones."""
+        self.model = FOLLOWING[law.model]
+        self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
+        self._errors = segment.window.duration / MEMORY
+        start = initial_scores(self.model, config, self._bounds)
+        sets = 1 if case == "I" else segment.followers
+        super().__init__(segment, case, config, threads, np.tile(start, (sets, 1)))
+
+    def _theta(self, solution: FloatArray) -> FloatArray:
+        return values_of(self.model, solution, self.followers)
+
+    def _parameters(self, solution: FloatArray) -> Parameters:
+        return self.model.linearisations(self._theta(solution), self._speeds)
+
+    def _move(self, now: FloatArray, before: FloatArray) -> float:
+        return float(np.abs(now - before).max())
+
+    def _output(
+        self, hidden: FloatArray, sums: NormalEquations, solution: FloatArray, near: FloatArray
+    ) -> FloatArray:
+        return self._linear(hidden, sums, solution, near)[0][..., 0]
+
+    def _solved(self, at: Optimum[FloatArray]) -> Optimum[FloatArray]:
+        """A step that lowers the objective, in W and z."""
+        layers, gradient, curvature = self._linear(
+            at.hidden, at.sums, at.solution, self._surrogate(at)[0], self._prior(at)
+        )
+        before, z = self._objective(at), at.solution.reshape(1, -1)
+        bounds = np.tile(self._bounds, len(at.solution))
+        move = bounded_step(z, gradient[None], curvature[None], bounds) - z
+        turn = layers[..., 0] + layers[..., 1:] @ move[0] - at.weights
+        for share in 0.5 ** np.arange(SHORTENED):
+            solution = at.solution + share * move.reshape(at.solution.shape)
+            trial = replace(at, weights=at.weights + share * turn, solution=solution)
+            if self._objective(trial) <= before:
+                return trial
+        return at
+
+    def _prior(self, at: Optimum[FloatArray]) -> float:
+        """The prior's precision in units of the loss: 2 Ψ / (2 m)."""
+        return float(self._loss(at).total) / self._errors
+
+    def _objective(self, at: Optimum[FloatArray]) -> float:
+        fitted = self._errors * self.followers * np.log(self._loss(at).total)
+        return float(0.5 * fitted + 0.5 * (at.solution**2).sum())
+
+    def _expanded(self, outputs: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """F (N, M), and its derivatives (3 + n, N, M) by gap, own speed, speed ahead and z."""
+        speeds, gaps = (outputs[:, columns] for columns in output_columns(self.followers))
+        each = np.broadcast_to(z, (self.followers, z.shape[1])).T
+        at = [gaps, speeds[:, 1:], speeds[:, :-1], *each]
+
+        def command(moved: list[FloatArray]) -> FloatArray:
+            theta = [p.value(z) for p, z in zip(self.model.parameters, moved[3:], strict=True)]
+            pushed = self.model.acceleration(*moved[:3], theta, np)
+            return np.asarray(np.broadcast_to(pushed, gaps.shape))
+
+        slopes = [
+            command([*at[:k], at[k] + 1j * COMPLEX_STEP, *at[k + 1 :]]).imag / COMPLEX_STEP
+            for k in range(len(at))
+        ]
+        return command(at), np.array(slopes)
+
+    def _linear(
+        self,
+        hidden: FloatArray,
+        sums: NormalEquations,
+        z: FloatArray,
+        near: FloatArray,
+        prior: float = 1.0,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """w₀ and Y (K, 2M+1, 1 + S n), and gradient and curvature of the profile by all z."""
+        seen = np.concatenate([self._skipped, hidden], axis=2)
+        (count, _, size), unknowns = seen.shape, z.shape[1]
+        speed_columns, gap_columns = output_columns(self.followers)
+        weight = self.config.weight_physics[1] / count
+        value, slopes = self._expanded(near, z)
+        right = np.zeros((size, near.shape[1], 1 + z.size))
+        right[..., 0] = data_moments(sums, self.config)
+        inner, blocks = np.zeros((1 + z.size, 1 + z.size)), []
+        kinematic = gap_blocks(sums, self.config)
+        for k in range(self.followers):
+            first = 1 + unknowns * (k if self.case == "II" else 0)
+            columns = [0, *range(first, first + unknowns)]
+            places = (speed_columns[k + 1], gap_columns[k], speed_columns[k])
+            by_gap, by_own, by_ahead = slopes[:3, :, k, None]
+            design = np.stack([-by_own * seen[:, 0], -by_gap * seen[:, 0], -by_ahead * seen[:, 0]])
+            design[0] += seen[:, 1]
+            slope = np.stack([by_own, by_gap, by_ahead], axis=1)[..., 0]
+            constant = value[:, k] - (slope * near[:, places]).sum(axis=1)
+            beside = np.column_stack([constant, slopes[3:, :, k].T])
+            flat = design.transpose(1, 0, 2).reshape(count, -1)
+            if self.mask is not None:
+                flat, beside = (part * self.mask[:, k, None] for part in (flat, beside))
+            squares = weight * (flat.T @ flat).reshape(3, size, 3, size)
+            blocks.append(kinematic + squares.swapaxes(1, 2))
+            moments = weight * (flat.T @ beside).reshape(3, size, -1)
+            for place, moment in zip(places, moments, strict=True):
+                right[:, place, columns] += moment
+            inner[np.ix_(columns, columns)] += weight * (beside.T @ beside)
+        layers = solve_chain(sums, blocks.__getitem__, right, self.config)
+        coupled = right[..., 1:].reshape(-1, z.size).T @ layers.reshape(-1, 1 + z.size)
+        gradient = inner[1:, 0] - coupled[:, 0] + prior * z.ravel()
+        return layers, gradient, inner[1:, 1:] - coupled[:, 1:] + prior * np.eye(z.size)
+
+    @np.errstate(all="ignore")
+    def learned(self) -> Learned:
+        """The surrogate, the parameters, and which of them the data do not determine."""
+        at = self._best
+        parameters = self._parameters(at.solution)
+        learned = self._learned(Solution.of(parameters.theta))
+        findings = (*learned.findings, *self._undetermined(at))
+        return replace(learned, parameters=parameters, findings=findings)
+
+    def _undetermined(self, at: Optimum[FloatArray]) -> list[MethodFinding]:
+        prior, near = self._prior(at), self._surrogate(at)[0]
+        curvature = self._linear(at.hidden, at.sums, at.solution, near, prior)[2]
+        if not np.isfinite(curvature).all():
+            return []
+        open_ = prior * np.diag(np.linalg.pinv(curvature)) > OPEN**2
+        findings: list[MethodFinding] = []
+        free = self._bounds[0] < self._bounds[1]
+        for k, row in enumerate(open_.reshape(at.solution.shape) & free):
+            named = zip(self.model.parameters, row, strict=True)
+            if symbols := tuple(p.symbol for p, is_open in named if is_open):
+                vehicle = self.segment.vehicles[k + 1] if self.case == "II" else 0
+                findings.append(Undetermined(vehicle, self.model.title, symbols))
+        return findings
+
+
+class FollowingPaper(PaperTraining):
+    """`paper` for any model: z (S, n) by gradient in place of α, β, τ, within the bounds."""
+
+    model: FollowingModel
+
+    def __init__(
+        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
+    ) -> None:
+        """Begin at the user's initial values or at typical ones."""
+        self.model = FOLLOWING[law.model]
+        self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
+        super().__init__(segment, case, config, threads)
+
+    def _initial(self) -> FloatArray:
+        return initial_scores(self.model, self.config, self._bounds)
+
+    def _now(self) -> Parameters:
+        theta = values_of(self.model, self._parameters.detach().numpy(), self.followers)
+        return self.model.linearisations(theta, self._speeds)
+
+    @torch.no_grad()
+    def _clip(self) -> None:
+        self._parameters.clamp_(*map(torch.from_numpy, self._bounds))
+
+    def _theta(self) -> Tensor:
+        """(n, M) the present parameters."""
+        z = self._parameters.clamp(*map(torch.from_numpy, self._bounds))
+        each = z.expand(self.followers, z.shape[1]).T
+        named = zip(self.model.parameters, each, strict=True)
+        return torch.stack([parameter.value(part, torch) for parameter, part in named])
+
+    def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
+        return Solution.of(self._now().theta)
+
+    @torch.no_grad()
+    def learned(self) -> Learned:
+        """The surrogate on all instants, the parameters, and the losses on both parts."""
+        return replace(super().learned(), parameters=self._now())

@@ -1,0 +1,48 @@
+"""The network's presets with the residual of any model of the registry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from accpinn.methods.method import Law
+from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.methods.pinn.following import FollowingFast
+from accpinn.methods.registry import METHODS
+from accpinn.model.registry import FOLLOWING
+from tests.methods.test_following import TRUTHS
+from tests.support.driving import MIXED
+from tests.support.driving import driven as cthp_driven
+from tests.support.following import driven
+from tests.support.methods import train
+
+
+@pytest.mark.parametrize("key", ["idm", "fvdm"])
+def test_fast_finds_the_truth_of_a_simulated_vehicle(key: str) -> None:
+    (window,) = driven(FOLLOWING[key], TRUTHS[key][:1], 3, noise=0.03, seconds=300.0)
+    fit = METHODS["pinn"].fit(window, settings=FAST, law=Law(key))
+    np.testing.assert_allclose(fit.parameters.own, TRUTHS[key][:1], rtol=0.05)
+    assert fit.history.parameters[-1] == fit.parameters
+    again = METHODS["pinn"].redraw(fit, window.time, window.window.duration)
+    np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
+
+
+@pytest.mark.parametrize("case", ["I", "II"])
+def test_the_cthp_is_a_special_case(case: str) -> None:
+    segment = cthp_driven(MIXED, noise=0.05)
+    training = FollowingFast(segment, case, FAST, 1, Law("cthp"))
+    while training.outcome is None:
+        training.advance()
+    exact = train(segment, case).parameters.values
+    np.testing.assert_allclose(training.learned().parameters.values, exact, rtol=1e-3)
+
+
+def test_paper_moves_from_typical_values_and_keeps_what_is_held() -> None:
+    (window,) = driven(FOLLOWING["idm"], TRUTHS["idm"][:1], 3, noise=0.03, seconds=60.0)
+    law = Law("idm", (("v0", 40.0),))
+    fit = METHODS["pinn"].fit(window, settings=replace(PAPER, iterations=30), law=law)
+    first, last = fit.history.parameters.own[[0, -1], 0]
+    np.testing.assert_allclose(first[:4], FOLLOWING["idm"].typical[:4])
+    assert (last[:4] != first[:4]).all()
+    assert last[4] == pytest.approx(40.0)
+    assert fit.history.total[-1] < fit.history.total[0]
