@@ -28,7 +28,11 @@ def test_fast_finds_the_truth_of_a_simulated_vehicle(key: str) -> None:
 
 
 @pytest.mark.parametrize("case", ["I", "II"])
-def test_the_cthp_is_a_special_case(case: str) -> None:
+def test_the_cthp_is_a_special_case(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where priors say nothing, as the exact solution has none."""
+    model = FOLLOWING["cthp"]
+    wide = tuple(replace(parameter, spread=30.0) for parameter in model.parameters)
+    monkeypatch.setitem(FOLLOWING, "cthp", replace(model, parameters=wide))
     segment = cthp_driven(MIXED, noise=0.05)
     training = FollowingFast(segment, case, FAST, 1, Law("cthp"))
     while training.outcome is None:
