@@ -61,8 +61,8 @@ from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters, motion_matrix
 from accpinn.model.models import TERMS
 from accpinn.stability.lagged import (
+    frequency_response,
     is_lagged,
-    lagged_response,
     lagged_stability,
     rational,
     step_gain,
@@ -316,17 +316,7 @@ def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex12
     Returns:
         (V, K), infinite where an undamped vehicle is in resonance.
     """
-    parameters = checked(parameters)
-    if is_lagged(parameters):
-        return lagged_response(parameters, omega)
-    alpha, beta = parameters.alpha[:, None], parameters.beta[:, None]
-    s = 1j * np.asarray(omega, float)[None, :]
-    # Without α the pole and the zero at s = 0 cancel: H = β / (s + β).
-    spaced = alpha > 0
-    upper = np.where(spaced, beta * s + alpha, beta)
-    lower = np.where(spaced, (s + alpha * parameters.tau[:, None] + beta) * s + alpha, s + beta)
-    result = np.divide(upper, lower, out=np.full(lower.shape, np.inf + 0j), where=lower != 0)
-    return np.where((alpha == 0) & (beta == 0), 0.0, result)
+    return frequency_response(checked(parameters), omega)
 
 
 def poles(parameters: Parameters) -> tuple[complex, ...]:
