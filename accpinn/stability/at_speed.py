@@ -33,7 +33,7 @@ def peak_gains(
     speeds = np.fromiter(speeds, float)
     near = model.linearisations(np.asarray(theta, float)[:, None], speeds)
     known = np.isfinite(near.alpha)
-    found = np.full(len(speeds), np.nan)
+    gains = np.full(len(speeds), np.nan)
     if known.any():
-        found[known] = peaks(near[known]).db
-    return found
+        gains[known] = peaks(near[known]).db
+    return gains
