@@ -103,6 +103,11 @@ class Parameters:
         return cls.of(np.array([row[..., :width] for row in rows]).reshape(-1, width))
 
     @property
+    def flat(self) -> "Parameters":
+        """(V,) all vehicles along one axis."""
+        return Parameters.of(self.everything.reshape(-1, self.everything.shape[-1]))
+
+    @property
     def values(self) -> FloatArray:
         """(.., 3) α, β, τ."""
         return self.complete[..., :3]
