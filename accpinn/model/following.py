@@ -168,28 +168,19 @@ class FollowingModel:
         own = () if self.key in MODELS else theta
         return Parameters(by_gap, by_ahead, tau, gap - tau * speed, *terms, *own)
 
-    def equilibrium_gap(self, theta: Values, speed: MetresPerSecond) -> Metres:
-        """The gap p_e of one vehicle (n,) in m; see `equilibrium_gaps`.
-
-        Raises:
-            ParameterError: where there is none, as above the IDM's desired speed.
-        """
-        gap = float(self.equilibrium_gaps(theta, speed))
-        if not np.isfinite(gap):
-            raise ParameterError(
-                f"{self.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
-                " another speed."
-            )
-        return gap
-
     def linearised(self, theta: Values, speed: MetresPerSecond) -> Parameters:
         """The CTHP that one vehicle (n,) is near equilibrium at a speed; see `linearisations`.
 
         Raises:
-            ParameterError: where there is no equilibrium.
+            ParameterError: where there is no equilibrium, as above the IDM's desired speed.
         """
-        self.equilibrium_gap(theta, speed)
-        return self.linearisations(theta, speed)
+        near = self.linearisations(theta, speed)
+        if np.isnan(near.s0):
+            raise ParameterError(
+                f"{self.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
+                " another speed."
+            )
+        return near
 
     def simulate(
         self,

@@ -14,8 +14,8 @@ L₂: with x = ω², both |N|² and |D|² are polynomials in x whose constant te
 and the largest gain lies at a root of d|H|²/dx. L∞: with the poles p_i and residues r_i of N/D the
 step response is u(t) = Σ r_i (e^(p_i t) - 1)/p_i; ‖h‖₁ is its total variation.
 
-Without lag and delay these are the closed forms of `criteria` and `frequency`, to which tests
-compare them, as to numerical integration of |h|.
+Without lag and delay peak, crossover and gain are the closed forms of `criteria`, to which tests
+compare them, as to numerical integration of |h|. H(jω) and its attenuation have no other form.
 """
 
 from collections.abc import Callable
