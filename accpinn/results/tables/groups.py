@@ -32,8 +32,8 @@ HEADINGS = {
     "date": "Date",
 }
 FASTEST = SPEEDS[-1]
-NARROW = {"alpha": 3, "beta": 2}
-"""A CTHP's parameters in a table of 100 characters, with their decimals."""
+NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
+"""Parameters in a table of 100 characters, with their decimals; else a model's first three."""
 
 
 def group_table(grouped: Groups, is_wide: bool = True) -> Table:
@@ -54,14 +54,16 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     fastest = f"Time gap at {FASTEST * 3.6:.0f} km/h"
     columns, own = _heads(grouped), columns_of(grouped.model)
     if not is_wide:
-        digits = NARROW if grouped.model in MODELS else dict.fromkeys(own, 2)
+        base = grouped.model.split("-")[0]
+        digits = NARROW.get(base) or dict.fromkeys(list(own)[:3], 2)
         columns += [
-            (Column(fastest.replace(" at", ""), "s", 2), gaps(FASTEST)),
+            (Column("Time gap", "s", 2), gaps(FASTEST)),
             *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
               for name, count in digits.items()),
             (Column("L₂", "%", 0), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
-        return Table.of(f"{caption}; L₂: string stable vehicles", columns)
+        columns = [filled for filled in columns if filled[0].title != "Vehicles"]
+        return Table.of(f"{caption}; t{fastest[1:]}; L₂: stable", columns)
     columns += [
         (Column(fastest, "s", 2), gaps(FASTEST)),
         (Column(fastest, "s", 2, "Further window"),
