@@ -35,7 +35,7 @@ from accpinn.methods.method import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.models import BEST, MODELS, Held, terms_of
-from accpinn.model.registry import FOLLOWING, time_gap
+from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -122,9 +122,7 @@ class Answer:
 
     def values(self, sets: Parameters, name: str) -> FloatArray:
         """(..) one parameter by its name, of some of the answer's sets (..)."""
-        if not sets.own.shape[-1]:
-            return np.asarray(getattr(sets, name))
-        return sets.own[..., self.names.index(name)]
+        return value_of(self.model, sets, name)
 
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
         """The time gap of one follower in equilibrium at a speed, in s."""
