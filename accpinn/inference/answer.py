@@ -129,16 +129,12 @@ class Answer:
         gaps = [time_gap(self.model, part, speed) for part in self._parts]
         return self._span(gaps, follower)
 
-    @property
-    def judged(self) -> Parameters:
-        """(n, M) the draws of the typical value that string stability is judged by."""
-        count = len(self.typical.alpha)
-        return self.typical[np.linspace(0, count - 1, min(count, JUDGED)).astype(int)]
-
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """What follows from the typical value: probabilities of string stability, gains, bands."""
-        drawn = from_draws(self.parameters, self.judged, self.level)
+        count = len(self.typical.alpha)
+        some = self.typical[np.linspace(0, count - 1, min(count, JUDGED)).astype(int)]
+        drawn = from_draws(self.parameters, some, self.level)
         ends = interval_ends(self.typical.everything, self.level)
         return replace(drawn, lower=Parameters.of(ends[0]), upper=Parameters.of(ends[1]))
 

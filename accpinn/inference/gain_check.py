@@ -18,9 +18,9 @@ import numpy as np
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.answer import Answer
-from accpinn.inference.intervals import interval_ends
+from accpinn.inference.intervals import gain_band
 from accpinn.segment.segment import Segment
-from accpinn.stability.criteria import l2_margin, response
+from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import LEVEL, MeasuredGain, measured_gain
 from accpinn.stability.report import assessment
 from accpinn.units import FloatArray, Mask, RadiansPerSecond
@@ -131,10 +131,9 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
     sure = measured_gain(segments, k, 1.0 - (1.0 - LEVEL) / count)
     omega, gain = measured.omega[at], measured.gain[at]
     model = np.abs(response(answer.parameters[[k]], omega))[0]
-    draws = answer.judged[:, k]
-    lower, upper = interval_ends(np.abs(response(draws, omega)), answer.level)
-    apart = (lower > measured.upper[at]) | (upper < measured.lower[at])
-    amplified = lower > 1.0
+    band = gain_band(answer.uncertainty, k, omega)
+    apart = (band.lower > measured.upper[at]) | (band.upper < measured.lower[at])
+    amplified = band.lower > 1.0
     levels = decibels(gain)
     found = GainCheck(
         vehicle,
@@ -146,7 +145,7 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
         apart=float(apart.mean()),
         highest=float(levels[amplified].max()) if amplified.any() else nan,
     )
-    verdict = assessment(float((l2_margin(draws) >= 0).mean()))
+    verdict = assessment(float(answer.uncertainty.probability_l2[k]))
     contradiction: Contradiction = "apart" if found.apart > APART else ""
     if verdict == "stable" and (sure.lower[at] > 1.0).any():
         contradiction = "amplifies"
