@@ -312,6 +312,8 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
     known = ~np.isnan(draws.alpha[0])
     lower, upper = interval_ends(draws.everything, level)
     lower = np.where(centre.everything == 0.0, 0.0, lower)
+    gains = step_metrics(draws).gain
+    is_linf = exact_margin(draws, gains) >= 0
     return Uncertainty(
         method=METHOD,
         level=level,
@@ -321,9 +323,9 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
         inside=np.ones_like(lower, dtype=bool),
         draws=draws,
         probability_l2=np.where(known, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
-        probability_linf=np.where(known, (exact_margin(draws) >= 0).mean(axis=0), np.nan),
+        probability_linf=np.where(known, is_linf.mean(axis=0), np.nan),
         peak_gain=Interval(*interval_ends(peaks(draws).gain, level)),
-        linf_gain=Interval(*interval_ends(step_metrics(draws).gain, level)),
+        linf_gain=Interval(*interval_ends(gains, level)),
         crossover=Interval(*interval_ends(np.nan_to_num(crossovers(draws)), level)),
         seconds=0.0,
         findings=(),
