@@ -4,8 +4,10 @@ Each recording has its own leader on a motorway, one of the published parameter 
 disturbances as on real roads (`bench.disturbed`) and the receivers' noise. Measured are the share
 of recordings whose interval covers α, β, τ and all three, the median width of the intervals, and
 the mean error of several methods, the last two in percent of the truth. The truth is the CTHP with
-zero-mean disturbances unless options add what the model lacks. The exit status is 1 if an interval
-or an estimate without bias is not as accpinn promises (`EACH`, `ALL_THREE`, `BIAS`).
+zero-mean disturbances unless options add what the model lacks. With --model, the intervals are
+those of one window's own posterior under that model, of α, β and the time gap τ + s₀/v at the
+window's median speed. The exit status is 1 if an interval or an estimate without bias is not as
+accpinn promises (`EACH`, `ALL_THREE`, `BIAS`, `WIDEST_GAP`).
 """
 
 import argparse
@@ -20,11 +22,15 @@ from multiprocessing import get_context
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.inference.intervals import intervals
+from accpinn.inference.coordinates import parameters_of
+from accpinn.inference.intervals import LEVEL, interval_ends, intervals
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import MODELS
 from accpinn.model.published import ASTAZERO, CASALE, VICOLUNGO
+from accpinn.model.registry import time_gap
 from accpinn.units import FloatArray, Seconds
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Figures, Measurement, measured
@@ -40,6 +46,9 @@ EACH, ALL_THREE = (86.0, 94.0), (70.0, 85.0)
 """Promised coverage of each parameter and of all three, in percent."""
 BIAS = {LIKELIHOOD: 3.0, CALIBRATED: 4.0}
 """Largest bias promised, in percent of the truth."""
+WINDOW_SYMBOLS = (*SYMBOLS[:2], "time gap")
+WIDEST_GAP = 8.0
+"""Largest median width promised of the time gap's interval, in percent of the truth."""
 RESAMPLED = 500
 """Times that the recordings are drawn again for a standard error."""
 
@@ -114,12 +123,14 @@ def measure(
     yield Measurement(name="estimate and intervals of a recording", value=seconds)
 
 
-def coverage(truth: FloatArray, lower: FloatArray, upper: FloatArray) -> Iterator[Measurement]:
+def coverage(
+    truth: FloatArray, lower: FloatArray, upper: FloatArray, symbols: tuple[str, ...] = SYMBOLS
+) -> Iterator[Measurement]:
     """Return share and width of intervals; all arguments are (recordings, 3)."""
     covers = (lower <= truth) & (truth <= upper)
     shares = [*covers.mean(0), covers.all(1).mean()]
-    for name, share in zip((*SYMBOLS, "all three"), shares, strict=True):
-        low, high = EACH if name in SYMBOLS else ALL_THREE
+    for name, share in zip((*symbols, "all three"), shares, strict=True):
+        low, high = EACH if name in symbols else ALL_THREE
         error = float(np.sqrt(share * (1.0 - share) / len(truth)))
         yield Measurement(
             name=f"{name} covered", value=100 * float(share), unit="%", error=100 * error,
@@ -128,10 +139,11 @@ def coverage(truth: FloatArray, lower: FloatArray, upper: FloatArray) -> Iterato
     widths = 100 * (upper - lower) / truth
     again = np.random.default_rng(0).integers(len(widths), size=(RESAMPLED, len(widths)))
     errors = np.median(widths[again], axis=1).std(axis=0)
-    for symbol, width, error in zip(SYMBOLS, np.median(widths, axis=0), errors, strict=True):
+    for symbol, width, error in zip(symbols, np.median(widths, axis=0), errors, strict=True):
         yield Measurement(
-            name=f"median width of {symbol}", value=float(width), unit="%", error=float(error)
-        )
+            name=f"median width of {symbol}", value=float(width), unit="%", error=float(error),
+            at_most=WIDEST_GAP if symbol == WINDOW_SYMBOLS[-1] else None,
+        )  # fmt: skip
 
 
 def bias(truth: FloatArray, estimates: Mapping[str, FloatArray]) -> Iterator[Measurement]:
@@ -146,6 +158,35 @@ def bias(truth: FloatArray, estimates: Mapping[str, FloatArray]) -> Iterator[Mea
                 name=f"mean error of {symbol}, {name}", value=float(mean), unit="%",
                 error=float(error), at_most=most, at_least=most and -most,
             )  # fmt: skip
+
+
+def recorded_window(
+    seed: int, disturbance: Disturbance, duration: Seconds, model: str
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The truth (3,) of α, β and the time gap in one window, and its own interval's two ends."""
+    true = SETS[[seed % len(SETS)]]
+    segment = disturbed(true, seed, disturbance, duration=duration)
+    window = window_posterior(segment, "II", model)
+    speed = float(window.speeds[0])
+    drawn = parameters_of(model, window.drawn[0], window.speeds[0])
+    gaps = time_gap(model, drawn, speed)
+    lower, upper = interval_ends(np.column_stack([drawn.alpha, drawn.beta, gaps]), LEVEL)
+    gap = true.tau[0] + disturbance.standstill / speed
+    return np.array([true.alpha[0], true.beta[0], gap]), np.asarray(lower), np.asarray(upper)
+
+
+def measure_window(
+    recordings: int,
+    disturbance: Disturbance,
+    duration: Seconds,
+    workers: int | None,
+    model: str,
+) -> Iterator[Measurement]:
+    """Measure coverage and width of one window's own intervals under a model."""
+    task = partial(recorded_window, disturbance=disturbance, duration=duration, model=model)
+    with ProcessPoolExecutor(workers or os.cpu_count(), get_context("spawn")) as pool:
+        results = list(pool.map(task, range(recordings)))
+    yield from coverage(*map(np.array, zip(*results, strict=True)), WINDOW_SYMBOLS)
 
 
 def positive(text: str) -> int:
@@ -169,13 +210,19 @@ def main(arguments: list[str] | None = None) -> int:
         ("slope", "mean of the disturbance in m/s²"),
     ):
         parser.add_argument(f"--{name}", type=float, default=getattr(Disturbance, name), help=what)
+    parser.add_argument(
+        "--model", choices=tuple(MODELS), help="one window's own intervals under it"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON document")
     given = parser.parse_args(arguments)
     disturbance = Disturbance(
         given.deviation, given.memory, given.lag, given.standstill, given.slope
     )
-    study = partial(measure, given.recordings, disturbance, given.duration, given.workers)
-    title = f"{given.recordings} recordings of {given.duration:g} s, {disturbance}"
+    asked = (given.recordings, disturbance, given.duration, given.workers)
+    study = (
+        partial(measure_window, *asked, given.model) if given.model else partial(measure, *asked)
+    )
+    title = f"{given.recordings} recordings of {given.duration:g} s, {disturbance}, {given.model}"
     return Figures.now([measured(title, study)]).show(given.json)
 
 

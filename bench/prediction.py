@@ -37,7 +37,7 @@ from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.model.models import BEST, MODELS, PAPER, Model, terms_of
 from accpinn.segment.segment import Segment
-from accpinn.stability.lagged import lagged_response
+from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import FloatArray, Metres
 from bench.population import Car, learn, windows_of
@@ -129,7 +129,7 @@ def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, F
         return
 
     def compared(parameters: Parameters, likelihood: float = np.nan) -> FloatArray:
-        gain = 20.0 * np.log10(np.abs(lagged_response(parameters, measured.omega[kept])[0]))
+        gain = 20.0 * np.log10(np.abs(frequency_response(parameters, measured.omega[kept])[0]))
         return np.array([rms(gain - reference), gain.max() - reference.max(), likelihood])
 
     yield "least squares", compared(least_squares(stretch).parameters)

@@ -15,7 +15,8 @@ from accpinn.cli.output import interruptible, print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
-from accpinn.model.models import BEST, MODELS
+from accpinn.model.models import BEST
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.export import groups_document
 from accpinn.results.messages.database import summary_line
@@ -47,7 +48,8 @@ def add_batch_options(parser: argparse.ArgumentParser) -> None:
     )
     option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)")
     option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
-    option("--model", choices=MODELS, default=BEST, metavar="NAME", help=f"of answers ({BEST})")
+    option("--model", choices=FOLLOWING, default=BEST, metavar="NAME",
+           help=f"of answers ({BEST}): {', '.join(FOLLOWING)}")  # fmt: skip
     option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)")
     option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
     option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")

@@ -68,8 +68,8 @@ def _describe_window(window: Result, together: Fit) -> dict[str, Any]:
     return {
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
-        "parameters": describe_parameters(segment, window.parameters),
-        "intervals": describe_intervals(segment, window.uncertainty),
+        "parameters": describe_parameters(segment, window.parameters, window.fit.model),
+        "intervals": describe_intervals(segment, window.uncertainty, window.fit.model),
         "log_likelihood": window.fit.loss.get("log_likelihood"),
         "closed_loop_mae": describe_errors(closed_loop_errors(segment, together)),
         "incidents": incidents(segment, together),

@@ -31,7 +31,6 @@ from accpinn.findings import Finding, Labelled
 from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, OneSecondMeans, one_second_means
 from accpinn.model.cthp import regressors
-from accpinn.model.models import PAPER
 from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
@@ -141,33 +140,28 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 
 def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray]:
     """The seconds of a segment, and the residuals (M, K) in m/s² of a fit's model."""
-    steps, parameters = one_second_means(segment), fit.parameters
-    if fit.model == PAPER:
-        theta = np.nan_to_num(parameters.theta)
-        return steps, steps.rates - np.einsum("mkc,mc->mk", steps.terms, theta)
-    moved, speeds = segment.gaps, segment.speeds
-    if parameters.own.size:
-        model = FOLLOWING[fit.model]
-        command = model.acceleration(moved, speeds[:, 1:], speeds[:, :-1], parameters.own.T, np)
-    else:
-        terms = regressors(speeds, moved).transpose(1, 0, 2)
-        shift = parameters.alpha * parameters.s0
-        command = np.einsum("nmc,mc->nm", terms, np.nan_to_num(parameters.theta)) - shift
     from scipy.signal import lfilter  # takes a second to import, which few need
 
+    steps, parameters = one_second_means(segment), fit.parameters
+    gaps, speeds = segment.gaps, segment.speeds
+    if parameters.own.size:
+        model = FOLLOWING[fit.model]
+        command = model.acceleration(gaps, speeds[:, 1:], speeds[:, :-1], parameters.own.T, np)
+    else:
+        theta = np.nan_to_num(parameters.theta)
+        terms = np.einsum("mnc,mc->nm", regressors(speeds, gaps), theta)
+        command = terms - theta[:, 0] * parameters.s0
     reached = np.asarray(command, float).copy()
     for k, (lag, delay) in enumerate(parameters.complete[:, 4:]):
         late = np.interp(segment.time - delay, segment.time, command[:, k])
         keep = np.exp(-segment.sample_time / lag) if lag > 0 else 0.0
         reached[:, k] = lfilter([1 - keep], [1, -keep], late, zi=[keep * late[0]])[0]
-    used = reached[: steps.rates.shape[1] * steps.samples + 1]
-    means = ((used[1:] + used[:-1]) / 2).reshape(-1, steps.samples, segment.followers).mean(axis=1)
-    return steps, steps.rates - means.T
+    return steps, steps.rates - steps.means(reached)
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualCorrelations:
-    """Of one follower's residual with itself, and with the acceleration of the vehicle ahead."""
+    """Correlations of one follower's residual with itself, and with the acceleration ahead."""
 
     lags: FloatArray
     """(L,) in s, from 1."""

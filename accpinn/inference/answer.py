@@ -34,8 +34,8 @@ from accpinn.inference.window_posterior import JUDGED, window_posterior
 from accpinn.methods.method import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, MODELS, TERMS, Held, terms_of
-from accpinn.model.registry import FOLLOWING, time_gap
+from accpinn.model.models import BEST, MODELS, Held, terms_of
+from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -105,9 +105,7 @@ class Answer:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the model's parameters, as `Parameters` or the model has them."""
-        if self.model not in MODELS:
-            return FOLLOWING[self.model].names
-        return ("alpha", "beta", "tau", *terms_of(self.model))
+        return FOLLOWING[self.model].names
 
     @property
     def stated_speed(self) -> MetresPerSecond:
@@ -124,9 +122,7 @@ class Answer:
 
     def values(self, sets: Parameters, name: str) -> FloatArray:
         """(..) one parameter by its name, of some of the answer's sets (..)."""
-        if not sets.own.shape[-1]:
-            return np.asarray(getattr(sets, name))
-        return sets.own[..., self.names.index(name)]
+        return value_of(self.model, sets, name)
 
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
         """The time gap of one follower in equilibrium at a speed, in s."""
@@ -187,16 +183,15 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
     Raises:
         ConfigError: for a term that the model does not have, or a value outside its range.
     """
-    own = {} if model in MODELS else {p.name: p for p in FOLLOWING[model].parameters}
-    terms = terms_of(model) if model in MODELS else tuple(own)
+    if model in MODELS:
+        ranges: dict[str, tuple[float, float]] = {n: EXTRA[n].bounds for n in terms_of(model)}
+    else:
+        ranges = {p.name: (p.lower, p.upper) for p in FOLLOWING[model].parameters}
     for name, value in held.items():
-        if name not in terms:
-            known = ", ".join(terms) or "no term"
+        if name not in ranges:
+            known = ", ".join(ranges) or "no term"
             raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
-        if own:
-            least, most = own[name].lower, own[name].upper
-        else:
-            least, most = next(EXTRA[term] for term in TERMS if term == name).bounds
+        least, most = ranges[name]
         if not least <= value <= most:
             allowed = f"{least:g} to {most:g}"
             raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")

@@ -17,15 +17,13 @@ from accpinn.units import FloatArray, Mask
 
 def count_of(model: str) -> int:
     """p, the number of coordinates."""
-    return 3 + len(terms_of(model)) if model in MODELS else len(FOLLOWING[model].parameters)
+    return len(FOLLOWING[model].parameters)
 
 
 def free_of(model: str, held: Held) -> Mask:
     """(p,) whether a coordinate is free: not one of a term that keeps its value."""
     fixed = [name for name, _ in held]
-    cthp = ("alpha", "beta", "tau", *terms_of(model))
-    names = cthp if model in MODELS else FOLLOWING[model].names
-    return np.array([name not in fixed for name in names])
+    return np.array([name not in fixed for name in FOLLOWING[model].names])
 
 
 def log_prior(model: str, phi: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ of many single bands lies apart by chance.
 """
 
 from collections.abc import Sequence
+from math import nan
 from typing import Literal
 
 import msgspec
@@ -51,19 +52,20 @@ class GainCheck(Finding, frozen=True):
 
     vehicle: int
     frequencies: int
-    """Number of frequencies compared; with fewer than `LEAST` there is no comparison."""
-    rms: float = 0.0
+    """Number of frequencies compared; with fewer than `LEAST` there is no comparison, and what
+    follows is nan."""
+    rms: float = nan
     """Root mean square of the difference in dB."""
-    peak: float = 0.0
+    peak: float = nan
     """Largest measured gain at these frequencies in dB."""
-    model_peak: float = 0.0
+    model_peak: float = nan
     """The model's largest gain at these frequencies in dB."""
-    omega: RadiansPerSecond = 0.0
+    omega: RadiansPerSecond = nan
     """Frequency of the measured peak."""
-    apart: float = 0.0
+    apart: float = nan
     """Share of the frequencies at which the bands have nothing in common."""
-    highest: float = 0.0
-    """Largest measured gain in dB where the model amplifies; 0 where it does not."""
+    highest: float = nan
+    """Largest measured gain in dB where the model amplifies; nan where it does not."""
     contradiction: Contradiction = ""
 
     @property
@@ -141,7 +143,7 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
         model_peak=float(decibels(model).max()),
         omega=float(omega[levels.argmax()]),
         apart=float(apart.mean()),
-        highest=float(levels[amplified].max()) if amplified.any() else 0.0,
+        highest=float(levels[amplified].max()) if amplified.any() else nan,
     )
     verdict = assessment(float(answer.uncertainty.probability_l2[k]))
     contradiction: Contradiction = "apart" if found.apart > APART else ""

@@ -23,13 +23,12 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.coordinates import parameters_of
-from accpinn.inference.posterior import sample
-from accpinn.inference.window_posterior import simulated_posterior
+from accpinn.inference.posterior import STAGES
+from accpinn.inference.window_posterior import sampled, simulated_posterior
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import natural
-from accpinn.methods.maximum_likelihood import KEY, joint_maxima
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import Law, one_thread
-from accpinn.methods.series import determined_followers, series_of
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.models import MODELS, Held, Model, model_of
@@ -296,23 +295,25 @@ def _shared(
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
     if model not in MODELS:
-        found = simulated_posterior(segments, case, Law(model, held))
-        drawn = parameters_of(model, np.swapaxes(found.drawn, 0, 1), found.speeds)
-        return from_draws(Parameters.of(found.estimates), drawn, level)
+        posterior = simulated_posterior(segments, case, Law(model, held))
+        drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+        return from_draws(Parameters.of(posterior.estimates), drawn, level)
     return from_draws(*_sample(segments, case, draws, model_of(model), held), level)
 
 
-def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncertainty:
+def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertainty:
     """Compute the uncertainty from draws of the posterior.
 
     Args:
         centre: (M,) the maximum-likelihood estimate; nan for followers that are not determined.
-        sampled: (n, M) draws of equal weight; nan for these followers.
+        draws: (n, M) draws of equal weight; nan for these followers.
         level: level of the intervals.
     """
-    known = ~np.isnan(sampled.alpha[0])
-    lower, upper = interval_ends(sampled.everything, level)
+    known = ~np.isnan(draws.alpha[0])
+    lower, upper = interval_ends(draws.everything, level)
     lower = np.where(centre.everything == 0.0, 0.0, lower)
+    gains = step_metrics(draws).gain
+    is_linf = exact_margin(draws, gains) >= 0
     return Uncertainty(
         method=METHOD,
         level=level,
@@ -320,12 +321,12 @@ def from_draws(centre: Parameters, sampled: Parameters, level: float) -> Uncerta
         lower=Parameters.of(lower),
         upper=Parameters.of(upper),
         inside=np.ones_like(lower, dtype=bool),
-        draws=sampled,
-        probability_l2=np.where(known, (l2_margin(sampled) >= 0).mean(axis=0), np.nan),
-        probability_linf=np.where(known, (exact_margin(sampled) >= 0).mean(axis=0), np.nan),
-        peak_gain=Interval(*interval_ends(peaks(sampled).gain, level)),
-        linf_gain=Interval(*interval_ends(step_metrics(sampled).gain, level)),
-        crossover=Interval(*interval_ends(np.nan_to_num(crossovers(sampled)), level)),
+        draws=draws,
+        probability_l2=np.where(known, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
+        probability_linf=np.where(known, is_linf.mean(axis=0), np.nan),
+        peak_gain=Interval(*interval_ends(peaks(draws).gain, level)),
+        linf_gain=Interval(*interval_ends(gains, level)),
+        crossover=Interval(*interval_ends(np.nan_to_num(crossovers(draws)), level)),
         seconds=0.0,
         findings=(),
     )
@@ -335,15 +336,11 @@ def _sample(
     segments: tuple[Segment, ...], case: Case, count: int, model: Model, held: Held
 ) -> tuple[Parameters, Parameters]:
     """The estimate (M,), and draws (count, M); the same for all followers in Case I."""
-    known = determined_followers(segments, case)
     centre = np.full((segments[0].followers, 6), np.nan)
     drawn = np.full((count, *centre.shape), np.nan)
-    if known:
-        maxima = joint_maxima(segments, case, model, known, held)
-        posteriors = sample(series_of(segments, case, known), maxima, model, held=held)
-        centre[list(known)] = [maximum.complete for maximum in maxima]
-        rows = [complete(model, natural(model, one.all_evenly(count))) for one in posteriors]
-        drawn[:, list(known)] = np.stack(rows, axis=1)
+    for row, maximum, posterior in sampled(segments, case, model, held, STAGES):
+        centre[row] = maximum.complete
+        drawn[:, row] = complete(model, natural(model, posterior.all_evenly(count)))[:, None]
     return Parameters.of(centre), Parameters.of(drawn)
 
 

@@ -4,19 +4,21 @@ Of a CTHP they are drawn from the posterior of the exact likelihood (see `infere
 any other model from the normal approximation of `methods.following`.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from accpinn.inference.coordinates import count_of, parameters_of, possible
-from accpinn.inference.posterior import features, sample
+from accpinn.inference.posterior import Posterior, features, sample
 from accpinn.methods import following
-from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
+from accpinn.methods.likelihood import Maximum
+from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import Case
-from accpinn.model.models import MODELS, Held, model_of
+from accpinn.model.models import MODELS, Held, Model, model_of
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.units import FloatArray
@@ -64,18 +66,26 @@ def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) 
     estimates = np.full((followers, 6), np.nan)
     drawn = np.full((followers, DRAWS, count_of(model)), np.nan)
     log_likelihood = np.full((followers, DRAWS), np.nan)
-    known = determined_followers((segment,), case)
-    if known:
-        series = series_of([segment], case, known)
-        cthp = joint_maxima((segment,), case, followers=known)
-        maxima = further_maxima(series, form, cthp, held)
-        posteriors = sample(series, maxima, form, held=held, stages=STAGES)
-        rows = [np.array(known)] if case == "I" else [np.array([k]) for k in known]
-        for row, maximum, posterior in zip(rows, maxima, posteriors, strict=True):
-            estimates[row] = maximum.complete
-            drawn[row] = features(form, posterior.all_evenly(DRAWS))
-            log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
+    for row, maximum, posterior in sampled((segment,), case, form, held, STAGES):
+        estimates[row] = maximum.complete
+        drawn[row] = features(form, posterior.all_evenly(DRAWS))
+        log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
     return WindowPosterior(estimates, drawn, log_likelihood, model, median_speeds((segment,)))
+
+
+def sampled(
+    segments: tuple[Segment, ...], case: Case, model: Model, held: Held, stages: Sequence[int]
+) -> Iterator[tuple[list[int], Maximum, Posterior]]:
+    """The determined followers, each or in Case I all, with their maximum and posterior."""
+    known = determined_followers(segments, case)
+    if not known:
+        return
+    maxima = joint_maxima(segments, case, model, known, held)
+    series = series_of(segments, case, known)
+    rows = [list(known)] if case == "I" else [[k] for k in known]
+    yield from zip(
+        rows, maxima, sample(series, maxima, model, held=held, stages=stages), strict=True
+    )
 
 
 def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> WindowPosterior:
@@ -84,9 +94,9 @@ def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> 
     followers, count = len(speeds), count_of(key)
     estimates = np.full((followers, 6 + count), np.nan)
     drawn = np.full((followers, DRAWS, count), np.nan)
-    for row, found in following.estimates(segments, case, law):
-        estimates[row] = parameters_of(key, found.scores, speeds[row]).everything
+    for row, estimate in following.estimates(segments, case, law):
+        estimates[row] = parameters_of(key, estimate.scores, speeds[row]).everything
         for k in row:
-            drawn[k] = possible(key, found.draws(DRAWS), speeds[k])
+            drawn[k] = possible(key, estimate.draws(DRAWS), speeds[k])
     unknown = np.full((followers, DRAWS), np.nan)
     return WindowPosterior(estimates, drawn, unknown, key, speeds)

@@ -41,7 +41,7 @@ UNINFORMATIVE = 1e12
 """In m² and m²/s²: variance of a masked measurement."""
 MEAN_WEIGHTS = np.array([0.0] + 6 * [1 / 6])
 COVARIANCE_WEIGHTS = np.array([2.0] + 6 * [1 / 6])
-"""With a kurtosis of 2, the value for normal distributions."""
+"""Weights of covariances for a kurtosis of 2, the value for normal distributions."""
 
 
 def fit(segment: Segment, case: Case = "II") -> Fit:

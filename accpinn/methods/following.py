@@ -139,7 +139,7 @@ class Estimate:
     covariance: FloatArray
     """(n, n) of z."""
     rmse: float
-    """Of the gap in the windows it was learned from, in m."""
+    """Root mean square error of the gap in the windows it was learned from, in m."""
     converged: bool
     """Whether the search ended by itself."""
 
@@ -360,8 +360,8 @@ def estimates(
     pairs = [segment.pair(k) for k in known for segment in segments]
     rows = [known] if case == "I" else [[k] for k in known]
     each = np.arange(len(pairs)).reshape(len(rows), -1).tolist()
-    found = estimate(model, Drives.of(pairs, model), each, held=law.held)
-    return tuple(zip(rows, found, strict=True))
+    best = estimate(model, Drives.of(pairs, model), each, held=law.held)
+    return tuple(zip(rows, best, strict=True))
 
 
 def fit(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
@@ -373,12 +373,12 @@ def fit(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -
     theta = np.full((len(model.parameters), segment.followers), np.nan)
     findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
     converged = True
-    for row, found in estimates(segments, case, law):
-        theta[:, row] = found.theta[:, None]
-        converged &= found.converged
-        if found.undetermined:
+    for row, best in estimates(segments, case, law):
+        theta[:, row] = best.theta[:, None]
+        converged &= best.converged
+        if best.undetermined:
             vehicle = 0 if case == "I" else segment.vehicles[row[0] + 1]
-            findings.append(Undetermined(vehicle, model.title, found.undetermined))
+            findings.append(Undetermined(vehicle, model.title, best.undetermined))
     gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
     for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
         pair = segment.pair(int(k))

@@ -19,7 +19,7 @@ from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
 from accpinn.methods.method import PAPERS, Law, TaskContext, direct
 from accpinn.methods.regression import Solution
-from accpinn.methods.series import Series, measured_of, moving, series_of, stride_of
+from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, complete, state_space
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.models import MODELS, PAPER, Held, model_of, terms_of
@@ -84,23 +84,7 @@ def _joint_maxima(
     series = series_of(segments, case, followers)
     if form == "cthp":
         return maximise(series)
-    cthp = _joint_maxima(segments, case, "cthp", followers, ())
-    return further_maxima(series, form, cthp, held)
-
-
-def further_maxima(
-    series: Series, form: Form, known: Sequence[Maximum], held: Held = ()
-) -> tuple[Maximum, ...]:
-    """The maximum of each group under a model with further terms.
-
-    Args:
-        series: G groups.
-        form: of the model.
-        known: (G,) the maxima of the CTHP, from which the search starts.
-        held: terms that keep their values.
-    """
-    if form == "cthp":
-        return tuple(known)
+    known = _joint_maxima(segments, case, "cthp", followers, ())
     starts = _further_starts(form, [maximum.coordinates for maximum in known])
     return maximise(series, form, starts, held)
 

@@ -177,14 +177,19 @@ class OneSecondMeans:
 
     rates: FloatArray
     """(M, K) mean dv/dt in m/s²."""
-    terms: FloatArray
-    """(M, K, 3) means of p [m], -v [m/s], Δv [m/s]."""
     mask: Mask
     """(M, K) False where a step contains a sample that does not count or is missing."""
     samples: int
     """Samples in a step."""
     length: Seconds
     """Length of a step: T, or the sample time if that is longer."""
+
+    def means(self, values: FloatArray) -> FloatArray:
+        """(M, K) means over the steps of values (N, M), straight between samples."""
+        followers, count = self.rates.shape
+        used = values[: count * self.samples + 1]
+        trapezoid = ((used[1:] + used[:-1]) / 2).reshape(count, self.samples, followers)
+        return np.asarray(trapezoid.mean(axis=1).T)
 
 
 def one_second_means(segment: Segment) -> OneSecondMeans:
@@ -193,14 +198,11 @@ def one_second_means(segment: Segment) -> OneSecondMeans:
     count = (segment.samples - 1) // samples
     last, length = count * samples, samples * segment.sample_time
     speeds = segment.speeds[: last + 1 : samples, 1:]
-    terms = regressors(segment.speeds, segment.gaps)[:, : last + 1]
-    trapezoid = (terms[:, 1:] + terms[:, :-1]) / 2
     kept = segment.counts[: last + 1]
     pairs = kept[1:] & kept[:-1]  # a step has both its ends in it
     mask = pairs.reshape(count, samples, segment.followers).all(axis=1)
     return OneSecondMeans(
         rates=np.diff(speeds, axis=0).T / length,
-        terms=trapezoid.reshape(len(terms), count, samples, 3).mean(axis=2),
         mask=np.asarray(mask.T),
         samples=samples,
         length=length,

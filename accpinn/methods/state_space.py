@@ -100,7 +100,7 @@ EXTRA: dict[Term, Coordinate] = {
 def coordinates(form: Form) -> tuple[Coordinate, ...]:
     """The unknowns of a model: nine, and one more for each term beside the CTHP."""
     if form == "unbounded":
-        theta = [replace(one, lower=-one.upper, logarithmic=False) for one in COMMON[:3]]
+        theta = [replace(c, lower=-c.upper, logarithmic=False) for c in COMMON[:3]]
         return (*theta, *COMMON[3:])
     return (*COMMON, *(EXTRA[term] for term in terms_of(form)))
 

@@ -16,15 +16,14 @@ _S0 = Parameter("s0", "s₀", "m", -50.0, 100.0, 5.0, 6.0)
 
 
 def acceleration(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
-    """In m/s² from α, β, τ and, where it is given, s₀; the paper's model without it."""
+    """In m/s² from α, β, τ: the paper's model, without s₀."""
     alpha, beta, tau = theta[:3]
     return alpha * (p - tau * v) + beta * (u - v)
 
 
 def acceleration_with_intercept(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
     """In m/s² from α, β, τ, s₀."""
-    alpha, beta, tau, s0 = theta[:4]
-    return alpha * (p - s0 - tau * v) + beta * (u - v)
+    return acceleration(p - theta[3], v, u, theta, xp)
 
 
 CTHP = FollowingModel("cthp", "CTHP", (_ALPHA, _BETA, _TAU), acceleration)

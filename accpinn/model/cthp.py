@@ -103,6 +103,11 @@ class Parameters:
         return cls.of(np.array([row[..., :width] for row in rows]).reshape(-1, width))
 
     @property
+    def flat(self) -> "Parameters":
+        """(V,) all vehicles along one axis."""
+        return Parameters.of(self.everything.reshape(-1, self.everything.shape[-1]))
+
+    @property
     def values(self) -> FloatArray:
         """(.., 3) α, β, τ."""
         return self.complete[..., :3]
@@ -245,7 +250,9 @@ def simulate(
     start = np.zeros(len(matrix))
     start[0:size:2] = np.asarray(initial_gaps) - parameters.complete[:, 3]
     start[1:size:2] = initial_speeds
-    start[size:] = _further_states(parameters, start[:size], leader[0])
+    # The further states are at rest under the command of the first instant.
+    held = matrix[size:, :size] @ start[:size] + matrix[size:, -1] * leader[0]
+    start[size:] = -np.linalg.solve(matrix[size:, size:-1], held)
     state = respond(matrix, leader, step, start)
     gaps = state[:, 0:size:2] + parameters.complete[:, 3]
     return Trajectories(
@@ -319,42 +326,11 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
     return matrix
 
 
-def _further_states(parameters: Parameters, motion: FloatArray, leader: float) -> FloatArray:
-    """The further states of `motion_matrix`, at rest under the command of (2M,) p - s₀ and v."""
-    states: list[float] = []
-    ahead = np.append(leader, motion[1::2])
-    for k, (theta, (lag, delay)) in enumerate(
-        zip(parameters.theta, parameters.complete[:, 4:], strict=True)
-    ):
-        gap, speed = motion[2 * k : 2 * k + 2]
-        command = float(theta @ [gap, -speed, ahead[k] - speed])
-        if delay > 0:
-            states += [command * delay**2 / 12.0, 0.0]
-        if lag > 0:
-            states.append(command)
-    return np.array(states)
-
-
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
-    """The states x, Ex, E²x, .. of a linear system left to itself.
-
-    Each product with a power of E doubles the known states, so no loop runs over the steps.
-
-    Args:
-        transition: (K, K), E: one step of the system.
-        start: (K,), x.
-        count: how many states to return, the first included.
-
-    Returns:
-        (count, K).
-    """
-    states = np.empty((count, len(start)))
+    """(count, K) the states x, Ex, E²x, .. that a linear system E (K, K) takes from x (K,)."""
+    states = np.zeros((count, len(start)))
     states[0] = start
-    known, power = 1, transition.T
-    while known < count:
-        fresh = min(known, count - known)
-        states[known : known + fresh] = states[:fresh] @ power
-        known, power = known + fresh, power @ power
+    _accumulate(transition, states)
     return states
 
 

@@ -39,7 +39,7 @@ Values = Sequence[float] | FloatArray
 """(n,) parameters of one vehicle."""
 COMPLEX_STEP = 1e-30
 HALVINGS = 60
-"""Of the interval in which an equilibrium lies: more than the digits of a number."""
+"""Number of times that the interval of an equilibrium is halved: to all digits of a number."""
 WIDEST: Metres = 2000.0
 """Gap beyond which no equilibrium is looked for."""
 
@@ -168,28 +168,19 @@ class FollowingModel:
         own = () if self.key in MODELS else theta
         return Parameters(by_gap, by_ahead, tau, gap - tau * speed, *terms, *own)
 
-    def equilibrium_gap(self, theta: Values, speed: MetresPerSecond) -> Metres:
-        """The gap p_e of one vehicle (n,) in m; see `equilibrium_gaps`.
-
-        Raises:
-            ParameterError: where there is none, as above the IDM's desired speed.
-        """
-        gap = float(self.equilibrium_gaps(theta, speed))
-        if not np.isfinite(gap):
-            raise ParameterError(
-                f"{self.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
-                " another speed."
-            )
-        return gap
-
     def linearised(self, theta: Values, speed: MetresPerSecond) -> Parameters:
         """The CTHP that one vehicle (n,) is near equilibrium at a speed; see `linearisations`.
 
         Raises:
-            ParameterError: where there is no equilibrium.
+            ParameterError: where there is no equilibrium, as above the IDM's desired speed.
         """
-        self.equilibrium_gap(theta, speed)
-        return self.linearisations(theta, speed)
+        near = self.linearisations(theta, speed)
+        if np.isnan(near.s0):
+            raise ParameterError(
+                f"{self.title}: these parameters have no equilibrium at {speed:.1f} m/s; choose"
+                " another speed."
+            )
+        return near
 
     def simulate(
         self,
@@ -245,19 +236,14 @@ class FollowingModel:
         moved = np.empty((len(ahead) // 2 + 1, 2, *state.shape[1:]), state.dtype)
         moved[0] = state[:2]
         with np.errstate(all="ignore"):  # what diverges is the caller's to judge
-            for k in range(len(moved) - 1):
-                first, middle, last = ahead[2 * k : 2 * k + 3]
-                one = self._rates(theta, state, first)
-                two = self._rates(theta, state + one * (step / 2), middle)
-                three = self._rates(theta, state + two * (step / 2), middle)
-                four = self._rates(theta, state + three * step, last)
-                two += three
-                two *= 2.0
-                two += one
-                two += four
-                two *= step / 6
-                state = state + two
-                moved[k + 1] = state[:2]
+            for now in range(len(moved) - 1):
+                first, middle, last = ahead[2 * now : 2 * now + 3]
+                k1 = self._rates(theta, state, first)
+                k2 = self._rates(theta, state + k1 * (step / 2), middle)
+                k3 = self._rates(theta, state + k2 * (step / 2), middle)
+                k4 = self._rates(theta, state + k3 * step, last)
+                state = state + (2.0 * (k2 + k3) + k1 + k4) * (step / 6)
+                moved[now + 1] = state[:2]
         return moved
 
     def _command(self, theta: Any, state: Any, leader: Any) -> Any:

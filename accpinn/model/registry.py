@@ -44,6 +44,13 @@ def following_model(key: str) -> FollowingModel:
         raise ConfigError(f"model: {key[:40]} is not known; choose from {known}.") from None
 
 
+def value_of(model: str, parameters: cthp.Parameters, name: str) -> FloatArray:
+    """(..) one parameter of a model's sets (..), by its name."""
+    if not parameters.own.shape[-1]:
+        return np.asarray(getattr(parameters, name))
+    return parameters.own[..., FOLLOWING[model].names.index(name)]
+
+
 def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
     """(..) the time gap in equilibrium at a speed in m/s; nan where there is no equilibrium.
 

@@ -34,7 +34,6 @@ from accpinn.errors import ParameterError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
-from accpinn.model.following import FollowingModel
 from accpinn.model.models import PAPER
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
@@ -213,16 +212,15 @@ def simulate_platoon(
     Raises:
         ParameterError: for parameters or settings that cannot be simulated.
     """
-    width = parameters.everything.shape[-1]
-    own = Parameters.of(parameters.everything.reshape(-1, width)).own
-    if own.size:
+    parameters = parameters.flat
+    if (own := parameters.own).size:
         parameters = FOLLOWING[model].linearisations(own.T, leader.speed)
         if np.isnan(parameters.tau).any():
             raise ParameterError(
                 f"{FOLLOWING[model].title}: a vehicle has no equilibrium at {leader.speed:g} m/s;"
                 " choose a lower speed."
             )
-    parameters = _with_equilibrium(Parameters.of(parameters.complete.reshape(-1, 6)))
+    parameters = _with_equilibrium(parameters)
     if isinstance(leader, Recorded):
         still, time = np.zeros(len(parameters)), leader.time
         deviations = leader.speeds - leader.speed
@@ -237,7 +235,12 @@ def simulate_platoon(
         frozen(moved.gaps + leader.speed * parameters.tau + parameters.s0),
     )
     if own.size:
-        driven = _integrated(FOLLOWING[model], own, driven)
+        start = driven.speeds[0, 1:], driven.gaps[0]
+        substeps = ceil((time[-1] - time[0]) / (len(time) - 1) / NONLINEAR_STEP)
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told as a collision
+            driven = FOLLOWING[model].simulate(
+                own.T, driven.time, driven.speeds[:, 0], *start, substeps
+            )
     wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
     meaningful = _meaningful(driven, collisions)
@@ -259,14 +262,6 @@ def simulate_platoon(
         amplitudes=wave,
         findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
     )
-
-
-def _integrated(model: FollowingModel, own: FloatArray, linear: Trajectories) -> Trajectories:
-    """The motion of a nonlinear model (M, n) behind the leader of a linear run."""
-    step = (linear.time[-1] - linear.time[0]) / (len(linear.time) - 1)
-    leader, start = linear.speeds[:, 0], (linear.speeds[0, 1:], linear.gaps[0])
-    with np.errstate(over="ignore", invalid="ignore"):  # what diverges is told as a collision
-        return model.simulate(own.T, linear.time, leader, *start, ceil(step / NONLINEAR_STEP))
 
 
 def _with_equilibrium(parameters: Parameters) -> Parameters:

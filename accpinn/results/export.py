@@ -40,7 +40,7 @@ from accpinn.model.models import PAPER
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.segment.segment import SegmentInfo
-from accpinn.stability.at_speed import stability_at
+from accpinn.stability.report import stability_at
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT

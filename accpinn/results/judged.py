@@ -51,7 +51,7 @@ def at_speed(
     """
     model, own = FOLLOWING[vehicles.model], vehicles.parameters.own
     for row in own:
-        model.equilibrium_gap(row, speed)
+        model.linearised(row, speed)
     there = replace(vehicles, parameters=model.linearisations(own.T, speed))
     if uncertainty is None:
         return there, None

@@ -354,5 +354,14 @@ class Segment(_Platoon):
 
 
 def median_speeds(segments: Sequence[Segment]) -> FloatArray:
-    """(M,) each follower's median speed over some windows, in m/s."""
-    return np.asarray(np.median(np.concatenate([s.speeds[:, 1:] for s in segments]), axis=0))
+    """(M,) each follower's median speed over some windows, in m/s; see `median_by_duration`."""
+    medians = np.array([np.median(segment.speeds[:, 1:], axis=0) for segment in segments])
+    return median_by_duration(medians, [segment.window.duration for segment in segments])
+
+
+def median_by_duration(medians: FloatArray, durations: Sequence[Seconds]) -> FloatArray:
+    """(M,) the medians of windows' medians (K, M), where each window counts by its duration."""
+    order, weights = np.argsort(medians, axis=0), np.asarray(durations, float)
+    reached = np.cumsum(weights[order], axis=0) >= (0.5 - 1e-9) * weights.sum()
+    chosen = np.take_along_axis(order, reached.argmax(axis=0)[None], axis=0)
+    return np.asarray(np.take_along_axis(medians, chosen, axis=0)[0])

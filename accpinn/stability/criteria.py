@@ -61,8 +61,8 @@ from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters, motion_matrix
 from accpinn.model.models import TERMS
 from accpinn.stability.lagged import (
+    frequency_response,
     is_lagged,
-    lagged_response,
     lagged_stability,
     rational,
     step_gain,
@@ -117,13 +117,8 @@ def checked(parameters: Parameters) -> Parameters:
     return Parameters.of(complete.reshape(parameters.complete.shape))
 
 
-def _flat(parameters: Parameters) -> Parameters:
-    """(..) vehicles in one row."""
-    return Parameters.of(parameters.complete.reshape(-1, 6))
-
-
 def _each(parameters: Parameters, values: FloatArray) -> FloatArray:
-    """Values of `_flat` vehicles in the shape of the parameters."""
+    """Values of the `flat` vehicles in the shape of the parameters."""
     return np.asarray(values.reshape(parameters.complete.shape[:-1]))
 
 
@@ -151,7 +146,7 @@ def l2_criterion(parameters: Parameters) -> FloatArray:
 def l2_margin(parameters: Parameters) -> FloatArray:
     """κ / 2α, free of units; where α = 0 its limit. With a lag or a delay, see `lagged`."""
     if is_lagged(parameters):
-        return _each(parameters, lagged_stability(_flat(parameters)).margin)
+        return _each(parameters, lagged_stability(parameters.flat).margin)
     at = parameters.alpha * parameters.tau
     return np.asarray(parameters.tau * (at / 2.0 + parameters.beta) - 1.0)
 
@@ -171,13 +166,14 @@ def paper_margin(parameters: Parameters) -> FloatArray:
     )
 
 
-def exact_margin(parameters: Parameters) -> FloatArray:
+def exact_margin(parameters: Parameters, gain: FloatArray | None = None) -> FloatArray:
     """Relative excess of τ over the smallest exactly L∞ stable one; inf where α = 0.
 
-    With a lag or a delay: 1 - ‖h‖₁, where that is more than can be resolved.
+    With a lag or a delay: 1 - ‖h‖₁, where that is more than can be resolved; ``gain`` is ‖h‖₁
+    where it is known already.
     """
     if is_lagged(parameters):
-        excess = step_metrics(parameters).gain - 1.0
+        excess = (step_metrics(parameters).gain if gain is None else gain) - 1.0
         return np.where(excess > RESOLVED, -excess, 0.0)
     beyond = parameters.tau / smallest_headway_exact(parameters) - 1.0
     return np.where(parameters.alpha > 0, beyond, np.inf)
@@ -231,7 +227,7 @@ class StepMetrics:
 def step_metrics(parameters: Parameters) -> StepMetrics:
     """Overshoot and exact L∞ (peak-to-peak) gain."""
     if is_lagged(parameters):
-        return StepMetrics(*(_each(parameters, part) for part in step_gain(_flat(parameters))))
+        return StepMetrics(*(_each(parameters, part) for part in step_gain(parameters.flat)))
     root = np.sqrt(spacing_gain(parameters))
     zeta = (parameters.alpha * parameters.tau + parameters.beta) / root / 2.0
     delta = (parameters.beta - parameters.alpha * parameters.tau) / root / 2.0
@@ -282,7 +278,7 @@ class Peak:
 def peaks(parameters: Parameters) -> Peak:
     """The largest gain over all frequencies, and where it is."""
     if is_lagged(parameters):
-        of = lagged_stability(_flat(parameters))
+        of = lagged_stability(parameters.flat)
         return Peak.of(*(_each(parameters, part) for part in (np.log(of.peak), of.omega)))
     beta_squared = parameters.beta**2 / spacing_gain(parameters)
     reduced = np.where(parameters.alpha > 0, np.minimum(2.0 * l2_margin(parameters), 0.0), 0.0)
@@ -301,7 +297,7 @@ def peaks(parameters: Parameters) -> Peak:
 def crossovers(parameters: Parameters) -> FloatArray:
     """ω_c in rad/s, below which frequencies are amplified; nan where none is."""
     if is_lagged(parameters):
-        return _each(parameters, lagged_stability(_flat(parameters)).crossover)
+        return _each(parameters, lagged_stability(parameters.flat).crossover)
     kappa = l2_criterion(parameters)
     return np.sqrt(np.where((kappa < 0) & (parameters.alpha > 0), -kappa, np.nan))
 
@@ -316,17 +312,7 @@ def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex12
     Returns:
         (V, K), infinite where an undamped vehicle is in resonance.
     """
-    parameters = checked(parameters)
-    if is_lagged(parameters):
-        return lagged_response(parameters, omega)
-    alpha, beta = parameters.alpha[:, None], parameters.beta[:, None]
-    s = 1j * np.asarray(omega, float)[None, :]
-    # Without α the pole and the zero at s = 0 cancel: H = β / (s + β).
-    spaced = alpha > 0
-    upper = np.where(spaced, beta * s + alpha, beta)
-    lower = np.where(spaced, (s + alpha * parameters.tau[:, None] + beta) * s + alpha, s + beta)
-    result = np.divide(upper, lower, out=np.full(lower.shape, np.inf + 0j), where=lower != 0)
-    return np.where((alpha == 0) & (beta == 0), 0.0, result)
+    return frequency_response(checked(parameters), omega)
 
 
 def poles(parameters: Parameters) -> tuple[complex, ...]:

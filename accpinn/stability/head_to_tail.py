@@ -25,13 +25,12 @@ from accpinn.stability.criteria import (
     Peak,
     checked,
     crossovers,
-    l2_criterion,
     peaks,
     poles,
     slowest_rate,
     step_metrics,
 )
-from accpinn.stability.lagged import is_lagged, lagged_attenuation
+from accpinn.stability.lagged import attenuation
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -97,43 +96,21 @@ def _ordinary_peaks(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     edges = crossovers(parameters)
     if np.isnan(edges).all():
         return np.zeros(len(edges)), np.zeros(len(edges))
+    lost = attenuation(parameters)
     span = np.geomspace(LOWEST * np.nanmin(edges), np.nanmax(edges), GRID)
     single = peaks(parameters).omega  # of each vehicle alone
     x = np.unique(np.concatenate([span, single[single > 0]])) ** 2
-    best = np.argmin(np.cumsum(_attenuation(parameters, x[:, None]), axis=1), axis=0)
+    best = np.argmin(np.cumsum(lost(x[:, None])[0], axis=1), axis=0)
     low = np.concatenate([[0.0], x])[best]
     high = np.concatenate([x, x[-1:]])[best + 1]
     reach = np.tri(len(edges))
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        rising = (reach * _slope(parameters, middle[:, None])).sum(axis=1) < 0
+        rising = (reach * lost(middle[:, None])[1]).sum(axis=1) < 0
         low, high = np.where(rising, middle, low), np.where(rising, high, middle)
-    log_gain = -0.5 * (reach * _attenuation(parameters, high[:, None])).sum(axis=1)
+    log_gain = -0.5 * (reach * lost(high[:, None])[0]).sum(axis=1)
     amplified = log_gain > 0
     return np.where(amplified, log_gain, 0.0), np.where(amplified, np.sqrt(high), 0.0)
-
-
-def _parts(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """n, m and g with |H_i|² = n / m and 1 + g = m / n, at x (K, 1); all (K, M)."""
-    n = parameters.alpha**2 + parameters.beta**2 * x
-    m = (parameters.alpha - x) ** 2 + (parameters.alpha * parameters.tau + parameters.beta) ** 2 * x
-    return n, m, x * (x + l2_criterion(parameters)) / n
-
-
-def _attenuation(parameters: Parameters, x: FloatArray) -> FloatArray:
-    """(K, M): -log|H_i|² at x (K, 1), kept exact near 0 and near a resonance."""
-    if is_lagged(parameters):
-        return lagged_attenuation(parameters, x)[0]
-    n, m, g = _parts(parameters, x)
-    return np.where(g < -0.5, np.log(m / n), np.log1p(np.maximum(g, -0.5)))
-
-
-def _slope(parameters: Parameters, x: FloatArray) -> FloatArray:
-    """(K, M): the derivative of `_attenuation` by x."""
-    if is_lagged(parameters):
-        return lagged_attenuation(parameters, x)[1]
-    _, m, g = _parts(parameters, x)
-    return np.asarray((2.0 * x + l2_criterion(parameters) - parameters.beta**2 * g) / m)
 
 
 def head_to_tail_gains(parameters: Parameters) -> Gains:

@@ -14,10 +14,11 @@ L₂: with x = ω², both |N|² and |D|² are polynomials in x whose constant te
 and the largest gain lies at a root of d|H|²/dx. L∞: with the poles p_i and residues r_i of N/D the
 step response is u(t) = Σ r_i (e^(p_i t) - 1)/p_i; ‖h‖₁ is its total variation.
 
-Without lag and delay these are the closed forms of `criteria` and `frequency`, to which tests
-compare them, as to numerical integration of |h|.
+Without lag and delay peak, crossover and gain are the closed forms of `criteria`, to which tests
+compare them, as to numerical integration of |h|. H(jω) and its attenuation have no other form.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,11 +50,11 @@ def polynomials(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     """
     alpha, alpha_tau, beta = parameters.theta.T
     lag, delay = parameters.complete[:, 4:].T
-    zero, one = np.zeros_like(alpha), np.ones_like(alpha)
-    pade = np.stack([one, delay / 2.0, delay**2 / 12.0], axis=1)
+    zeros, ones = np.zeros_like(alpha), np.ones_like(alpha)
+    pade = np.stack([ones, delay / 2.0, delay**2 / 12.0], axis=1)
     mirrored = pade * [1.0, -1.0, 1.0]
     upper = _product(np.stack([alpha, beta], axis=1), pade)
-    inertia = _product(np.stack([zero, zero, one, lag], axis=1), pade)
+    inertia = _product(np.stack([zeros, zeros, ones, lag], axis=1), pade)
     control = _product(mirrored, np.stack([alpha, alpha_tau + beta], axis=1))
     upper, inertia, control = (_padded(part) for part in (upper, inertia, control))
     lower = inertia + control
@@ -184,17 +185,23 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     return overshoots, gains
 
 
-def lagged_attenuation(parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """-log|H_i|² (K, M) of M vehicles at x = ω² (K, 1), and its derivative by x."""
+def attenuation(parameters: Parameters) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
+    """The map from x = ω² (K, 1) to -log|H_i|² (K, M) of M vehicles, and its derivative by x.
+
+    It is kept exact near 0 and near a resonance.
+    """
     above, below = (_squared(part) for part in polynomials(parameters))
-    at = np.broadcast_to(x, (len(x), len(parameters))).T
-    n, m, slope_n, slope_m = (
-        _value(part, at) for part in (above, below, _derived(above), _derived(below))
-    )
-    # The difference from 1 is exact where both are nearly equal.
-    rest = _value((below - above)[:, 1:], at) * at / n
-    attenuation = np.where(rest < -0.5, np.log(m / n), np.log1p(np.maximum(rest, -0.5)))
-    return attenuation.T, (slope_m / m - slope_n / n).T
+    parts = above, below, _derived(above), _derived(below), (below - above)[:, 1:]
+
+    def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        all_at = np.broadcast_to(x, (len(x), len(parameters))).T
+        n, m, slope_n, slope_m, rest = (_value(part, all_at) for part in parts)
+        # The difference from 1 is exact where both are nearly equal.
+        excess = rest * all_at / n
+        lost = np.where(excess < -0.5, np.log(m / n), np.log1p(np.maximum(excess, -0.5)))
+        return lost.T, (slope_m / m - slope_n / n).T
+
+    return at
 
 
 def rational(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
@@ -209,10 +216,11 @@ def rational(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     return upper[:, ::-1], lower[:, ::-1]
 
 
-def lagged_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:
-    """(V, K) H(jω) of V vehicles at (K,) frequencies in rad/s."""
-    upper, lower = polynomials(parameters)
+def frequency_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:
+    """(V, K) H(jω) of V vehicles at (K,) frequencies in rad/s; infinite in undamped resonance."""
     s = 1j * np.asarray(omega, float)
-    late = np.exp(-s * parameters.complete[:, 5:])
-    values = [np.polynomial.polynomial.polyval(s, part.T) for part in (upper, lower)]
-    return np.asarray(late * values[0] / values[1])
+    upper, lower = (np.polynomial.polynomial.polyval(s, part.T) for part in polynomials(parameters))
+    late = np.exp(-s * parameters.complete[:, 5:]) * upper
+    ratio = np.divide(late, lower, out=np.full(lower.shape, np.inf + 0j), where=lower != 0)
+    silent = (parameters.alpha == 0) & (parameters.beta == 0)
+    return np.where(silent[:, None], 0.0, ratio)

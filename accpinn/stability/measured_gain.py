@@ -96,9 +96,9 @@ def measured_gain(
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
     first, step = segments[0], segments[0].sample_time
     usable = [
-        one.speeds[stretch.rows, follower : follower + 2]
-        for one in segments
-        for stretch in stretches(_complete(one, follower))
+        part.speeds[stretch.rows, follower : follower + 2]
+        for part in segments
+        for stretch in stretches(_complete(part, follower))
     ]
     length = _piece_length([len(pair) - 1 for pair in usable], step)
     # A stretch of N speeds has N - 1 differences.
@@ -160,12 +160,8 @@ def _densities(pair: FloatArray, length: int) -> NDArray[np.complex128]:
     every = np.lib.stride_tricks.sliding_window_view(changes, length, axis=1)[:, :: length // 2]
     pieces = (every - every.mean(axis=2, keepdims=True)) * window
     ahead, behind = np.fft.rfft(pieces, axis=2)
-    return np.array(
-        [
-            (one.conj() * other).mean(axis=0)
-            for one, other in ((ahead, ahead), (behind, behind), (ahead, behind))
-        ]
-    )
+    pairs = ((ahead, ahead), (behind, behind), (ahead, behind))
+    return np.array([(left.conj() * right).mean(axis=0) for left, right in pairs])
 
 
 def _taper(length: int) -> FloatArray:

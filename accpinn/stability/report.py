@@ -1,14 +1,22 @@
 """The string stability of vehicles, and of the platoon they form, as numbers and verdicts.
 
+A nonlinear model answers small disturbances differently at every speed in equilibrium. Its
+linearisation at a speed is a CTHP (see `model.following`), so verdict, Bode magnitude and gains are
+those of the CTHP; they say nothing of disturbances so large that the linearisation does not hold.
 The sentences about them are in `results.messages.stability`.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from math import isnan
 from typing import Literal
 
+import numpy as np
+
+from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
+from accpinn.model.following import FollowingModel, Values
 from accpinn.stability.criteria import (
     MARGINAL,
     Peak,
@@ -28,7 +36,7 @@ from accpinn.stability.criteria import (
 )
 from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
 from accpinn.stability.lagged import is_lagged
-from accpinn.units import RadiansPerSecond, Seconds
+from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
 
 CERTAIN = 0.95
 """A vehicle is called string stable from this probability on, and unstable up to its complement."""
@@ -151,12 +159,33 @@ def stability_report(parameters: Parameters) -> StabilityReport:
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
     """
-    parameters = Parameters.of(
-        parameters.complete.reshape(-1, 6)
-    )  # a single one as a platoon of one
+    parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
     clean = checked(parameters)
     vehicles = tuple(map(_vehicle, parameters, clean))
     return StabilityReport(vehicles, _platoon(vehicles, clean))
+
+
+def stability_at(
+    model: FollowingModel, theta: Values, speed: MetresPerSecond
+) -> VehicleStability | None:
+    """The string stability of a vehicle (n,) at a speed; None where it has no equilibrium there."""
+    try:
+        return stability_report(model.linearised(theta, speed)[None]).vehicles[0]
+    except ParameterError:
+        return None
+
+
+def peak_gains(
+    model: FollowingModel, theta: Values, speeds: Iterable[MetresPerSecond]
+) -> FloatArray:
+    """(S,) the largest gain in dB at each speed; nan where there is no equilibrium."""
+    speeds = np.fromiter(speeds, float)
+    near = model.linearisations(np.asarray(theta, float)[:, None], speeds)
+    known = np.isfinite(near.alpha)
+    gains = np.full(len(speeds), np.nan)
+    if known.any():
+        gains[known] = peaks(near[known]).db
+    return gains
 
 
 def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:

@@ -26,7 +26,8 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST, model_of
+from accpinn.model.models import BEST
+from accpinn.model.registry import following_model
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import mapping_of, read_all
 from accpinn.recordings.mapping import CsvMapping, write_mapping
@@ -106,7 +107,7 @@ def batch(
         window: longest window, in s; infinite for whole stretches.
         methods: keys of `METHODS`.
         case: "I" or "II".
-        model: of the answers; a key of `accpinn.model.models`.
+        model: of the answers; a key of `accpinn.model.registry`.
         workers: processes on this machine; by default one for each processor.
         scheduler: address of a dask scheduler, as "tcp://host:8786", in place of ``workers``.
         mapping: of tables that are neither OpenACC runs nor tables of pairs.
@@ -136,7 +137,7 @@ def batch(
         methods=tuple(dict.fromkeys(methods)),
         window=window if math.isfinite(window) else None,
         case=case,
-        model=model_of(model),
+        model=following_model(model).key,
         workers=workers,
         scheduler=scheduler,
         mapping=mapping,

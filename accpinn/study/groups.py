@@ -32,15 +32,18 @@ from accpinn.inference.answer import (
     Car,
     Span,
     car_of,
+    known_ends,
     middle_of,
 )
-from accpinn.inference.coordinates import parameters_of
+from accpinn.inference.coordinates import count_of, parameters_of, possible
 from accpinn.inference.intervals import LEVEL, interval_ends
-from accpinn.inference.population import POPULATIONS, WITHIN, sampled_population
+from accpinn.inference.population import WITHIN, population_of, sampled_population
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.window_posterior import DRAWS, JUDGED
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import BEST, Model, terms_of
+from accpinn.model.models import BEST, MODELS, terms_of
+from accpinn.model.registry import FOLLOWING, time_gap, value_of
+from accpinn.segment.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
@@ -73,7 +76,8 @@ class Share:
 class Spread:
     """The deviation within which 68 % lie, with its interval.
 
-    That of α, β and the time gap is relative, that of the terms absolute.
+    That of a CTHP's terms and of parameters that may be negative is absolute, all others are
+    relative.
     """
 
     value: float
@@ -93,34 +97,40 @@ class Group:
     """Different names within a campaign; where a file names none, its vehicles count by number."""
     mean_time_gap: Share
     """In s: the median, and the quartiles of the windows."""
-    model: Model
+    model: str
     level: float
     """Of all intervals but the quartiles."""
     drawn: Car
     """The group as one: its draws are those of a vehicle where it is one vehicle."""
     cars: tuple[Car, ...]
     """Its vehicles that some window determines."""
+    speeds: FloatArray
+    """(V,) their median speeds in m/s."""
     differing: tuple[Car, ...]
     """Those with several windows."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the model's parameters, as `Parameters` has them."""
-        return ("alpha", "beta", "tau", *terms_of(self.model))
+        """Names of the model's parameters."""
+        return FOLLOWING[self.model].names
 
     def span(self, name: str) -> Span:
-        """One parameter, by its name in `Parameters`."""
+        """One parameter, by its name."""
+        return self._span([value_of(self.model, part, name) for part in self._parts])
+
+    def gain(self, name: str) -> Span:
+        """α or β; of a model that is no CTHP at the median speed of the group's vehicles."""
         return self._span([getattr(part, name) for part in self._parts])
 
     def time_gap(self, speed: MetresPerSecond) -> Span:
         """The time gap in equilibrium at a speed, in s."""
-        return self._span([part.time_gap(speed) for part in self._parts])
+        return self._span([time_gap(self.model, part, speed) for part in self._parts])
 
     @cached_property
     def between_windows(self) -> dict[str, Spread]:
         """How far windows of one vehicle differ; empty where no vehicle has two.
 
-        The keys are alpha, beta, time_gap (at 100 km/h) and the terms.
+        The keys are the model's parameters; of a CTHP time_gap (at 100 km/h) is in place of tau.
         """
         variances = [np.diagonal(car.covariance, axis1=1, axis2=2) for car in self.differing]
         return self._spread(np.mean(variances, axis=0)) if variances else {}
@@ -144,28 +154,35 @@ class Group:
 
     def _share(self, margin: Any) -> Share:
         drawn = (
-            parameters_of(self.model, _evenly(car.value, JUDGED), AT_SPEED) for car in self.cars
+            parameters_of(self.model, _evenly(possible(self.model, car.value, at), JUDGED), at)
+            for car, at in zip(self.cars, self.speeds.tolist(), strict=True)
         )
         stable = [(margin(part) >= 0).mean() for part in drawn]
         return share(np.array(stable, float), self.level)
 
     @cached_property
     def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
-        drawn = self.drawn
-        parts = (drawn.middle, drawn.value, drawn.further)
-        middle, value, further = (parameters_of(self.model, phi, AT_SPEED) for phi in parts)
-        return middle, value, further
+        at = float(np.median(self.speeds)) if len(self.speeds) else AT_SPEED
+        value, further = (
+            parameters_of(self.model, possible(self.model, phi, at), at)
+            for phi in (self.drawn.value, self.drawn.further)
+        )
+        return parameters_of(self.model, self.drawn.middle, at), value, further
 
     def _span(self, parts: Sequence[FloatArray]) -> Span:
         value, typical, further = parts
-        ends = [interval_ends(drawn, self.level) for drawn in (typical, further)]
+        ends = [known_ends(drawn, self.level) for drawn in (typical, further)]
         return Span(float(value), *(float(end) for pair in ends for end in pair))
 
     def _spread(self, variances: FloatArray) -> dict[str, Spread]:
+        names = self.names
         deviations = np.sqrt(variances)
+        if self.model in MODELS:
+            names = ("alpha", "beta", "time_gap", *terms_of(self.model))
+        else:
+            deviations = deviations * [p.spread for p in FOLLOWING[self.model].parameters]
         low, high = interval_ends(deviations, self.level)
         rows = np.array([np.median(deviations, axis=0), low, high]).T
-        names = ("alpha", "beta", "time_gap", *terms_of(self.model))
         return {name: Spread(*map(float, row)) for name, row in zip(names, rows, strict=True)}
 
 
@@ -174,7 +191,7 @@ class Groups:
     """The groups of a batch."""
 
     by: tuple[str, ...]
-    model: Model
+    model: str
     level: float
     """Level of all intervals but the quartiles."""
     groups: tuple[Group, ...]
@@ -198,7 +215,7 @@ def read_study(study: str | Path) -> pd.DataFrame:
         frame[name] = frame[name].where(frame[name].between(0.0, 1.0))
     request = read_request(folder)
     model = request.model if request else BEST
-    drawn = read_posteriors(folder, 3 + len(terms_of(model)))
+    drawn = read_posteriors(folder, count_of(model))
     places = frame[PLACE].itertuples(index=False, name=None)
     frame[POSTERIOR] = pd.Series([drawn.get(place) for place in places], frame.index, object)
     frame.attrs["model"] = model
@@ -234,18 +251,20 @@ def _parts_by(rows: pd.DataFrame, by: Sequence[str]) -> Iterable[tuple[Any, Any]
     return [(key, keys == key) for key in sorted(keys.unique())]
 
 
-def _group(key: Iterable[Any], rows: pd.DataFrame, model: Model, level: float) -> Group:
+def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> Group:
     gaps = rows["mean_time_gap"].dropna()
     quartiles = gaps.quantile([0.5, 0.25, 0.75]).tolist() if len(gaps) else [np.nan] * 3
     nameless = rows["make"].fillna("") == ""
     who = rows[["campaign", "name"]].fillna("").assign(sha256=rows["sha256"].where(nameless, ""))
     who = who.reset_index(drop=True)
-    cars, differing = [], []
+    cars, differing, speeds = [], [], []
     for _, members in who.groupby(list(who), sort=False, dropna=False):
-        drawn = [_checked(rows[POSTERIOR].iloc[at], model) for at in members.index]
-        known = tuple(posterior for posterior in drawn if posterior)
+        own = rows.iloc[members.index]
+        known = tuple(raw for drawn in own[POSTERIOR] if (raw := _checked(drawn, model)))
         if known:
-            cars.append(_car(known, model))
+            medians, durations = own[["median_speed", "duration"]].to_numpy(float).T
+            speeds.append(float(np.nan_to_num(median_by_duration(medians[:, None], durations)[0])))
+            cars.append(_car(known, model, speeds[-1]))
             differing += cars[-1:] if len(known) > 1 else []
     return Group(
         values=tuple(map(str, key)),
@@ -256,13 +275,14 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: Model, level: float) -
         level=level,
         drawn=_together(cars, model),
         cars=tuple(cars),
+        speeds=np.array(speeds),
         differing=tuple(differing),
     )
 
 
-def _checked(posterior: Any, model: Model) -> bytes:
+def _checked(posterior: Any, model: str) -> bytes:
     """The bytes of a posterior that can be one, else none."""
-    if posterior is None or posterior.shape[-1] != 3 + len(terms_of(model)):
+    if posterior is None or posterior.shape[-1] != count_of(model):
         return b""
     if not (np.abs(posterior) <= FURTHEST).all() or not np.ptp(posterior, axis=0).any():
         return b""
@@ -270,19 +290,23 @@ def _checked(posterior: Any, model: Model) -> bytes:
 
 
 @lru_cache(maxsize=KEPT_CARS)
-def _car(windows: tuple[bytes, ...], model: Model) -> Car:
+def _car(windows: tuple[bytes, ...], model: str, speed: MetresPerSecond) -> Car:
     """The answer of one vehicle, from the draws of its windows."""
-    width = 3 + len(terms_of(model))
-    return car_of(np.array([np.frombuffer(raw).reshape(-1, width) for raw in windows]), model)
+    drawn = (np.frombuffer(raw).reshape(-1, count_of(model)) for raw in windows)
+    return car_of(np.array([possible(model, phi, speed) for phi in drawn]), model)
 
 
-def _together(cars: Sequence[Car], model: Model) -> Car:
+def _together(cars: Sequence[Car], model: str) -> Car:
     """A group's vehicles as one: its typical value, and a further window of a further vehicle."""
     if len(cars) < 2:
-        return cars[0] if cars else car_of(np.empty((0, 1, 3 + len(terms_of(model)))), model)
-    population, centre = POPULATIONS[model], POPULATIONS[model].centre
+        return cars[0] if cars else car_of(np.empty((0, 1, count_of(model))), model)
+    population = population_of(model, count_of(model))
     values = np.array([_evenly(car.value, DRAWS) for car in cars])
-    prior = multivariate_normal(centre, population.cars).logpdf(values).reshape(values.shape[:2])
+    prior = (
+        multivariate_normal(population.centre, population.cars)
+        .logpdf(values)
+        .reshape(values.shape[:2])
+    )
     sampled = sampled_population(values, prior, population.of_cars)
     value, covariance, further = (part[::EVERY] for part in sampled)
     each = np.arange(len(value))

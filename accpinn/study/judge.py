@@ -30,7 +30,7 @@ from accpinn.model.registry import following_model
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import cut, default_vehicles
 from accpinn.segment.segment import Segment
-from accpinn.stability.lagged import lagged_response
+from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, RadiansPerSecond, Seconds
@@ -131,7 +131,7 @@ class Subject:
                 continue
             if len(omega) >= LEAST_FREQUENCIES:
                 with np.errstate(all="ignore"):
-                    ratio = 20.0 * np.log10(np.abs(lagged_response(near[None], omega)[0]) / gain)
+                    ratio = 20.0 * np.log10(np.abs(frequency_response(near[None], omega)[0]) / gain)
                 errors.append(float(np.sqrt(np.mean(ratio**2))))
         return float(np.median(errors)) if errors else float("nan")
 

@@ -12,7 +12,7 @@ from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.inference.window_posterior import WindowPosterior
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import terms_of
+from accpinn.model.registry import FOLLOWING, value_of
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.recordings.recording import unnamed
 from accpinn.stability.report import stability_report
@@ -31,9 +31,7 @@ class RowColumn:
     meaning: str
 
 
-OF_ANSWER = {quantity.key: quantity.unit for quantity in PARAMETERS} | {
-    "s0": "m", "lag": "s", "delay": "s",
-}  # fmt: skip
+OF_ANSWER = {p.name: p.unit for model in FOLLOWING.values() for p in model.parameters}
 """The parameters that the answer's model may have, with their units."""
 COLUMNS: tuple[RowColumn, ...] = (
     RowColumn("campaign", "string", "", "campaign or data set"),
@@ -58,8 +56,9 @@ COLUMNS: tuple[RowColumn, ...] = (
       for quantity in PARAMETERS),
     *(RowColumn(f"{quantity.key}_{end}", "double", quantity.unit, f"{word} end of the interval")
       for quantity in PARAMETERS for end, word in (("low", "lower"), ("high", "upper"))),
+    RowColumn("answer_model", "string", "", "key of the answer's model"),
     *(RowColumn(f"answer_{key}", "double", unit,
-              f"{key} of the window by itself under the answer's model, maximum likelihood")
+              f"{key} of the window by itself under the answer's model; empty if it has none")
       for key, unit in OF_ANSWER.items()),
     RowColumn("level", "double", "", "how often the intervals cover the truth, if the model holds"),
     RowColumn("l2_stable", "bool", "", "L₂ string stability of the estimate"),
@@ -69,6 +68,8 @@ COLUMNS: tuple[RowColumn, ...] = (
     RowColumn("p_linf_stable", "double", "", "probability of L∞ string stability under that model"),
     RowColumn("mean_time_gap", "double", "s", "mean of p/v over the instants in motion"),
     RowColumn("mean_speed", "double", "m/s", "the follower's"),
+    RowColumn("median_speed", "double", "m/s",
+              "the follower's; a model that is no CTHP is string stable or not at this speed"),
     RowColumn("speed_deviation", "double", "m/s", "standard deviation of the follower's speed"),
     RowColumn("surrogate_mae", "double", "m", "of the space-gap: the method's own trajectories"),
     RowColumn("closed_loop_mae", "double", "m", "of the space-gap: simulation behind the leader"),
@@ -98,7 +99,7 @@ def rows_of(
     speeds = segment.measured_speeds[:, 1:]
     mean_speeds = known_mean(speeds)
     asked = result.analysis.model
-    terms = ("alpha", "beta", "tau", *terms_of(asked))
+    names = FOLLOWING[asked].names
     own = Parameters.of(posterior.estimates)
     l2, linf = posterior.stable
     shared = {
@@ -108,6 +109,7 @@ def rows_of(
         "leader": segment.vehicles[0],
         "method": fit.method,
         "case": fit.case,
+        "answer_model": asked,
         "level": uncertainty.level,
         "outcome": fit.outcome.name.lower(),
         "seconds": fit.seconds,
@@ -126,11 +128,12 @@ def rows_of(
             "p_l2_stable": l2[k],
             "p_linf_stable": linf[k],
             **{
-                f"answer_{name}": getattr(own, name)[k] if name in terms else None
+                f"answer_{name}": value_of(asked, own, name)[k] if name in names else None
                 for name in OF_ANSWER
             },
             "mean_time_gap": result.quality.mean_time_gap[k],
             "mean_speed": mean_speeds[k],
+            "median_speed": posterior.speeds[k],
             "speed_deviation": float(np.nanstd(speeds[:, k])),
             "surrogate_mae": _gap_error(evaluation.surrogate, k),
             "closed_loop_mae": _gap_error(evaluation.closed_loop, k),

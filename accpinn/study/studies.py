@@ -25,7 +25,7 @@ import numpy as np
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST, Model
+from accpinn.model.models import BEST
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.storage import reason_of, reported, write_whole, written_whole
 from accpinn.study.analysis import Analysis
@@ -68,7 +68,7 @@ class Request:
     window: Seconds | None
     """Longest window in s; None for whole stretches."""
     case: Case = "II"
-    model: Model = BEST
+    model: str = BEST
     """Of the answer."""
     workers: int | None = None
     scheduler: str | None = None
@@ -277,7 +277,7 @@ class Study:
             write_whole(self.folder / SCHEMA, described.encode())
 
 
-def _shared(request: Request) -> tuple[str, Case, Model]:
+def _shared(request: Request) -> tuple[str, Case, str]:
     """What all rows of a study have in common."""
     window = "all" if request.window is None else f"{request.window:g}"
     return window, request.case, request.model

@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
 
 from accpinn.methods.regression import Regression, Solution, one_second_means, solve_bounded
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Parameters, regressors
 from accpinn.units import FloatArray
 from tests.support.driving import LAW, MIXED, driven
 
@@ -89,9 +89,11 @@ class TestRegression:
 
 class TestOneSecondMeans:
     def test_obey_the_model(self) -> None:
-        means = one_second_means(driven((LAW,)))
+        segment = driven((LAW,))
+        means = one_second_means(segment)
         assert (means.samples, means.length) == (10, 1.0)
-        residual = means.rates - means.terms @ Parameters(*LAW).theta
+        terms = regressors(segment.speeds, segment.gaps) @ Parameters(*LAW).theta
+        residual = means.rates - means.means(terms.T)
         np.testing.assert_allclose(residual, 0.0, atol=1e-3)
 
     def test_a_step_with_a_masked_sample_is_masked(self) -> None:

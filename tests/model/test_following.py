@@ -25,7 +25,7 @@ DRIVE = 24.0 + 4.0 * np.sin(0.11 * TIME) + np.sin(0.6 * TIME)
 @pytest.mark.parametrize("model", FOLLOWING.values(), ids=FOLLOWING)
 def test_the_linearised_response_is_the_gain_of_a_small_sinusoid(model: FollowingModel) -> None:
     theta, near = model.typical, model.linearised(model.typical, SPEED)
-    gap = model.equilibrium_gap(theta, SPEED)
+    gap = model.equilibrium_gaps(theta, SPEED)
     for omega in (0.15, 0.6):
         time = np.arange(0.0, 150.0 + 4 * np.pi / omega, 0.1)
         wave = SPEED + 0.01 * np.sin(omega * time)
@@ -108,7 +108,8 @@ def test_the_further_model_of_the_contributing_guide() -> None:
     names: dict[str, FollowingModel] = {}
     exec(code, names)
     model = names["OPTIMAL_VELOCITY"]
-    near, gap = model.linearised(model.typical, SPEED), model.equilibrium_gap(model.typical, SPEED)
+    near = model.linearised(model.typical, SPEED)
+    gap = float(model.equilibrium_gaps(model.typical, SPEED))
     assert near.alpha > 0
     assert near.beta == 0
     run = model.simulate(model.typical, TIME, 0 * TIME + SPEED, np.array([SPEED]), np.array([gap]))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from accpinn.model.registry import FOLLOWING
-from accpinn.stability.at_speed import peak_gains, stability_at
-from accpinn.stability.report import stability_report
+from accpinn.stability.report import peak_gains, stability_at, stability_report
 
 
 def test_the_cthp_is_the_same_at_every_speed() -> None:

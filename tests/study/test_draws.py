@@ -10,7 +10,7 @@ import pytest
 import accpinn
 from accpinn.errors import ConfigError
 from accpinn.methods.likelihood import Criterion
-from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
+from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.study.draws import to_netcdf
 from accpinn.study.result import Result
@@ -44,7 +44,7 @@ def test_the_log_likelihood_is_that_of_the_windows_data(result: Result) -> None:
     log = result.to_datatree()["window_log_likelihood"]["speeds_and_gaps"]
     for k, segment in enumerate(result.segments):
         series = series_of([segment], "II")
-        maxima = further_maxima(series, result.answer.model, joint_maxima((segment,), "II"), ())
+        maxima = joint_maxima((segment,), "II", result.answer.model)
         best = Criterion(series, result.answer.model, ()).log_likelihood(
             np.array([maximum.coordinates for maximum in maxima]), np.arange(2)
         )

@@ -113,7 +113,14 @@ def test_groups_are_sorted_and_missing_names_are_empty() -> None:
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
     several = (row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3))
-    return write_study(tmp_path, *several, row("C"), row("C", method="splines"))
+    return write_study(
+        tmp_path,
+        *several,
+        *(
+            row("C", model="Outlander PHEV, longest", method=key)
+            for key in ("least-squares", "splines")
+        ),
+    )
 
 
 def test_command_prints_every_format(capsys: Capture, study: Path) -> None:

@@ -6,10 +6,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from pyarrow import parquet
 
 import accpinn
+from accpinn.cli import main
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.answer import answer_table
+from accpinn.study.rows import OF_ANSWER
 from accpinn.study.snapshot import load
 from tests.support.command import STUDY, Capture, document
 
@@ -41,9 +46,10 @@ def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_pa
     assert f"{gap.value:.2f}" in answer_table(result.info, result.answer).to_text()
 
 
-def test_the_table_of_a_database_gives_it_too(capsys: Capture, tmp_path: Path) -> None:
+@pytest.mark.parametrize("model", ["cthp-s0-delay", "idm"])
+def test_the_table_of_a_database_gives_it_too(model: str, capsys: Capture, tmp_path: Path) -> None:
     out = tmp_path / "study"
-    methods = ("--methods", "least-squares", "--workers", 1)
+    methods = ("--methods", "least-squares", "--workers", 1, "--model", model)
     document(capsys, "batch", STUDY, "--out", out, "--window", 100, *methods)
     (group,) = document(capsys, "table", out)["groups"]
     # The workers of a batch take all draws, which tests do not, and so does another process.
@@ -56,6 +62,8 @@ def test_the_table_of_a_database_gives_it_too(capsys: Capture, tmp_path: Path) -
         "all",
         "--duration",
         "100",
+        "--model",
+        model,
         "--json",
     )
     done = subprocess.run([sys.executable, *command], capture_output=True, check=True)
@@ -64,6 +72,25 @@ def test_the_table_of_a_database_gives_it_too(capsys: Capture, tmp_path: Path) -
     for name in ("parameters", "intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():
             assert value == pytest.approx(fitted[name][key], rel=1e-6), (name, key)
+    names = FOLLOWING[model].names
+    assert tuple(group["parameters"]) == names
+    spread = group["between_windows"]
+    assert len(spread) == len(names)
+    assert all(0.0 < part["low"] < part["value"] < part["high"] for part in spread.values())
+    rows = pd.read_parquet(out / "results.parquet")
+    assert set(rows["answer_model"]) == {model}
+    windows = {name for name in OF_ANSWER if rows[f"answer_{name}"].notna().all()}
+    assert windows == set(names)
+    fields = parquet.read_schema(out / "results.parquet")
+    for parameter in FOLLOWING[model].parameters:
+        unit = fields.field(f"answer_{parameter.name}").metadata[b"unit"].decode()
+        assert unit == parameter.unit
+    for wide in ((), ("--wide",)):
+        assert main(["table", str(out), *wide]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert wide or max(map(len, lines)) <= 100
+        shown = " ".join(lines)
+        assert all(part.symbol in shown for part in FOLLOWING[model].parameters) or not wide
 
 
 def test_several_windows_and_held_terms(capsys: Capture) -> None:

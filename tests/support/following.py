@@ -19,7 +19,7 @@ def driven(
     instants = np.arange(0.0, seconds + 0.05, 0.1)
     ahead = leader_speed(LEADER, instants, rng)
     speed = float(ahead[0])
-    gaps = np.array([model.equilibrium_gap(row, speed) for row in theta])
+    gaps = np.array([model.equilibrium_gaps(row, speed) for row in theta])
     run = model.simulate(theta.T, instants, ahead, np.full(len(gaps), speed), gaps)
     speeds = run.speeds + noise * rng.standard_normal(run.speeds.shape)
     measured = run.gaps + 2 * noise * rng.standard_normal(run.gaps.shape)

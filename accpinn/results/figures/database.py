@@ -60,7 +60,7 @@ def forest(grouped: Groups) -> go.Figure:
     """
     speed = SPEEDS[-1]
     largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
-    spans = [(group.time_gap(speed), group.span("alpha"), group.span("beta")) for group in largest]
+    spans = [(group.time_gap(speed), group.gain("alpha"), group.gain("beta")) for group in largest]
     values = np.array([[astuple(span) for span in row] for row in spans]).reshape(-1, 3, 5)
     order = np.argsort(-np.nan_to_num(values[:, 0, 0], nan=np.inf), kind="stable")
     groups, values = [largest[k] for k in order], values[order]

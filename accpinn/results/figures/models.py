@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.results.figures import style
-from accpinn.stability.at_speed import peak_gains
+from accpinn.stability.report import peak_gains
 from accpinn.study.judge import Judgement
 from accpinn.units import MetresPerSecond
 

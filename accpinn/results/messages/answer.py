@@ -117,9 +117,9 @@ def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
     if any(isnan(span.value) for span in spans):
         return ()
     factor = max(sqrt(span.upper / span.lower) if span.lower > 0 else inf for span in spans)
-    if factor <= 2.0:
+    if factor <= 1.5:
         return (f"Its gains are known within {5 * ceil(20 * (factor - 1)):.0f} %.",)
-    known = f"are known within a factor of {factor:.0f}" if factor <= 5 else "are hardly known"
+    known = f"are known within a factor of {factor:.2g}" if factor <= 5 else "are hardly known"
     return (f"Its gains {known}.",)
 
 

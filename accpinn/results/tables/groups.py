@@ -5,8 +5,9 @@ from dataclasses import replace
 from math import isnan
 
 from accpinn.inference.answer import SPEEDS, Span
-from accpinn.model import registry
-from accpinn.results.tables.answer import COLUMNS
+from accpinn.model.models import MODELS
+from accpinn.model.registry import FOLLOWING, TITLES
+from accpinn.results.tables.answer import columns_of
 from accpinn.results.tables.table import (
     ABSENT,
     Cell,
@@ -31,6 +32,8 @@ HEADINGS = {
     "date": "Date",
 }
 FASTEST = SPEEDS[-1]
+NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
+"""Parameters in a table of 100 characters, with their decimals; else a model's first three."""
 
 
 def group_table(grouped: Groups, is_wide: bool = True) -> Table:
@@ -43,28 +46,31 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """
     groups = grouped.groups
     level = f"{100 * grouped.level:g} % interval"
-    caption = f"{registry.TITLES[grouped.model]}, typical value ({level})"
+    caption = f"{TITLES[grouped.model]}, typical value ({level})"
 
     def gaps(speed: MetresPerSecond) -> list[Cell]:
         return [_estimate(group.time_gap(speed)) for group in groups]
 
     fastest = f"Time gap at {FASTEST * 3.6:.0f} km/h"
-    columns = _heads(grouped)
+    columns, own = _heads(grouped), columns_of(grouped.model)
     if not is_wide:
+        base = grouped.model.split("-")[0]
+        digits = NARROW.get(base) or dict.fromkeys(list(own)[:3], 2)
         columns += [
-            (Column(fastest.replace(" at", ""), "s", 2), gaps(FASTEST)),
-            *((replace(COLUMNS[name], digits=digits), [g.span(name).value for g in groups])
-              for name, digits in (("alpha", 3), ("beta", 2))),
+            (Column("Time gap", "s", 2), gaps(FASTEST)),
+            *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
+              for name, count in digits.items()),
             (Column("L₂", "%", 0), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
-        return Table.of(f"{caption}; L₂: string stable vehicles", columns)
+        columns = [filled for filled in columns if filled[0].title != "Vehicles"]
+        return Table.of(f"{caption}; t{fastest[1:]}; L₂: stable", columns)
     columns += [
         (Column(fastest, "s", 2), gaps(FASTEST)),
         (Column(fastest, "s", 2, "Further window"),
          [_further(group.time_gap(FASTEST)) for group in groups]),
         (Column(f"Time gap at {SPEEDS[0] * 3.6:.0f} km/h", "s", 2), gaps(SPEEDS[0])),
         *((replace(column, key=name), [_estimate(group.span(name)) for group in groups])
-          for name, column in COLUMNS.items() if groups and name in groups[0].names),
+          for name, column in own.items()),
         (Column("Mean time gap", "s", 2), [group.mean_time_gap.value for group in groups]),
         (Column("L₂ stable", "%", 0), [_share(group.l2_stable, group) for group in groups]),
         (Column("L∞ stable", "%", 0), [_share(group.linf_stable, group) for group in groups]),
@@ -85,11 +91,13 @@ def spread_table(grouped: Groups) -> Table:
         ("Between vehicles", lambda group: group.between_vehicles),
     )
     fastest = Column(f"Time gap at {FASTEST * 3.6:.0f} km/h", "%", 0)
-    shown = {"time_gap": fastest} | {
-        name: replace(column, unit="%", digits=0, key="") if name in ("alpha", "beta") else column
-        for name, column in COLUMNS.items()
-        if name != "tau" and groups and name in groups[0].names
-    }
+    relative = {p.name for p in FOLLOWING[grouped.model].parameters if p.is_positive}
+    shown, columns_shown = dict[str, Column](), columns_of(grouped.model)
+    if grouped.model in MODELS:
+        relative, shown = {"alpha", "beta"}, {"time_gap": fastest}
+        del columns_shown["tau"]
+    for name, column in columns_shown.items():
+        shown[name] = replace(column, unit="%", digits=0) if name in relative else column
     for title, spreads in kinds:
         for name, column in shown.items():
             factor = 100 if column.unit == "%" else 1

@@ -5,7 +5,7 @@ import numpy as np
 from accpinn.channels import LINF_GAIN, MAGNITUDE
 from accpinn.results.tables.stability import answer
 from accpinn.results.tables.table import Cell, Column, Range, Table, estimate_cells
-from accpinn.stability.at_speed import stability_at
+from accpinn.stability.report import stability_at
 from accpinn.study.judge import Judgement, difference, wins
 from accpinn.units import MetresPerSecond
 

@@ -10,6 +10,8 @@ import streamlit as st
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
+from accpinn.model.models import BEST
+from accpinn.model.registry import TITLES
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.storage import folder
@@ -32,7 +34,7 @@ DEFAULT_METHODS = (KEY, "least-squares")
 ALL = "all recordings"
 OF_STUDY = {f"database_{name}" for name in (
     "make", "model", "distance_setting", "campaign", "mode", "method", "row",
-    "source", "name", "methods", "window", "case", "workers",
+    "source", "name", "methods", "window", "case", "answer", "workers",
 )}  # fmt: skip
 """Choices that a new batch begins without: among the rows of another study, and its form's."""
 DEFAULT_NAME = "OpenACC"
@@ -174,17 +176,21 @@ def show_form(workspace: Workspace) -> None:
         "Methods", list(METHODS), format_func=lambda key: METHODS[key].title,
         **kept(workspace, "database_methods", list(DEFAULT_METHODS), default=""),
     )  # fmt: skip
-    columns = st.columns((1.2, 1, 1), vertical_alignment="bottom")
+    columns = st.columns((1.2, 1.6, 1, 1), vertical_alignment="bottom")
     window = select(
         "Windows", WINDOWS, DURATION, "database_window", workspace, place=columns[0],
         help="Longest window; complete stretches in car-following under ACC are cut into these.",
     )  # fmt: skip
+    model = select(
+        "Model of the answer", TITLES, BEST, "database_answer", workspace, place=columns[1],
+        help="Whose parameters the table of groups has.",
+    )  # fmt: skip
     cases: dict[Case, str] = {"II": "Case II", "I": "Case I"}
     case = select(
-        "Case", cases, "II", "database_case", workspace, place=columns[1],
+        "Case", cases, "II", "database_case", workspace, place=columns[2],
         help="I: one parameter set for all followers of a window; II: one for each.",
     )  # fmt: skip
-    workers = columns[2].number_input(
+    workers = columns[3].number_input(
         "Workers", min_value=1, max_value=most, step=1,
         **kept(workspace, "database_workers", most),
         help=f"Processes at a time; this server has {most} processors.",
@@ -200,6 +206,7 @@ def show_form(workspace: Workspace) -> None:
         methods=tuple(methods),
         window=None if math.isinf(window) else window,
         case=case,
+        model=model,
         workers=int(workers),
     )
     st.button(
