@@ -232,7 +232,7 @@ def bounded_step(
     system = np.where(fixed[:, :, None] | fixed[:, None, :], np.eye(len(z.T)), system)
     down = np.where(fixed, 0.0, -gradient)
     move = np.linalg.solve(system, down[..., None])[..., 0]
-    return np.clip(z + np.clip(move, -2.0, 2.0), lower, upper)
+    return np.asarray(np.clip(z + np.clip(move, -2.0, 2.0), lower, upper))
 
 
 class _Search:

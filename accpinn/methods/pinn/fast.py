@@ -12,42 +12,24 @@ parameters stand still; that is the optimum for the untrained hidden layers. The
 `CYCLE` Adam iterations, each followed by exact solves, train the hidden layers. A cycle that moves
 no parameter is the last one, and one that does not lower Ψ is taken back. Each exact round at the
 start and each Adam iteration counts as one iteration.
-
-Given Φ (N, K), what the output layer sees, the layer W (K, 2M+1) is linear and Ψ is quadratic in
-it for fixed parameters, while the parameters are a 3x3 solve for fixed outputs (variable
-projection, Golub and Pereyra 1973). Alternating the two lowers Ψ at every round.
-
-Every residual of follower i is linear in its speed v_i, its gap p_i and the speed ahead v_{i-1},
-with their rates:
-
-    residual         rate of            value of
-    gap's rate       p_i: 1             v_i: 1,  v_{i-1}: -1
-    acceleration     v_i: 1             p_i: -α,  v_i: ατ + β,  v_{i-1}: -β
-
-so the normal matrix is a chain: eliminating the last follower first leaves one K x K term on the
-speed ahead.
-
-    [ B_i   C_i ] [ w_i   ]   [ r_i ]      w_i = (v_i, p_i) weights, 2K;  B_i 2K x 2K
-    [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, Self, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import torch
-from scipy.linalg import cholesky, solve, solve_triangular
 
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, output_columns
 from accpinn.methods.pinn.network import Adam, Network
-from accpinn.methods.regression import Solution, solve_platoon
+from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
+from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray
 
 Unknown = TypeVar("Unknown")
 CYCLE = 50
@@ -63,197 +45,6 @@ CYCLE_ROUNDS = 3
 """Largest number of exact rounds after a cycle."""
 CONVERGED = 1e-3
 """Largest share by which a parameter moves over the last cycle."""
-_GAP_RATE = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Residual of the gap's rate: values and rates of own speed, gap and speed ahead."""
-RIDGE = 1e-10
-"""Share of the mean squared activation added to the diagonal: activations may be collinear."""
-
-
-@dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """Products of Φ, its rates and the data, summed over instants and divided by N."""
-
-    grams: FloatArray
-    """(2, 2, K, K) [a, b] the a-th derivative of Φ times its b-th derivative."""
-    dynamic_grams: tuple[FloatArray, ...]
-    """(M,) the same over the instants at which a follower's acceleration counts."""
-    value_data: FloatArray
-    """(K, 2M+1) ΦᵀY."""
-    first: FloatArray
-    """(K,) Φ at the first instant, for Ψ_R."""
-    first_data: FloatArray
-    """(2M+1,) the data at the first instant."""
-
-    @classmethod
-    def of(cls, seen: FloatArray, measured: FloatArray, mask: Mask | None = None) -> Self:
-        """Sum products.
-
-        Args:
-            seen: (N, 2, K) Φ and its derivative in time.
-            measured: (N, 2M+1) in the order of `output_columns`.
-            mask: (N, M) True where a follower's acceleration counts; None for everywhere.
-        """
-        count, followers = len(seen), measured.shape[1] // 2
-        grams = _products(seen, seen, count)
-        dynamic = [grams] * followers
-        if mask is not None:
-            parts = (seen[kept] for kept in mask.T)
-            dynamic = [_products(part, part, count) for part in parts]
-        value_data = seen[:, 0].T @ measured / count
-        return cls(grams, tuple(dynamic), value_data, seen[0, 0], measured[0])
-
-    def extended(
-        self, seen: FloatArray, more: FloatArray, measured: FloatArray, mask: Mask | None = None
-    ) -> Self:
-        """The same for Φ with further columns (N, 2, L), which stand last; see `of`."""
-        new = self.of(more, measured, mask)
-        rows: list[slice | Mask] = [slice(None)] if mask is None else [slice(None), *mask.T]
-        cross = [_products(seen[kept], more[kept], len(seen)) for kept in rows]
-        grams = _joined(self.grams, cross[0], new.grams)
-        dynamic = [grams] * len(self.dynamic_grams)
-        if mask is not None:
-            parts = zip(self.dynamic_grams, cross[1:], new.dynamic_grams, strict=True)
-            dynamic = [_joined(*part) for part in parts]
-        return replace(
-            self,
-            grams=grams,
-            dynamic_grams=tuple(dynamic),
-            value_data=np.vstack([self.value_data, new.value_data]),
-            first=np.concatenate([self.first, new.first]),
-        )
-
-    @property
-    def value_value(self) -> FloatArray:
-        """(K, K) ΦᵀΦ with a ridge."""
-        values: FloatArray = self.grams[0, 0]
-        return np.asarray(values + RIDGE * values.diagonal().mean() * np.eye(len(values)))
-
-
-def _products(left: FloatArray, right: FloatArray, count: int) -> FloatArray:
-    """(2, 2, K, L) from values and rates (n, 2, K) and (n, 2, L)."""
-    flat, other = (columns.reshape(len(columns), -1) for columns in (left, right))
-    # Of one array with itself, half the work.
-    products = (flat.T @ (flat if left is right else other) / count).reshape(
-        2, left.shape[2], 2, -1
-    )
-    return np.asarray(products.swapaxes(1, 2))
-
-
-def _joined(first: FloatArray, cross: FloatArray, last: FloatArray) -> FloatArray:
-    """(2, 2, K+L, K+L) from the products of both kinds of columns, and between them."""
-    return np.block([[first, cross], [cross.transpose(1, 0, 3, 2), last]])
-
-
-def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
-    """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
-
-    def blocks(follower: int) -> FloatArray:
-        return _follower_blocks(sums, follower, theta[follower], config)
-
-    return solve_chain(sums, blocks, data_moments(sums, config)[..., None], config)[..., 0]
-
-
-def data_moments(sums: NormalEquations, config: PinnConfig) -> FloatArray:
-    """(K, 2M+1) the right-hand side of the output layer's normal equations that data give."""
-    gap_columns = output_columns(sums.value_data.shape[1] // 2)[1]
-    (s_gap, s_speed), restart = config.weight_data, config.weight_initial
-    right = s_speed * sums.value_data
-    right[:, gap_columns] *= s_gap / s_speed
-    right[:, 1:] += restart * np.outer(sums.first, sums.first_data[1:])
-    return right
-
-
-def solve_chain(
-    sums: NormalEquations,
-    blocks: Callable[[int], FloatArray],
-    right: FloatArray,
-    config: PinnConfig,
-) -> FloatArray:
-    """Solve the chain of the module's head for R right-hand sides at once.
-
-    Args:
-        sums: products of Φ and the data.
-        blocks: (3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed
-            ahead.
-        right: (K, 2M+1, R)
-        config: holds the weights R and S.
-
-    Returns:
-        (K, 2M+1, R)
-    """
-    size, followers = len(sums.first), right.shape[1] // 2
-    speed_columns, gap_columns = output_columns(followers)
-    (s_gap, s_speed), restart = config.weight_data, config.weight_initial
-    at_first = restart * np.outer(sums.first, sums.first)
-    value_value = sums.value_value
-
-    # From the last follower to the first: what is left of those behind on their speed ahead.
-    behind = np.zeros((size, size + right.shape[2]))
-    eliminated: list[tuple[FloatArray, FloatArray]] = []
-    for follower in reversed(range(followers)):
-        squares = blocks(follower)
-        normal = np.block([[squares[a, b] for b in range(3)] for a in range(3)])
-        both = slice(0, 2 * size)
-        normal[:size, :size] += s_speed * value_value + at_first + behind[:, :size]
-        normal[size : 2 * size, size : 2 * size] += s_gap * value_value + at_first
-        goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].swapaxes(0, 1).copy()
-        goal[0] += behind[:, size:]
-        coupling = normal[both, 2 * size :]
-        factor = cholesky(normal[both, both], lower=True, check_finite=False)
-        linked = np.column_stack([coupling, goal.reshape(2 * size, -1)])
-        half = solve_triangular(factor, linked, lower=True, check_finite=False)
-        eliminated.append((factor, half))
-        behind = -half[:, :size].T @ half
-        behind[:, :size] += normal[2 * size :, 2 * size :]
-
-    weights = np.empty_like(right)
-    leader = s_speed * value_value + behind[:, :size]
-    given = right[:, 0] + behind[:, size:]
-    weights[:, 0] = solve(leader, given, assume_a="pos", check_finite=False)
-    for follower, (factor, half) in enumerate(reversed(eliminated)):
-        left = half[:, size:] - half[:, :size] @ weights[:, speed_columns[follower]]
-        solved = solve_triangular(factor, left, trans=1, lower=True, check_finite=False)
-        weights[:, speed_columns[follower + 1]] = solved[:size]
-        weights[:, gap_columns[follower]] = solved[size:]
-    return weights
-
-
-def _follower_blocks(
-    sums: NormalEquations, follower: int, theta: FloatArray, config: PinnConfig
-) -> FloatArray:
-    """(3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed ahead."""
-    alpha, alpha_tau, beta = theta
-    acceleration = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
-    q_gap, q_speed = config.weight_physics
-    forms = (
-        q_gap * np.multiply.outer(_GAP_RATE, _GAP_RATE),
-        q_speed * np.multiply.outer(acceleration, acceleration),
-    )
-    dynamic = sums.dynamic_grams[follower]
-    if dynamic is sums.grams:
-        return np.tensordot(forms[0] + forms[1], dynamic, ((0, 2), (0, 1)))
-    return np.asarray(gap_blocks(sums, config) + np.tensordot(forms[1], dynamic, ((0, 2), (0, 1))))
-
-
-def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
-    """The part of a follower's blocks that comes from the rate of its gap."""
-    form = config.weight_physics[0] * np.multiply.outer(_GAP_RATE, _GAP_RATE)
-    return np.tensordot(form, sums.grams, ((0, 2), (0, 1)))
-
-
-def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> Solution:
-    """The parameters that minimise Ψ for the output layer ``weights`` (K, 2M+1)."""
-    followers = weights.shape[1] // 2
-    speed_columns, gap_columns = output_columns(followers)
-    grams, targets = [], []
-    for follower in range(followers):
-        own = weights[:, speed_columns[follower + 1]]
-        relative = weights[:, speed_columns[follower]] - own
-        terms = np.stack([weights[:, gap_columns[follower]], -own, relative], axis=1)
-        dynamic = sums.dynamic_grams[follower]
-        grams.append(terms.T @ dynamic[0, 0] @ terms)
-        targets.append(terms.T @ (dynamic[0, 1] @ own))
-    return solve_platoon(np.stack(grams), np.stack(targets), case)
 
 
 @dataclass(frozen=True, eq=False)

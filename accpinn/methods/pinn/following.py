@@ -10,9 +10,9 @@ as `methods.following` has it for simulations. Near the present outputs a follow
 
     v̂' - f ≈ D w - c - F dz,    D = (Φ' - f_v Φ, -f_p Φ, -f_u Φ),    F = ∂f/∂z,
 
-so w = w₀ + Y dz is the chain of `fast`, solved for several right-hand sides, and dz follows from
-the Schur complement, the curvature of the objective's profile. Derivatives are exact, by complex
-steps. A parameter whose deviation by that curvature exceeds `OPEN` of its prior's is not
+so w = w₀ + Y dz is the chain of `projection`, solved for several right-hand sides, and dz follows
+from the Schur complement, the curvature of the objective's profile. Derivatives are exact, by
+complex steps. A parameter whose deviation by that curvature exceeds `OPEN` of its prior's is not
 determined.
 """
 
@@ -27,16 +27,15 @@ from accpinn.methods.fit import MethodFinding, Undetermined
 from accpinn.methods.following import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.fast import (
+from accpinn.methods.pinn.fast import Optimum, ProjectedTraining
+from accpinn.methods.pinn.loss import Learned, output_columns
+from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.pinn.projection import (
     NormalEquations,
-    Optimum,
-    ProjectedTraining,
     data_moments,
     gap_blocks,
     solve_chain,
 )
-from accpinn.methods.pinn.loss import Learned, output_columns
-from accpinn.methods.pinn.paper import PaperTraining
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
@@ -62,7 +61,8 @@ def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray
         not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
     ):
         raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {ends}.")
-    return np.clip([p.score(value) for p, value in zip(named, own, strict=True)], *bounds)
+    scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
+    return np.asarray(np.clip(scores, *bounds))
 
 
 def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
@@ -133,8 +133,9 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         at = [gaps, speeds[:, 1:], speeds[:, :-1], *each]
 
         def command(moved: list[FloatArray]) -> FloatArray:
-            theta = [p.value(z) for p, z in zip(self.model.parameters, moved[3:], strict=True)]
-            pushed = self.model.acceleration(*moved[:3], theta, np)
+            gap, speed, ahead, *scores = moved
+            theta = [p.value(z) for p, z in zip(self.model.parameters, scores, strict=True)]
+            pushed = self.model.acceleration(gap, speed, ahead, theta, np)
             return np.asarray(np.broadcast_to(pushed, gaps.shape))
 
         slopes = [

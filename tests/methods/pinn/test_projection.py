@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.fast import NormalEquations, solve_output, solve_parameters
 from accpinn.methods.pinn.loss import loss_terms, output_columns
+from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
 from accpinn.model.cthp import Case, regressors
 from accpinn.units import FloatArray, Mask
 from tests.support.methods import WEIGHTED
