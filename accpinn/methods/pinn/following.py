@@ -219,10 +219,16 @@ class FollowingPaper(PaperTraining):
     def __init__(
         self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
     ) -> None:
-        """Begin at the user's initial values or at typical ones."""
+        """Begin at the user's initial values or at typical ones, with curves near the data's mean.
+
+        A model may have no acceleration at the gap of zero with which the paper's network begins.
+        """
         self.model = FOLLOWING[law.model]
         self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
         super().__init__(segment, case, config, threads)
+        with torch.no_grad():
+            self.network.output.bias.copy_(torch.from_numpy(self.measured.mean(axis=0)))
+        self._note("Adam")
 
     def _initial(self) -> FloatArray:
         return initial_scores(self.model, self.config, self._bounds)
