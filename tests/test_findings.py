@@ -71,6 +71,7 @@ SAID = [
     (fit.HoldoutLoss(12, 0.1, 0.2), ["12", "0.1000", "0.2000"]),
     (fit.Continued(1200), ["1,200"]),
     (fit.PaperEstimate("fast"), ["preset fast", "biased"]),
+    (fit.ResidualEstimate("fast"), ["preset fast", "biased", "another model"]),
     (fit.CacheProblem("It is broken."), ["It is broken."]),
     (maximum_likelihood.DisturbanceSize(0, 0.25, 4.0, 1.0), ["All followers", "0.25 m/s²"]),
     (closed_loop.SimulatedCollision(2, 12.34, -0.01), ["12.3 s", "to 0.0 m"]),

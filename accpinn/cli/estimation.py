@@ -49,8 +49,9 @@ from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, pr
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import terms_of
+from accpinn.model.models import MODELS, PAPER, terms_of
 from accpinn.model.published import ParameterSet
+from accpinn.model.registry import following_model
 from accpinn.results.export import answer_document, check_document
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
@@ -108,10 +109,10 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option(
         "--method", choices=list(METHODS), metavar="NAME",
-        help="(pinn; simulation for a model that is no CTHP)",
+        help="(pinn; simulation for a model that its preset cannot estimate)",
     )  # fmt: skip
     option("--preset", choices=list(PRESETS), help=f"of the PiNN ({DEFAULT}); fast, paper: biased")
-    option("--initial", metavar="A,B,T", help="α,β,τ to start from (1,1,1)")
+    option("--initial", metavar="A,B,T", help="of the search: α,β,τ (1,1,1), or the model's own")
     option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
     option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
     option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)")
@@ -157,7 +158,7 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
     """The PiNN's settings; checked for any method, used by a method that has settings."""
     initial = options.initial
     given = {
-        "initial": None if initial is None else _three_numbers(initial),
+        "initial": None if initial is None else _initial(initial, options.model),
         "iterations": options.iterations,
         "lbfgs_iterations": options.lbfgs,
         "seed": options.seed,
@@ -172,14 +173,18 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
     return None
 
 
-def _three_numbers(text: str) -> Parameters:
+def _initial(text: str, model: str | None) -> Parameters:
+    """Initial α, β, τ, or the own parameters of a model that is no CTHP."""
+    chosen = following_model(model or PAPER)
+    is_cthp = chosen.key in MODELS
+    names = ("α", "β", "τ") if is_cthp else chosen.names
     try:
-        alpha, beta, tau = (float(part) for part in text.split(","))
+        values = [float(part) for _, part in zip(names, text.split(","), strict=True)]
     except ValueError:
         raise ConfigError(
-            f'initial: "{text[:40]}" is not α,β,τ; write three numbers as 1,1,1.'
+            f'initial: "{text[:40]}" is not {",".join(names)}; write {len(names)} numbers.'
         ) from None
-    return Parameters(alpha, beta, tau)
+    return Parameters(*values) if is_cthp else Parameters(*STARTS[0].complete, *values)
 
 
 @contextmanager

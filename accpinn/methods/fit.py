@@ -209,6 +209,17 @@ class PaperEstimate(Finding, frozen=True):
     preset: str
 
 
+class ResidualEstimate(Finding, frozen=True):
+    """The loss was the paper's, with the residual of another model."""
+
+    text = (
+        "The preset {preset} minimises the paper's loss with the residual of another model than the"
+        " paper's: the estimate is biased if disturbances last. The answer does not depend on it."
+    )
+
+    preset: str
+
+
 class CacheProblem(Finding, frozen=True):
     """A file of the cache that could not be used, read or written."""
 
@@ -233,6 +244,7 @@ MethodFinding = (
     | HoldoutLoss
     | Continued
     | PaperEstimate
+    | ResidualEstimate
     | CacheProblem
 )
 

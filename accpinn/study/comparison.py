@@ -27,6 +27,7 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS, segment_for
 from accpinn.model.cthp import Case, Parameters
+from accpinn.model.models import MODELS, PAPER
 from accpinn.recordings.recording import Recording
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -211,11 +212,14 @@ def starts(
     """The same question from every initial value, with every seed.
 
     Args:
-        analysis: whose settings serve all trainings, but for initial values and seed.
+        analysis: whose settings serve all trainings, but for initial values and seed. In place of
+            a model without α, β and τ the paper's is trained.
         initials: of α, β, τ.
         seeds: by default that of the analysis alone.
     """
     config: PinnConfig = analysis.config
+    if analysis.fitted not in MODELS:
+        analysis = replace(analysis, fitted=PAPER)
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:
             yield analysis.with_method(analysis.method, replace(config, initial=initial, seed=seed))

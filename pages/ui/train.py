@@ -13,14 +13,9 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST
+from accpinn.model.models import BEST, MODELS, PAPER
 from accpinn.model.registry import TITLES
-from accpinn.results.figures.training import (
-    loss_history,
-    parameter_history,
-    thinned_history,
-    tracking,
-)
+from accpinn.results.figures.training import thinned_history, tracking, training_figures
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
@@ -38,9 +33,10 @@ from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
-    "fast": "A second: the paper's estimate, solved exactly; biased if disturbances last.",
+    "fast": "A second: the minimum of the paper's loss, solved exactly; biased if disturbances"
+    " last.",
     "paper": "Many minutes by gradient, flat curves for thousands of iterations: the paper's"
-    " estimate, biased if disturbances last.",
+    " training, biased if disturbances last.",
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""
@@ -54,16 +50,16 @@ CONTINUES = (
     " the server keeps its checkpoint."
 )
 START_HELP = (
-    "Where the search begins. From other starts the same minimum should be found: page Compare"
-    " trains from five."
+    "Where the search begins for the CTHPs; IDM and FVDM begin at typical values. From other starts"
+    " the same minimum should be found: page Compare trains from five."
 )
 
 MODEL_HELP = (
-    "The answer has the parameters of this model, whichever preset is chosen; choosing another one"
-    " does not train again. The presets estimate α, β and τ of the CTHP, calibrated also the"
-    " intercept s₀ where only that is chosen. Of the CTHPs, the one with s₀ and a delay d predicts"
-    " the gaps of other windows and the measured gain best. IDM and FVDM are estimated by"
-    " simulation."
+    "The answer has the parameters of this model, whichever preset is chosen. The presets fast and"
+    " paper train with the residual of any model without lag or delay, calibrated with that of the"
+    " CTHP with or without the intercept s₀; of other models they estimate α, β and τ of the CTHP."
+    " In the answer IDM and FVDM are estimated by simulation. Of the CTHPs, the one with s₀ and a"
+    " delay d predicts the gaps of other windows and the measured gain best."
 )
 WEIGHT_PHYSICS = (
     "Of the squared residual of the model's equation. A larger weight binds the curves to the"
@@ -164,29 +160,35 @@ def _show_live(
     history = training.history()
     if history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
-    show.vehicle_key(segment, bool(truth), segment.shares(case), with_solved=True)
+    asked = training.analysis
+    model = asked.law.model if asked else PAPER
+    is_cthp = model in MODELS
+    show.vehicle_key(segment, bool(truth) and is_cthp, segment.shares(case), with_solved=is_cthp)
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
-    loss, alpha, beta, tau, *curves = _live_figures(training, segment, case, truth, step)
-    drawn = (("loss", loss), ("alpha", alpha), ("beta", beta), ("tau", tau))
-    show.charts(drawn, "train_live")
-    for figure in curves:
+    drawn, curves = _live_figures(training, segment, case, model, truth, step)
+    show.charts([*drawn.items()], "train_live")
+    if curves:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
         st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
-        show.chart(figure, "train_live_tracking")
+        show.chart(curves, "train_live_tracking")
 
 
 @lru_cache(maxsize=8)  # each training at one time needs one
 def _live_figures(
-    training: Task[Result], segment: Segment, case: Case, truth: Parameters | None, step: int
-) -> tuple[go.Figure, ...]:
-    """The figures of a training at a ``step``: loss, α, β, τ and, if known, the curves."""
+    training: Task[Result],
+    segment: Segment,
+    case: Case,
+    model: str,
+    truth: Parameters | None,
+    step: int,
+) -> tuple[dict[str, go.Figure], go.Figure | None]:
+    """The figures of a training at a ``step``: loss and parameters and, if known, the curves."""
     history, curves = training.history(), training.surrogate
     assert history is not None  # a training that has begun to draw has one
     drawn, solved = thinned_history(history, POINTS), least_squares.fit(segment, case)
     return (
-        loss_history(drawn),
-        *(parameter_history(drawn, k, segment.info, truth, solved.parameters) for k in range(3)),
-        *([tracking(segment, 0, curves, None, points=POINTS)] if curves else ()),
+        training_figures(drawn, segment.info, model, truth, solved.parameters),
+        tracking(segment, 0, curves, None, points=POINTS) if curves else None,
     )
 
 

@@ -75,6 +75,11 @@ def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str
     ("arguments", "words"),
     [
         (["fit", STUDY, "--initial", "1,1"], "α,β,τ"),
+        (["fit", STUDY, "--model", "idm", "--preset", "fast", "--initial", "1,1,1"], "a,b,T,s0,v0"),
+        (
+            ["fit", STUDY, "--model", "idm", "--preset", "fast", "--initial", "1,1,1,3,400"],
+            "v0 5 to 100",
+        ),
         (["fit", STUDY, "--initial", "", "--method", "least-squares"], "α,β,τ"),
         (["fit", STUDY, "--initial=-1,1,1"], "initial"),
         (["fit", STUDY, "--initial", "-1,1,1"], "initial"),

@@ -14,7 +14,7 @@ from accpinn.errors import ConfigError, ParameterError
 from accpinn.inference.intervals import intervals
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.method import Law
-from accpinn.methods.pinn.config import CALIBRATED
+from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.models import MODELS
 from accpinn.model.registry import FOLLOWING
@@ -22,8 +22,11 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.files import read
 from accpinn.results.judged import at_speed, judged
+from accpinn.results.report import training_pictures
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis
+from accpinn.study.comparison import starts
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load
 from accpinn.study.store import Store
@@ -129,6 +132,29 @@ def test_commands_have_the_models_own_parameters(capsys: Capture, folder: Path) 
     assert stable["alpha"] > 0
     swung = document(capsys, "simulate", out, "--vehicles", 3)
     assert len(swung["amplitude"]) == 4
+
+
+def test_the_network_learns_it_where_a_preset_is_named(capsys: Capture, folder: Path) -> None:
+    path, out = file_of(folder / "fast.csv", "idm", IDM, 120.0), folder / "fast.accpinn.zip"
+    options = ("--model", "idm", "--preset", "fast", "--hold", "v0=40")
+    found = document(capsys, "fit", path, *options, "--initial", "1,1,1,3,40", "--out", out)
+    assert (found["model"], found["method"]) == ("idm", "pinn")
+    kept = load(out)
+    assert kept.fit.model == "idm"
+    np.testing.assert_allclose(kept.parameters.own, IDM, rtol=0.15)
+    np.testing.assert_allclose(kept.fit.history.parameters.own[0, 0], [1, 1, 1, 3, 40])
+    assert kept.fit.history.parameters[-1] == kept.parameters
+    names = FOLLOWING["idm"].names
+    assert [found["parameters"][0][name] for name in names] == pytest.approx(kept.parameters.own[0])
+    assert accpinn.verify(out, path).ok
+    assert set(names) <= {picture.name for picture in training_pictures(kept)}
+    assert "the paper's estimate" not in accpinn.report(kept, folder / "fast.html").read_text()
+
+
+def test_starts_train_the_papers_model_where_there_is_no_other_alpha() -> None:
+    analysis = Analysis.of(read(STUDY), model="idm", settings=FAST)
+    assert analysis.law.model == "idm"
+    assert {start.law.model for start in starts(analysis)} == {"cthp"}
 
 
 def shifted() -> Segment:

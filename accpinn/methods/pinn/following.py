@@ -39,6 +39,7 @@ from accpinn.methods.pinn.projection import (
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
+from accpinn.model.models import MODELS
 from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray
@@ -48,19 +49,22 @@ SHORTENED = 6
 
 
 def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray) -> FloatArray:
-    """(n,) z of the user's initial values, or of typical ones.
+    """(n,) z of the user's initial values, or of typical ones for what has none.
 
     Raises:
         ConfigError: where these are not the model's.
     """
     own, named = config.initial.own, model.parameters
-    if not own.size:
+    if model.key in MODELS:
+        ends = np.array([(p.lower, p.upper) for p in named])
+        own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
+    elif not own.size:
         return np.clip(np.zeros(len(named)), *bounds)
-    ends = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
     if len(own) != len(named) or any(
         not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
     ):
-        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {ends}.")
+        allowed = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
+        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {allowed}.")
     scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
     return np.asarray(np.clip(scores, *bounds))
 

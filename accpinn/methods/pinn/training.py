@@ -19,7 +19,15 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods.fit import Continued, Fit, MethodFinding, Outcome, PaperEstimate, Recorder
+from accpinn.methods.fit import (
+    Continued,
+    Fit,
+    MethodFinding,
+    Outcome,
+    PaperEstimate,
+    Recorder,
+    ResidualEstimate,
+)
 from accpinn.methods.method import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
 from accpinn.methods.pinn.config import (
     CALIBRATED,
@@ -225,7 +233,7 @@ def _trained(
         iterations=training.progress.iteration,
         network_weights=learned.network_weights,
         arrays=learned.arrays,
-        findings=[*learned.findings, *begun, *_biased(config.preset)],
+        findings=[*learned.findings, *begun, *_biased(config.preset, law.model)],
         terms=learned.terms,
     )
     if learned.parameters is not None:
@@ -233,8 +241,10 @@ def _trained(
     return fit, learned
 
 
-def _biased(preset: PresetName) -> tuple[PaperEstimate, ...]:
-    return () if preset == "calibrated" else (PaperEstimate(preset),)
+def _biased(preset: PresetName, model: str) -> tuple[PaperEstimate | ResidualEstimate, ...]:
+    if preset == "calibrated":
+        return ()
+    return (PaperEstimate(preset) if model == models.PAPER else ResidualEstimate(preset),)
 
 
 @_needing_torch()

@@ -6,7 +6,7 @@ The figures of a training that runs are the same, with fewer points.
 import html
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
@@ -16,8 +16,9 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.models import MODELS, PAPER
 from accpinn.results.figures import style
-from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, further_columns
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
@@ -43,6 +44,20 @@ def thinned_history(history: History, points: int) -> History:
         name: part if part is None else part[rows] for name, part in parts.items()
     }
     return History(**kept)
+
+
+def training_figures(
+    history: History,
+    segment: SegmentInfo,
+    model: str = PAPER,
+    truth: Parameters | None = None,
+    solved: Parameters | None = None,
+) -> dict[str, go.Figure]:
+    """Loss and parameters over iterations, by name; the arguments are of `parameter_history`."""
+    return {"loss": loss_history(history)} | {
+        curve.key: parameter_history(history, which, segment, truth, solved, model)
+        for which, curve in enumerate(_curves(model))
+    }
 
 
 def loss_history(history: History) -> go.Figure:
@@ -79,17 +94,20 @@ def parameter_history(
     segment: SegmentInfo,
     truth: Parameters | None = None,
     solved: Parameters | None = None,
+    model: str = PAPER,
 ) -> go.Figure:
     """One parameter over iterations, with lines at the values to compare it with.
 
     Args:
-        history: parameters (K, P, 3), P = 1 in Case I.
-        which: 0 for α, 1 for β, 2 for τ.
+        history: parameters (K, P), P = 1 in Case I.
+        which: 0 for α, 1 for β, 2 for τ of a CTHP; the place among another model's own parameters.
         segment: names the vehicles that the parameters belong to.
         truth: the true parameters, one entry a follower, dashed; None where they are unknown.
         solved: those of least squares, one entry a follower, dotted; None draws none.
+        model: key of the model that is estimated; only parameters of its kind are compared.
     """
-    quantity, values = PARAMETERS[which], history.parameters.values[:, :, which]
+    curve = _curves(model)[which]
+    values = history.parameters.everything[:, :, curve.at]
     sets = values.shape[1]
     names, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
@@ -104,14 +122,35 @@ def parameter_history(
         )
     compared = [
         (float(value), look | {"color": colour})
-        for reference, look in ((truth, style.TRUTH), (solved, SOLVED)) if reference
-        for value, colour in zip(reference.values[:sets, which], colours, strict=False)
+        for reference, look in ((truth, style.TRUTH), (solved, SOLVED))
+        if reference and reference.own.shape[-1] == history.parameters.own.shape[-1]
+        for value, colour in zip(reference.everything[:sets, curve.at], colours, strict=False)
     ]  # fmt: skip
     seen = [values.ravel(), np.array([value for value, _ in compared])]
     seen += [end[-1] for end in ends or ()]
-    axis = style.titled(quantity.heading) | {"range": style.limits(np.concatenate(seen)) or None}
+    axis = style.titled(curve.heading) | {"range": style.limits(np.concatenate(seen)) or None}
     shapes = [style.across("y", value, line=look) for value, look in compared]
-    return _over_iterations(traces, quantity.name, f"parameter-{which}", {"y": axis}, shapes=shapes)
+    return _over_iterations(traces, curve.title, f"parameter-{which}", {"y": axis}, shapes=shapes)
+
+
+class _Curve(NamedTuple):
+    """A parameter that is drawn over iterations."""
+
+    key: str
+    title: str
+    heading: str
+    at: int
+    """Its place in `Parameters.everything`."""
+
+
+def _curves(model: str) -> list[_Curve]:
+    """α, β and τ of a CTHP; another model's own parameters."""
+    if model in MODELS:
+        return [_Curve(p.key, p.name, p.heading, at) for at, p in enumerate(PARAMETERS)]
+    return [
+        _Curve(column.key, f"{column.group}: {column.title}", column.heading, at)
+        for column, at in further_columns(model)
+    ]
 
 
 def _line(

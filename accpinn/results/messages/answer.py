@@ -6,7 +6,7 @@ from typing import NamedTuple
 from accpinn.findings import joined, percent, probability, who
 from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
-from accpinn.model.models import MODELS
+from accpinn.model.models import MODELS, PAPER
 from accpinn.model.registry import TITLES
 from accpinn.results.judged import Judged
 from accpinn.results.tables.table import between, supported_digits
@@ -95,9 +95,9 @@ def differing_windows(info: SegmentInfo, answer: Answer) -> str:
 
 
 def papers_estimate(fit: Fit) -> str:
-    """`PAPERS_ESTIMATE` for a fit by one of the paper's presets; empty for others."""
+    """`PAPERS_ESTIMATE` for the paper's model by one of its presets; empty for others."""
     is_papers = fit.method == "pinn" and fit.config.get("preset") in PAPERS_PRESETS
-    return PAPERS_ESTIMATE if is_papers else ""
+    return PAPERS_ESTIMATE if is_papers and fit.model == PAPER else ""
 
 
 def _headline(label: str, are_several: bool, answer: Answer, follower: int) -> str:

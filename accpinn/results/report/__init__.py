@@ -25,18 +25,20 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, PARAMETER_KEYS, PARAMETERS, SPEED, TIME
+from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.errors import ParameterError
 from accpinn.inference.prediction import gap_band
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
+from accpinn.model.models import MODELS
+from accpinn.model.registry import TITLES as MODEL_TITLES
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
-from accpinn.results.figures.training import loss_history, parameter_history, tracking
+from accpinn.results.figures.training import tracking, training_figures
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
@@ -198,7 +200,9 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
 def _about_estimates(snapshot: Result) -> str:
     """What the second table holds."""
     label = papers_estimate(snapshot.fit)
-    return f"The CTHP's parameters by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
+    model = snapshot.fit.model
+    name = "CTHP" if model in MODELS else MODEL_TITLES[model]
+    return f"The {name}'s parameters by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
 
 
 def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
@@ -305,9 +309,8 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
     history = snapshot.fit.history
     if history is None:
         return
-    yield Picture("loss", loss_history(history), "")
-    for which, name in enumerate(PARAMETER_KEYS):
-        yield Picture(name, parameter_history(history, which, snapshot.info), "")
+    for name, figure in training_figures(history, snapshot.info, snapshot.fit.model).items():
+        yield Picture(name, figure, "")
 
 
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:

@@ -10,6 +10,7 @@ from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.methods import splines
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import style, training
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.cut import cut
@@ -114,6 +115,33 @@ class TestParameters:
         assert few.evidence is None
         shared = training.parameter_history(history(sets=1), 2, cut(recording(), 0.0, 30.0).info)
         assert names(shared) == [EVERY_FOLLOWER]
+
+
+class TestOtherModels:
+    def test_have_the_curves_of_their_own_parameters(self, segment: Segment) -> None:
+        track, model = history(), FOLLOWING["idm"]
+        own = np.linspace(model.typical, 2 * model.typical, 40)[:, None] * [[1.0], [1.5]]
+        near = track.parameters.complete
+        table = Parameters.of(np.concatenate([near, own], axis=2))
+        truth = Parameters.of(table.everything[-1])
+        figures = training.training_figures(
+            replace(track, parameters=table), segment.info, "idm", truth, track.parameters[-1]
+        )
+        assert list(figures) == ["loss", *model.names]
+        for k, parameter in enumerate(model.parameters):
+            figure = figures[parameter.name]
+            axis = figure.layout.yaxis.title.text
+            assert axis.startswith(parameter.symbol)
+            assert parameter.unit in axis
+            for follower, trace in enumerate(figure.data):
+                np.testing.assert_array_equal(trace.y, own[:, follower, k])
+            lines = [line.y0 for line in figure.layout.shapes]
+            assert lines == truth.own[:, k].tolist(), "least squares has no such parameters"
+
+    def test_a_cthp_has_alpha_beta_and_tau(self, segment: Segment) -> None:
+        assert list(training.training_figures(history(), segment.info)) == [
+            "loss", "alpha", "beta", "tau",
+        ]  # fmt: skip
 
 
 class TestTracking:

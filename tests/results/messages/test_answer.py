@@ -79,4 +79,5 @@ def test_windows_that_differ_are_one_sentence(segment: Segment, answered: Answer
 def test_the_papers_presets_say_so(segment: Segment, config: PinnConfig, said: bool) -> None:
     fit = replace(least_squares.fit(segment), method="pinn", config=config.to_json())
     assert bool(papers_estimate(fit)) == said
+    assert not papers_estimate(replace(fit, model="idm"))
     assert not papers_estimate(least_squares.fit(segment))
