@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key
-from accpinn.cli.options import fields
-from accpinn.cli.output import complain, note, print_json, progress, show, show_result
+from accpinn.cli.output import complain, fields, note, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
