@@ -279,8 +279,8 @@ def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingErro
 
 def has_numbered_speeds(layout: Layout) -> bool:
     """Whether a column is the speed of a numbered vehicle, as in every run."""
-    found = map(_NUMBERED.fullmatch, layout.names)
-    return any(numbered[1] == SPEED.column for numbered in found if numbered)
+    matches = map(_NUMBERED.fullmatch, layout.names)
+    return any(match[1] == SPEED.column for match in matches if match)
 
 
 def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
