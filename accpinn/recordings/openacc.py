@@ -286,14 +286,7 @@ def has_numbered_speeds(layout: Layout) -> bool:
 def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
     place = f"row {layout.header_row}"
     columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
-    positions: dict[str, int] = {}
-    for position, cell in enumerate(layout.names):
-        if cell in positions:
-            both = f"columns {positions[cell] + 1} and {position + 1}"
-            fault = f'"{excerpt(cell)}" names {both}'
-            raise source_file.refusal(fault, "delete or rename one of them", place)
-        if cell:
-            positions[cell] = position
+    for cell in layout.names:
         numbered = _NUMBERED.fullmatch(cell)
         if numbered and numbered[1] in columns:
             columns[numbered[1]][int(numbered[2])] = cell
