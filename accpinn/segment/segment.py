@@ -10,7 +10,7 @@ import numpy as np
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings.recording import Window, longest, rounded_percent, vehicle_label
+from accpinn.recordings.recording import Window, listed, longest, rounded_percent, vehicle_label
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 
@@ -76,7 +76,8 @@ class BlocksMissing(Finding, frozen=True):
     """Where, in the recording's time."""
 
     def _words(self, about: Labelled) -> Words:
-        part, where = rounded_percent(self.share), longest(self.windows)
+        part, shown = rounded_percent(self.share), longest(self.windows)
+        where = listed(shown, len(self.windows) - len(shown))
         return {"are": "is" if len(self.columns) == 1 else "are", "part": part, "where": where}
 
 
