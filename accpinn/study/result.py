@@ -368,14 +368,8 @@ class Result:
 
     def without_data(self) -> Self:
         """The same without the data, every part but the forms of the model computed before."""
-        parts = replace(
-            self.parts,
-            quality=self.quality,
-            uncertainty=self.uncertainty,
-            evaluation=self.evaluation,
-            answer=self.answer,
-            gain_checks=self.gain_checks,
-        )
+        names = ("quality", "uncertainty", "evaluation", "answer", "gain_checks")
+        parts = replace(self.parts, **{name: getattr(self, name) for name in names})
         windows = tuple(window.without_data() for window in self.windows)
         return replace(self, parts=parts, windows=windows, segments=(), recording=None)
 

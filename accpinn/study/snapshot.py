@@ -293,17 +293,12 @@ def read_file(path: Path) -> bytes:
     Raises:
         SnapshotError: when it is no file, or cannot be read.
     """
-    try:
+    sentence = "{}: cannot be opened ({}); check its name and that you may read it."
+    with reported(lambda reason: SnapshotError(sentence.format(path, reason))):
         if path.exists() and not path.is_file():  # a pipe would be waited for without end
             raise SnapshotError(f"{path}: this is no file; name a file that ends in {SUFFIX}.")
         with path.open("rb") as file:
             return file.read(LARGEST + 1)
-    except OSError as fault:
-        raise SnapshotError(
-            f"{path}: cannot be opened ({fault.strerror}); check its name and that you may read it."
-        ) from None
-    except ValueError:  # as with a zero character
-        raise SnapshotError("No file can have such a name; check it.") from None
 
 
 def read(data: bytes, is_complete: bool = True) -> Result:
@@ -360,9 +355,8 @@ def _check_schema(manifest: Any) -> None:
     schema = manifest.get("schema")
     if schema == SCHEMA:
         return
-    is_newer = isinstance(schema, int) and schema > SCHEMA
     age, cure = "an earlier", "learn and save it again"
-    if is_newer:
+    if isinstance(schema, int) and schema > SCHEMA:
         age, cure = "a newer", "update accpinn"
     raise SnapshotError(
         f"The snapshot was written by {age} accpinn (schema {str(schema)[:8]}, this one reads"
