@@ -4,8 +4,7 @@ import argparse
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS
-from accpinn.cli.options import fields
-from accpinn.cli.output import show_result
+from accpinn.cli.output import fields, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters

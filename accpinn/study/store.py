@@ -128,7 +128,7 @@ class Entry:
 
 
 def _rows(parameters: Parameters) -> tuple[tuple[float, float, float], ...]:
-    return tuple((one.alpha, one.beta, one.tau) for one in parameters)
+    return tuple((row.alpha, row.beta, row.tau) for row in parameters)
 
 
 class Shelf:
@@ -194,13 +194,25 @@ class Shelf:
             (entry.id, state, msgspec.json.encode(dump(entry)[0]), owner),
         )
 
+    def raw(self, name: str) -> bytes:
+        """The file of that name.
+
+        Raises:
+            SnapshotError: for an unknown name.
+        """
+        path = self.path(name)
+        if not path.exists():
+            raise unknown(name)
+        return read_file(path)
+
     def read(self, name: str) -> Result:
         """The result of that name.
 
         Raises:
             SnapshotError: for an unknown name, or a file that is damaged or another's.
         """
-        raise NotImplementedError
+        # It is no snapshot before it is saved as one.
+        return replace(read(self.raw(name), is_complete=False), digest="")
 
     def _files(self) -> list[Path]:
         return [
@@ -291,13 +303,6 @@ class Store(Shelf):
             os.utime(path)
         # It is no snapshot before it is saved as one.
         return replace(result, digest="").under(analysis)
-
-    def read(self, name: str) -> Result:
-        """The result of that key; see `Shelf.read`."""
-        path = self.path(name)
-        if not path.exists():
-            raise unknown(name)
-        return replace(read(read_file(path), is_complete=False), digest="")
 
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result, with the parts that were computed so far."""

@@ -260,35 +260,31 @@ def _provenance(result: Result, whole: Result, recording: Recording) -> list[Che
 
 def _of_subject(subject: Result, name: str, parts: Sequence[str], may_refit: bool) -> list[Check]:
     """The checks of the snapshot's own result, or of a part of it."""
-    checks = [] if name else _attempt("curves", name, lambda: _curves(subject))
     known = [part for part in parts if getattr(subject.parts, part) is not None]
-    if not subject.segments:
-        reason = "the data are not at hand"
-        return checks + [
-            Check(part, "not checked", True, name, reason=reason, cure="--recording")
-            for part in ("fit", *known)
-        ]
+    unchecked = partial(Check, state="not checked", method=name)
+    computed: dict[str, Callable[[], list[Check]]] = {}
+    checks: list[Check] = []
     if may_refit:
-        checks = _attempt("fit", name, lambda: _refit(subject, name)) + checks
+        computed["fit"] = partial(_refit, subject, name)
+    elif not subject.segments:
+        reason = "the data are not at hand"
+        checks = [unchecked(part, reason=reason, cure="--recording") for part in ("fit", *known)]
     elif _is_stopped(subject):
-        reason = "its training was stopped by hand"
-        checks.append(Check("fit", "not checked", True, name, reason=reason))
+        checks = [unchecked("fit", reason="its training was stopped by hand")]
     else:
         reason, seconds = "running the method again takes time", refit_seconds(subject)
-        checks.append(Check("fit", "not checked", True, name, reason=reason, cure="--refit",
-                            seconds=seconds))  # fmt: skip
+        checks = [unchecked("fit", reason=reason, cure="--refit", seconds=seconds)]
+    if not name:
+        computed["curves"] = partial(_curves, subject)
     fresh = replace(subject, parts=Parts())
-    for part in known:
-        checks += _attempt(part, name, partial(_part, fresh, part, subject.parts, name))
+    for part in known if subject.segments else ():
+        computed[part] = partial(_part, fresh, part, subject.parts, name)
+    for part, check in computed.items():
+        try:
+            checks += check()
+        except FAULTS as fault:  # what cannot be computed does not agree
+            checks.append(Check(part, "recomputed", False, name, reason=str(fault)))
     return checks
-
-
-def _attempt(part: str, name: str, check: Callable[[], list[Check]]) -> list[Check]:
-    """What cannot be computed is a part that does not agree."""
-    try:
-        return check()
-    except FAULTS as fault:
-        return [Check(part, "recomputed", False, name, reason=str(fault))]
 
 
 def _refit(subject: Result, name: str) -> list[Check]:

@@ -621,7 +621,8 @@ def test_all_windows_in_car_following_are_trained_on_when_ticked() -> None:
     assert task.status is Status.DONE, task.error
     shown = open_page(TRAIN, session).plain()
     assert f"Answer: {registry.TITLES[BEST]}, {len(windows)} windows" in shown
-    assert f"with {len(windows) - 1} further window" in shown
+    seconds = sum(window.duration for window in windows)
+    assert f"{len(windows)} windows, {seconds:g} s together" in shown
     other = sessions.workspaces().new()
     other.restore(session.result)
     assert other.choices[ALL_WINDOWS]

@@ -12,7 +12,6 @@ from accpinn.errors import ConfigError
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.study.draws import to_netcdf
 from accpinn.study.result import Result
 from tests.support.command import PLATOON
 
@@ -58,7 +57,7 @@ def test_the_log_likelihood_is_that_of_the_windows_data(result: Result) -> None:
 def test_the_file_is_read_again(result: Result, tmp_path: Path) -> None:
     import xarray
 
-    (tmp_path / "draws.nc").write_bytes(to_netcdf(result))
+    (tmp_path / "draws.nc").write_bytes(result.to_netcdf())
     with xarray.open_datatree(tmp_path / "draws.nc", engine="h5netcdf") as tree:
         assert tree.attrs["sha256"] == result.info.sha256
         np.testing.assert_array_equal(tree["posterior"]["tau"][0], result.answer.typical.tau)

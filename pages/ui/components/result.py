@@ -36,8 +36,7 @@ from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
-from accpinn.study.draws import MISSING, can_be_tree, to_netcdf
-from accpinn.study.result import Result
+from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, pick_follower, tabs
@@ -326,11 +325,11 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
             " corner.",
         )  # fmt: skip
         st.download_button(
-            "Draws (.nc)", lambda: to_netcdf(result), f"{stem}_draws.nc", "application/x-netcdf",
+            "Draws (.nc)", result.to_netcdf, f"{stem}_draws.nc", "application/x-netcdf",
             key=f"{page}_draws", on_click="ignore", icon=":material/scatter_plot:",
-            disabled=not can_be_tree(),
+            disabled=not has_xarray(),
             help="The answer's posterior draws for xarray and ArviZ: typical value, further window"
-            " and each window alone." if can_be_tree() else MISSING,
+            " and each window alone." if has_xarray() else NO_XARRAY,
         )  # fmt: skip
     show.table(table)
 

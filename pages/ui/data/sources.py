@@ -77,7 +77,7 @@ def open_file(
         if st.session_state.get(ASK) and not asking:
             workspace.pending = _pending(source, name, known=True)
         elif asking and not trajectory:  # the table may hold several runs
-            if runs := files.trajectories(source, name, mapping=mapping):
+            if runs := files.opened(source, name, mapping).trajectories:
                 workspace.pending = PendingFile(name, source, runs, mapping)
         if not workspace.pending:
             workspace.open(files.read(source, name, trajectory=trajectory, mapping=mapping))
@@ -95,10 +95,9 @@ def _pending(source: bytes | Path, name: str, known: bool = False) -> PendingFil
     with suppress(AccpinnError):
         if known and preview(source, name).mapping:
             return PendingFile(name, source)
-        if runs := files.trajectories(source, name):
-            return PendingFile(name, source, runs)
-        if files.is_unknown(source, name):
-            return PendingFile(name, source)
+        file = files.opened(source, name)
+        if file.trajectories or file.is_unknown:
+            return PendingFile(name, source, file.trajectories)
     return None
 
 
@@ -140,7 +139,7 @@ def _ask(workspace: Workspace, file: PendingFile) -> None:
     elif seen := show.attempt(lambda: preview(file.source, file.name)):
         mapping = ask_for_columns(file, seen)
         try:
-            runs = files.trajectories(file.source, file.name, mapping=mapping)
+            runs = files.opened(file.source, file.name, mapping).trajectories
             recording = files.read(
                 file.source, file.name, trajectory=runs[0][0] if runs else None, mapping=mapping,
                 is_kept=False,
