@@ -169,6 +169,8 @@ class PlatoonRun:
     """Amplitudes behind a sinusoid; None behind any other leader."""
     findings: tuple[Finding, ...]
     """Findings where the run leaves what cars can do, or the amplitudes cannot be measured."""
+    linear: Trajectories | None = None
+    """What the linearisation at the leader's first speed does; None for a model that is linear."""
 
     @cached_property
     def valid(self) -> Trajectories:
@@ -236,6 +238,7 @@ def simulate_platoon(
         frozen(moved.speeds + leader.speed),
         frozen(moved.gaps + leader.speed * parameters.tau + parameters.s0),
     )
+    linear = driven if own.size else None
     if own.size:
         driven = _integrated(FOLLOWING[model], own, driven)
     wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
@@ -258,6 +261,7 @@ def simulate_platoon(
         meaningful=meaningful,
         amplitudes=wave,
         findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
+        linear=linear,
     )
 
 

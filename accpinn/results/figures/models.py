@@ -1,21 +1,27 @@
 """Car-following models as figures: errors in windows left out, and the peak gain over speed."""
 
 import html
+from collections.abc import Sequence
 from itertools import cycle
+from typing import NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
+from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.model.following import FollowingModel
 from accpinn.results.figures import style
 from accpinn.stability.at_speed import peak_gains
 from accpinn.study.judge import Judgement
-from accpinn.units import MetresPerSecond
+from accpinn.units import FloatArray, MetresPerSecond
 
 SPEEDS = 25
 """Speeds at which the peak gain is computed."""
 BEYOND = 0.35
 """Share of the recorded range of speeds that is shown beyond it on either side."""
 RECORDED = "rgba(128, 140, 155, 0.16)"
+BAND, DRAWN = 0.14, 100
+"""Opacity of a band, and the draws that it is of."""
 
 
 def colours(judged: Judgement) -> list[tuple[str, str]]:
@@ -42,26 +48,59 @@ def errors_by_window(judged: Judgement) -> go.Figure:
     return style.composed(traces, 330, "models-errors", axes)
 
 
-def peak_over_speed(judged: Judgement, speed: MetresPerSecond) -> go.Figure:
-    """The largest gain of each model over the speed; the recorded speeds are shaded."""
-    low, _, high = judged.subject.speeds
+class Follower(NamedTuple):
+    """A model with its parameters, as one line of a figure."""
+
+    name: str
+    colour: str
+    model: FollowingModel
+    theta: FloatArray
+    """(n,)"""
+    draws: FloatArray | None = None
+    """(N, n) of the posterior, for a band."""
+
+
+def followers_of(judged: Judgement) -> list[Follower]:
+    """The models that were judged."""
+    estimates = [score.estimate for score in judged.scores]
+    named = zip(colours(judged), estimates, strict=True)
+    return [Follower(*look, estimate.model, estimate.theta) for look, estimate in named]
+
+
+def peak_over_speed(
+    followers: Sequence[Follower], recorded: tuple[MetresPerSecond, MetresPerSecond],
+    speed: MetresPerSecond,
+) -> go.Figure:  # fmt: skip
+    """The largest gain of each follower over the speed, with its 90 % band where draws are known.
+
+    Args:
+        followers: whose gains.
+        recorded: the least and the largest recorded speed, which are shaded between.
+        speed: that is marked.
+    """
+    low, high = recorded
     margin = BEYOND * max(high - low, 5.0)
     speeds = np.linspace(max(1.0, low - margin), high + margin, SPEEDS)
-    curves = [peak_gains(s.estimate.model, s.estimate.theta, speeds) for s in judged.scores]
-    known = np.concatenate(curves)
-    finite = known[np.isfinite(known)]
-    traces = [
-        style.curve(
-            3.6 * speeds, curve, name=html.escape(title), line={"color": colour, "width": 2},
-            hovertemplate="%{y:.2f} dB",
-        )
-        for (title, colour), curve in zip(colours(judged), curves, strict=True)
-    ]  # fmt: skip
+    traces, tops = list[style.Part](), [1.0]
+    for name, colour, model, theta, draws in followers:
+        curve = peak_gains(model, theta, speeds)
+        if draws is not None:
+            some = np.linspace(0, len(draws) - 1, DRAWN).astype(int)
+            each = np.repeat(draws[some].T, SPEEDS, axis=1)
+            drawn = peak_gains(model, each, np.tile(speeds, DRAWN)).reshape(DRAWN, SPEEDS)
+            known = np.isfinite(drawn).all(axis=0)
+            lower, upper = interval_ends(drawn[:, known], LEVEL)
+            traces.append(style.band(3.6 * speeds[known], lower, upper, colour, BAND))
+            tops += upper.tolist()
+        traces.append(style.curve(
+            3.6 * speeds, curve, name=html.escape(name), mode="lines",
+            line={"color": colour, "width": 2}, hovertemplate="%{y:.2f} dB",
+        ))  # fmt: skip
+        tops += curve[np.isfinite(curve)].tolist()
     ends = 3.6 * speeds[[0, -1]]
     axes = {
         "x": style.titled("Speed in equilibrium [km/h]") | {"range": ends.tolist()},
-        "y": style.titled("Peak of |H| [dB]")
-        | {"range": [-0.1, 1.1 * min(12.0, float(finite.max(initial=1.0)))]},
+        "y": style.titled("Peak of |H| [dB]") | {"range": [-0.1, 1.1 * min(12.0, max(tops))]},
     }
     shapes = [
         style.across(
