@@ -211,8 +211,8 @@ def _show_collisions(shown: _Shown) -> None:
         "No follower collides on this window"
     )  # fmt: skip
     with st.expander(
-        f"{title} in closed-loop simulation by some method's parameters; {count} events in all,"
-        " inside and outside the window",
+        f"{title} in closed-loop simulation by some method's parameters; {count}"
+        f" {'event' if count == 1 else 'events'} in all, inside and outside the window",
         icon=":material/car_crash:",
     ):
         for row in rows:
@@ -267,6 +267,7 @@ def _show_estimates(shown: _Shown) -> None:
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
         f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
         " the CTHP in this window."
+        + (" Beside an s₀, τ is smaller by s₀/v." if "s0" in shown.answer.names else "")
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )

@@ -106,7 +106,7 @@ def show_page() -> None:
         return
     places = Places(chosen.spoken) if figures.is_in_order(chosen, order) else PLACES
     cast = figures.cast_of(chosen, order)
-    _show_answer(source, run, places, recorded)
+    _show_answer(workspace, source, run, places, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
         "Amplitudes": lambda: _show_amplitudes(workspace, run, cast),
@@ -123,7 +123,13 @@ def open_panels(workspace: Workspace) -> None:
     workspace.choices[TABS] = PANELS
 
 
-def _show_answer(source: Chosen, run: PlatoonRun, places: Places, recorded: Segment | None) -> None:
+def _show_answer(
+    workspace: Workspace,
+    source: Chosen,
+    run: PlatoonRun,
+    places: Places,
+    recorded: Segment | None,
+) -> None:
     chosen = source.vehicles
     with st.container(border=True):
         said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
@@ -135,7 +141,13 @@ def _show_answer(source: Chosen, run: PlatoonRun, places: Places, recorded: Segm
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
-        st.caption(escape_markdown(details))
+        st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
+        if source.source == "fit" and st.button(
+            "Next: which model describes this car?", key="platoon_next",
+            icon=":material/arrow_forward:", type="tertiary",
+        ):  # fmt: skip
+            workspace.choices["compare_view"] = "models"
+            frame.go(frame.COMPARE, workspace)
     # The answer names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
     show.messages(messages(others, places), "warning")
@@ -162,7 +174,7 @@ def _show_charts(
                 help="Which part of the run both charts show.",
             )  # fmt: skip
         if linear and not st.toggle(
-            "Linear prediction", **kept(workspace, "platoon_linear", True),
+            "Linear prediction", **kept(workspace, "platoon_linear", recorded is None),
             help="What the linearisation, which holds for small disturbances, would do.",
         ):  # fmt: skip
             linear = None

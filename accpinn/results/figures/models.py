@@ -33,7 +33,7 @@ def colours(judged: Judgement) -> list[tuple[str, str]]:
 def errors_by_window(judged: Judgement) -> go.Figure:
     """The RMSE of the gap in each window left out, a line a model."""
     windows = [segment.window for segment in judged.subject.windows]
-    names = [f"{window.start:.0f} s" for window in windows]
+    names = [f"{window.start:.0f}" for window in windows]
     traces = [
         {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(title),
          "line": {"color": colour, "width": 1.5}, "marker": {"size": 8},
@@ -42,7 +42,8 @@ def errors_by_window(judged: Judgement) -> go.Figure:
     ]  # fmt: skip
     top = 1.08 * max(float(score.rmse.max()) for score in judged.scores)
     axes = {
-        "x": style.titled("Start of the window left out") | {"type": "category", "showgrid": False},
+        "x": style.titled("Start of the window left out [s]")
+        | {"type": "category", "showgrid": False, "automargin": True},
         "y": style.titled("RMSE of the gap [m]") | {"range": [0, top]},
     }
     return style.composed(traces, 330, "models-errors", axes)

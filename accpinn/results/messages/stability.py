@@ -412,7 +412,7 @@ def by_linearisation(run: PlatoonRun) -> str:
     size = run.amplitudes.predicted[-1] if run.amplitudes else moved[-1]
     return (
         f"The linearisation at {3.6 * run.leader.speed:.0f} km/h, which holds for small"
-        f" disturbances, predicts {_three(float(size))} m/s."
+        f" disturbances, predicts {_three(float(size))} m/s for the last follower."
     )
 
 

@@ -208,7 +208,7 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
 def _about_estimates(snapshot: Result) -> str:
     """What the second table holds."""
     label = papers_estimate(snapshot.fit)
-    return f"The CTHP's parameters by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
+    return f"The estimate by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
 
 
 def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:

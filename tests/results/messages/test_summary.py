@@ -4,15 +4,17 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
+from accpinn.results.judged import judged
+from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import (
     about_data,
     cautions,
     conditional,
-    headway_interval,
     outside_intervals,
     setting,
     summary,
@@ -38,38 +40,20 @@ def test_title_agrees_in_number() -> None:
     assert "follows the vehicle ahead" in title(replace(small(), name=""))
 
 
-def test_summary_gives_headways_with_their_interval_and_a_verdict() -> None:
-    text, values = said(whole()), whole().fit.parameters.values
-    headways = values[:, 2]
-    [ends] = re.findall(r"time headways τ ([\d.]+) to ([\d.]+) s", text)
-    np.testing.assert_allclose(np.array(ends, float), [headways.min(), headways.max()], atol=0.005)
-    assert "All four vehicles amplify" in text
-    known = small().uncertainty
-    low, high = known.lower.tau[0], known.upper.tau[0]
-    assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in said(small())
-    shared = altered(whole(), fit=replace(whole().fit, case="I"))
-    assert "4 vehicles as one set: time headway" in said(shared)
-
-    def unknown(rows: list[int]) -> str:
-        lost = values.copy()
-        lost[rows, 2] = np.nan
-        fit = replace(whole().fit, parameters=Parameters.of(lost))
-        return said(altered(whole(), fit=fit))
-
-    assert "τ not determined" in unknown([0, 1, 2, 3])
-    assert f"(not determined for {whole().info.labels[2]})" in unknown([1])
-
-
-def test_undetermined_headways_are_called_so() -> None:
-    uncertainty = small().uncertainty
-
-    def words(low: float, high: float) -> str:
-        ends = Parameters.of([[0.1, 0.1, low]]), Parameters.of([[0.1, 0.1, high]])
-        return headway_interval(replace(uncertainty, lower=ends[0], upper=ends[1]), 0)
-
-    assert words(1.0, np.inf) == "90 % interval: 1.00 s or more"
-    assert words(0.0, np.inf) == "not determined by the data"
-    assert words(np.nan, np.nan) == headway_interval(None, 0) == ""
+def test_summary_begins_with_the_answer_as_its_cards_say_it() -> None:
+    for result in (whole(), small()):
+        told = [" ".join(card) for card in cards(result.info, result.answer, judged(result))]
+        assert len(told) == result.info.followers
+        assert list(summary(result)[: len(told)]) == told
+        gap = result.answer.time_gap(result.answer.stated_speed, 0)
+        assert float(re.search(r"([\d.]+) s at", told[0])[1]) == pytest.approx(gap.value, abs=0.05)
+    assert "All four vehicles amplify" in said(whole())
+    answer = small().answer
+    lost = Parameters.of(np.full_like(answer.parameters.everything, np.nan))
+    unknown = replace(answer, parameters=lost)
+    assert "do not determine the time gap" in said(altered(small(), answer=unknown))
+    bare = replace(altered(small(), answer=None, gain_checks=None), segments=())
+    assert "learned the parameters of" in said(bare)
 
 
 def test_collisions_are_counted_and_told() -> None:
@@ -89,7 +73,7 @@ def test_what_estimates_assume_names_those_with_a_better_form() -> None:
 def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
     first, second = whole().compared
 
-    def judged(which: list[int], **changes: object) -> str:
+    def compared(which: list[int], **changes: object) -> str:
         inside = np.ones_like(first.uncertainty.inside)
         inside[0, which] = False
         row = altered(first, uncertainty=replace(first.uncertainty, inside=inside, **changes))
@@ -99,10 +83,10 @@ def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
         )
 
     name = name_of(first.fit)
-    assert f"α of {name}; β of {name}." in judged([0, 1])
-    assert name not in judged([])
+    assert f"α of {name}; β of {name}." in compared([0, 1])
+    assert name not in compared([])
     nothing = Parameters.of(np.full((4, 3), np.nan))
-    assert name not in judged([0], lower=nothing, upper=nothing)
+    assert name not in compared([0], lower=nothing, upper=nothing)
 
 
 def test_a_stopped_training_is_called_so_first() -> None:
