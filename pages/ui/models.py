@@ -116,13 +116,13 @@ def _show_follower(workspace: Workspace, one: Judgement) -> None:
     table, stem = judged_table(one, speed), Path(one.subject.windows[0].source).stem
     show.table(table)
     st.caption(ABOUT)
-    show.key(figures.colours(one))
+    followers = figures.followers_of(one)
+    show.key((follower.name, follower.colour) for follower in followers)
     left, right = st.columns(2)
     with left:
         show.chart(figures.errors_by_window(one), "models_errors")
     with right:
         low, _, high = one.subject.speeds
-        followers = figures.followers_of(one)
         show.chart(figures.peak_over_speed(followers, (low, high), speed), "models_peak")
         st.caption(
             "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."

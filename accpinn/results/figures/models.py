@@ -24,21 +24,15 @@ BAND, DRAWN = 0.14, 100
 """Opacity of a band, and the draws that it is of."""
 
 
-def colours(judged: Judgement) -> list[tuple[str, str]]:
-    """Title and colour of each model, in the order in which they were judged."""
-    titles = (score.estimate.model.title for score in judged.scores)
-    return list(zip(titles, cycle(style.FOLLOWERS), strict=False))
-
-
 def errors_by_window(judged: Judgement) -> go.Figure:
     """The RMSE of the gap in each window left out, a line a model."""
     windows = [segment.window for segment in judged.subject.windows]
     names = [f"{window.start:.0f}" for window in windows]
     traces = [
-        {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(title),
-         "line": {"color": colour, "width": 1.5}, "marker": {"size": 8},
+        {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(one.name),
+         "line": {"color": one.colour, "width": 1.5}, "marker": {"size": 8},
          "hovertemplate": "%{y:.2f} m"}
-        for (title, colour), score in zip(colours(judged), judged.scores, strict=True)
+        for one, score in zip(followers_of(judged), judged.scores, strict=True)
     ]  # fmt: skip
     top = 1.08 * max(float(score.rmse.max()) for score in judged.scores)
     axes = {
@@ -62,10 +56,12 @@ class Follower(NamedTuple):
 
 
 def followers_of(judged: Judgement) -> list[Follower]:
-    """The models that were judged."""
+    """The models in the order in which they were judged."""
     estimates = [score.estimate for score in judged.scores]
-    named = zip(colours(judged), estimates, strict=True)
-    return [Follower(*look, estimate.model, estimate.theta) for look, estimate in named]
+    return [
+        Follower(estimate.model.title, colour, estimate.model, estimate.theta)
+        for estimate, colour in zip(estimates, cycle(style.FOLLOWERS), strict=False)
+    ]
 
 
 def peak_over_speed(
