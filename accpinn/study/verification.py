@@ -127,6 +127,10 @@ class Check:
         return f"{many}: stored {self.stored}, {self.state} {self.computed}."
 
 
+MOST_NAMED = 2
+"""Windows or methods of a part that a sentence names; of more it tells the number."""
+
+
 @dataclass(frozen=True)
 class Verification:
     """All checks of a snapshot."""
@@ -149,12 +153,17 @@ class Verification:
         for check in self.checks:
             if not check.ok:
                 return f"{check.title}: {check.sentence}"
-        parts = []
+        said = []
         for state in ("reproduced", "recomputed", "not checked"):
-            titles = [check.title for check in self.checks if check.state == state]
+            titles = list[str]()
+            for part in dict.fromkeys(check.part for check in self.checks):
+                every = [check for check in self.checks if check.part == part]
+                those = [check.title for check in every if check.state == state]
+                many = [f"{TITLES[part]} ({len(those)} of {len(every)})"]
+                titles += many if len(those) > MOST_NAMED else dict.fromkeys(those)
             if titles:
-                parts.append(f"{state.capitalize()}: {', '.join(dict.fromkeys(titles))}.")
-        return " ".join(parts)
+                said.append(f"{state.capitalize()}: {', '.join(titles)}.")
+        return " ".join(said)
 
     @property
     def counted(self) -> str:

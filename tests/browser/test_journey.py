@@ -220,7 +220,8 @@ def test_methods_run_stop_survive_a_reload_and_are_held_against_earlier_ones(ope
     expect(intervals).to_be_visible(timeout=TRAINING_MS)
     expect(intervals.locator("tbody tr")).to_have_count(1)
     expect(intervals.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
-    expect(chart(page, "compare_estimates").locator(".xy .points path")).to_have_count(len(METHODS))
+    dots = chart(page, "compare_estimates").locator(".xy .points path")
+    expect(dots).to_have_count(len(METHODS) + 1)  # and the answer
     methods = table(page, "Collides at")
     expect(methods.locator("tbody tr")).to_have_count(len(METHODS))
     expect(methods).to_contain_text("Dual UKF")

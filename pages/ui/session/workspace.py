@@ -232,13 +232,15 @@ class Workspace:
         return self.restored.compared if self.restored else ()
 
     def compared_with_training(self) -> tuple[Result, ...]:
-        """The same, and the finished training where no method ran with its settings."""
+        """The same, and the training finished on the same window with settings of its own."""
         rows, result = self.compared, self.result
         if not rows or result is None or not METHODS[result.analysis.method].is_iterative:
             return rows
+        if result.analysis.windows != rows[0].analysis.windows or not result.is_finished:
+            return rows
         asked = (result.analysis.method, result.analysis.settings)
         known = any((row.analysis.method, row.analysis.settings) == asked for row in rows)
-        return rows if known or not result.is_finished else (*rows, result)
+        return rows if known else (*rows, result)
 
     @property
     def adequacy(self) -> Adequacy | None:
@@ -366,17 +368,30 @@ class Workspace:
             task = training_task(self.id, asked, self.recording, store(), self._data)
             self.training = task_queue().submit(task, anew)
 
+    @property
+    def compared_segment(self) -> Segment | None:
+        """What the methods are compared on: the chosen window, or the first one of several."""
+        if self.several_windows and self.recording:
+            return first_segment(
+                self.recording, self.several_windows[0], self.vehicles, self.excluded
+            )
+        return self.segment
+
+    def _compared_analysis(self, config: PinnConfig) -> Analysis | None:
+        asked, several = self.analysis(config), self.several_windows
+        return replace(asked, windows=several[:1]) if asked and several else asked
+
     def compare(self) -> None:
-        """Queue all methods on the segment."""
-        asked = self.analysis(PinnConfig())
+        """Queue all methods on one window."""
+        asked = self._compared_analysis(PinnConfig())
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self._data)
             self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
-        """Queue a training of the segment from each of five initial values."""
-        asked = self.analysis(config)
+        """Queue a training on the same window from each of five initial values."""
+        asked = self._compared_analysis(config)
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, store(), self._data)
             self.starts = task_queue().submit(task)
@@ -463,6 +478,15 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
         windows = car_following(recording, vehicles)
         return windows if len(windows) > 1 else ()
     return ()
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def first_segment(
+    recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
+) -> Segment:
+    """The data of a window; it is cut once."""
+    (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
+    return segment
 
 
 @lru_cache(maxsize=KEPT_RECORDINGS)
