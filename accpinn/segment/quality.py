@@ -83,6 +83,8 @@ LARGE_CONDITION = 100.0
 """Largest good condition number; windows with motion reach 5 to 25, near equilibrium hundreds."""
 LITTLE_CAR_FOLLOWING = 0.5
 """Least share of a window in car-following that is not reported."""
+MOST_CAR_FOLLOWING = 0.9
+"""Least share of each follower in a window that is rated as one of car-following."""
 
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
 REGIMES = ("car-following", "catching up", "manual", "standstill")
@@ -400,7 +402,9 @@ def _excited(quality: Quality) -> Rating:
 
 def _following(quality: Quality) -> Rating:
     findings = _of(quality.findings, LittleCarFollowing)
-    return Rating("following", Grade.POOR if findings else Grade.GOOD, findings)
+    is_good = min(quality.car_following) >= MOST_CAR_FOLLOWING
+    grade = Grade.POOR if findings else Grade.GOOD if is_good else Grade.FAIR
+    return Rating("following", grade, findings)
 
 
 def _driver(segment: Segment, recording: Recording) -> Rating:
