@@ -214,7 +214,7 @@ def show_checklist(workspace: Workspace) -> None:
     st.caption(
         "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024. What follows"
         " from printed parameters is computed at once; learning takes a recording, or a synthetic"
-        " sample in its place. Ticks: criteria recomputed, and parameters learned."
+        " sample in its place."
     )
     for item in ITEMS:
         _show_item(workspace, item)
@@ -237,11 +237,11 @@ def show_checklist(workspace: Workspace) -> None:
 def _show_item(workspace: Workspace, item: PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
-        widths = (1, 2.4, 1.2, 1.2, 2.4)
+        widths = (0.9, 2.1, 0.9, 1, 2.9)
         title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
         title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
-        criteria.caption(f"{MARK} from printed parameters" if at_once else "–")
+        criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")
         learned.caption(_deviation(workspace, item))
         said = [item.subject + ".", item.outcome]
         said += [f"Takes {item.run}."] if item.run else []
@@ -261,7 +261,7 @@ def _deviation(workspace: Workspace, item: PrintedItem) -> str:
         return f"{MARK} learned; deviation at most {', '.join(off)}"
     if not printed and runs_of(workspace, item.run):
         return f"{MARK} learned from the recording"
-    return f"{NEEDS} not learned yet"
+    return f"{NEEDS} parameters not learned yet"
 
 
 def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:

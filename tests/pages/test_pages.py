@@ -705,3 +705,18 @@ def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
     monkeypatch.setattr(sessions, "is_shared", lambda: True)
     page = open_page(HOME)
     assert FIRST_SAMPLE.name not in page.everything(), "others' are nobody else's"
+
+
+def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    session = fitted(Window(0.0, 60.0))
+    page = open_page(DATA, session)
+    with monkeypatch.context() as broken:
+        broken.setattr("pages.ui.data.views.show_window", lambda *_: 1 / 0)
+        page.run()
+    assert [fault.value for fault in page.exception] == ["division by zero"], "the log has it"
+    assert "what was open stays open" in page.boxes("error")[0]
+    assert page.workspace() is session
+    assert session.result is not None
+    page.sound()

@@ -1,6 +1,6 @@
 """What every page begins with: who may use it, its title, links to pages, the session's state."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 # Whole before any chart is drawn: plotly looks into one that another thread has half imported.
@@ -98,6 +98,17 @@ def begin(title: str) -> Workspace:
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
     return workspace
+
+
+def guarded(show_page: Callable[[], None]) -> None:
+    """Draw a page; of a fault of the program it says one sentence, and leads back."""
+    try:
+        show_page()
+    except Exception:
+        st.html("<style>[data-testid=stException] { display: none; }</style>")
+        show.messages("The program failed on this page; what was open stays open.", "error")
+        link(HOME, "Back to Home", current())
+        raise  # the server's log has it
 
 
 def _chart_menu(workspace: Workspace) -> None:

@@ -283,7 +283,8 @@ def recent_sessions(own: str) -> list[tuple[str, Shown]]:
         with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
             shown = restore(Shown, msgspec.json.decode(document), {})
             if name != own:  # of equal ones the last
-                found.setdefault(f"{shown.analysis.source.sha256} {shown.result}", (name, shown))
+                about = f"{shown.analysis.source.sha256} {shown.analysis.window}"
+                found.setdefault(about, (name, shown))
     return list(found.values())[:RECENT]
 
 
