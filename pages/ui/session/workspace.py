@@ -272,8 +272,7 @@ class Workspace:
         One that the restored result was learned from completes that; the open one changes nothing.
         """
         awaited, self.awaited = self.awaited, None
-        restored, self.refusal = self.restored, ""
-        now = self.recording
+        restored, now, self.refusal = self.restored, self.recording, ""
         if now and (now.sha256, now.digest) == (recording.sha256, recording.digest):
             return
         if restored and not self.recording and restored.found_in(recording).recording:
