@@ -82,6 +82,8 @@ LARGE_CONDITION = 100.0
 """Largest good condition number; windows with motion reach 5 to 25, near equilibrium hundreds."""
 LITTLE_CAR_FOLLOWING = 0.5
 """Least share of a window in car-following that is not reported."""
+MOST_CAR_FOLLOWING = 0.9
+"""Least share of each follower in a window that is rated as one of car-following."""
 
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
 REGIMES = ("car-following", "catching up", "manual", "standstill")
@@ -394,10 +396,11 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
     no_agreement = any(agreement(recording, number) is None for number in ahead)
     is_near = bool(_of(still, NearEquilibrium))
+    is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING
     return (
         Rating("complete", _grade(bool(segment.blocks_missing), bool(missing)), missing),
         Rating("excited", _grade(is_near, bool(still)), still),
-        Rating("following", _grade(bool(elsewhere)), elsewhere),
+        Rating("following", _grade(bool(elsewhere), is_partly), elsewhere),
         Rating("driver", _grade(bool(by_hand), is_human, no_mode), by_hand),
         Rating("consistent", _grade(bool(wrong), is_unknown=no_agreement), wrong),
     )

@@ -360,6 +360,14 @@ class Store(Shelf):
         document: bytes | None = self._ask("select document from sessions where name = ?", session)
         return document
 
+    def sessions(self, prefix: str, most: int) -> tuple[tuple[str, bytes], ...]:
+        """Names of sessions that begin so, and what they have open, the last changed first."""
+        with self.index() as index:
+            return tuple(index.execute(
+                "select name, document from sessions where substr(name, 1, ?) = ?"
+                " order by used desc limit ?", (len(prefix), prefix, most),
+            ))  # fmt: skip
+
     def show(self, session: str, result: Result) -> None:
         """Enter a result among those that a session has shown, with the parts known by now."""
         self.keep(result)

@@ -190,7 +190,7 @@ def tracking(
     colour = style.vehicle_colours(segment.vehicles)[follower + 1]
     own_line = {"color": colour, "width": 1.5}
     sources = (
-        ("data", measured, own_line | {"width": 3.5}, 0.45),
+        ("data", measured, {"color": style.LEADER, "width": 4}, 0.7),
         (html.escape(own), surrogate, own_line, 1.0),
         (
             "closed-loop simulation",

@@ -129,20 +129,6 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     return Table.of(f"{name_of(fit)}, {where(info, fit.case, windows)}", columns)
 
 
-def estimate_part(table: Table) -> Table:
-    """The part of a `parameter_table` with drivers, parameters and probabilities."""
-    return table.only(_is_estimate)
-
-
-def error_part(table: Table) -> Table:
-    """The part of a `parameter_table` with mean time gap and the errors of both kinds."""
-    return table.only(lambda column: not _is_estimate(column))
-
-
-def _is_estimate(column: Column) -> bool:
-    return bool(column.key) or column.group == PROBABILITY or column.title == DRIVER
-
-
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     """The vehicle of each row of `parameter_table`; 0 for what all followers share."""
     leader, *followers = info.vehicles
