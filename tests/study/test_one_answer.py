@@ -1,8 +1,5 @@
 """One answer: Python, command line, snapshot, verification, parameter card and pages agree."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -41,25 +38,14 @@ def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_pa
     assert f"{gap.value:.2f}" in answer_table(result.info, result.answer).to_text()
 
 
-def test_the_table_of_a_database_gives_it_too(capsys: Capture, tmp_path: Path) -> None:
+def test_the_table_of_a_database_gives_it_too(
+    capsys: Capture, tmp_path: Path, cluster: str
+) -> None:
     out = tmp_path / "study"
-    methods = ("--methods", "least-squares", "--workers", 1)
+    methods = ("--methods", "least-squares", "--scheduler", cluster)
     document(capsys, "batch", STUDY, "--out", out, "--window", 100, *methods)
     (group,) = document(capsys, "table", out)["groups"]
-    # The workers of a batch take all draws, which tests do not, and so does another process.
-    command = (
-        "-m",
-        "accpinn",
-        "fit",
-        str(STUDY),
-        "--windows",
-        "all",
-        "--duration",
-        "100",
-        "--json",
-    )
-    done = subprocess.run([sys.executable, *command], capture_output=True, check=True)
-    fitted = json.loads(done.stdout)["answer"][0]
+    (fitted,) = document(capsys, "fit", STUDY, "--windows", "all", "--duration", 100)["answer"]
     assert group["windows"] == fitted["windows"] == 3
     for name in ("parameters", "intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():
