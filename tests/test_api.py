@@ -7,16 +7,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import accpinn
-from accpinn.errors import AccpinnError, SnapshotError
+from accpinn.errors import SnapshotError
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.study.snapshot import named, to_bytes
 from accpinn.study.verification import verify
 from tests.support.command import ROOT
-from tests.support.openacc_files import platoon, recording
 from tests.support.samples import FOLDER, NOISY, sample
 
 NUMBER = r"\d+(?:\.\d+)?"
@@ -153,14 +151,3 @@ def test_a_name_that_is_no_text_is_refused_before_anything_is_written(
     assert not list(tmp_path.iterdir())
     path = accpinn.save(result, tmp_path / "a.accpinn.zip")
     assert accpinn.verify(path, FOLDER / f"{NOISY}.csv").ok
-
-
-def test_a_recording_with_missing_samples_is_fitted_whole() -> None:
-    frame = platoon(vehicles=2)
-    frame.loc[100:149, ["Speed2", "IVS1"]] = np.nan
-    result = accpinn.fit(recording(frame, "AB"), method="maximum-likelihood")
-    assert result.segment.samples == len(frame)
-    assert len(result.segment.blocks_missing) == 1
-    assert result.evaluation.closed_loop is not None
-    with pytest.raises(AccpinnError, match=r"Speed2 is missing .* or choose maximum-likelihood"):
-        accpinn.fit(recording(frame, "AB"), method="least-squares")

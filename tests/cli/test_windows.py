@@ -1,7 +1,5 @@
 """`fit --windows`: its document, its tables and what it refuses."""
 
-from pathlib import Path
-
 import pytest
 
 from accpinn.cli import main
@@ -40,17 +38,6 @@ def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
     assert whole["parameters"] == document(capsys, "fit", STUDY, *METHOD)["parameters"]
 
 
-def test_a_snapshot_of_several_windows_is_verified(capsys: Capture, tmp_path: Path) -> None:
-    path = tmp_path / "two.accpinn.zip"
-    windows = ("--windows", "0-30,100-130", "--out", path)
-    fitted = document(capsys, "fit", STUDY, *METHOD, *windows)["answer"]
-    found = document(capsys, "verify", path, "--recording", STUDY)
-    assert found["ok"] is True
-    (judged,) = document(capsys, "stability", "--snapshot", path)["vehicles"]
-    assert judged["alpha"] == fitted[0]["parameters"]["alpha"]
-    assert main(["report", str(path), "--recording", str(STUDY)]) == 0
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -81,14 +68,3 @@ def test_windows_that_the_recording_does_not_have(
     capsys: Capture, options: list[str], words: str
 ) -> None:
     assert words in refused(capsys, 1, "fit", STUDY, *METHOD, *options)
-
-
-def test_missing_samples_are_left_out_and_named(capsys: Capture, tmp_path: Path) -> None:
-    lines = STUDY.read_text().splitlines()
-    for k in range(1006, 1106):
-        cells = lines[k].split(",")
-        lines[k] = ",".join([cells[0], "", *cells[2:]])
-    path = tmp_path / "holed.csv"
-    path.write_text("\n".join(lines) + "\n")
-    notes = document(capsys, "fit", path, *METHOD, "--windows", "0-90,90-180")["notes"]
-    assert any("Speed1 is missing in 11 % of the window, at 100–109.9 s" in one for one in notes)

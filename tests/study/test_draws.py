@@ -25,7 +25,8 @@ def result() -> Result:
 
 def test_the_tree_has_the_answer_and_each_window(result: Result) -> None:
     tree = result.to_datatree()
-    typical = tree["posterior"]
+    typical, table = tree["posterior"], result.draws
+    assert len(table) == 2 * typical["tau"].size
     for k, vehicle in enumerate((2, 3)):
         for name in result.answer.names:
             span = result.answer.span(name, k)
