@@ -1,6 +1,7 @@
 """Draws leave: as a table, as a tree and as a file, with the numbers of the answer."""
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +15,15 @@ from accpinn.methods.maximum_likelihood import further_maxima, joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.study.draws import to_netcdf
 from accpinn.study.result import Result
+from tests.support import draws
 from tests.support.command import PLATOON
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
+def result() -> Iterator[Result]:
     windows = [(0, 60), (100, 160)]
-    return accpinn.fit(PLATOON, windows=windows, vehicles="1-3", method="maximum-likelihood")
+    with draws.as_users_have():
+        yield accpinn.fit(PLATOON, windows=windows, vehicles="1-3", method="maximum-likelihood")
 
 
 def test_the_tree_has_the_answer_and_each_window(result: Result) -> None:
