@@ -1,6 +1,7 @@
 """Draws leave: as a table, as a tree and as a file, with the numbers of the answer."""
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,18 +14,21 @@ from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.study.result import Result
+from tests.support import draws
 from tests.support.command import PLATOON
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
+def result() -> Iterator[Result]:
     windows = [(0, 60), (100, 160)]
-    return accpinn.fit(PLATOON, windows=windows, vehicles="1-3", method="maximum-likelihood")
+    with draws.as_users_have():
+        yield accpinn.fit(PLATOON, windows=windows, vehicles="1-3", method="maximum-likelihood")
 
 
 def test_the_tree_has_the_answer_and_each_window(result: Result) -> None:
     tree = result.to_datatree()
-    typical = tree["posterior"]
+    typical, table = tree["posterior"], result.draws
+    assert len(table) == 2 * typical["tau"].size
     for k, vehicle in enumerate((2, 3)):
         for name in result.answer.names:
             span = result.answer.span(name, k)
