@@ -20,6 +20,8 @@ from tests.browser.running import installed
 PARTS = ("start", "results", "batch", "methods", "training", "pages")
 RECORDED = PARTS[3:]
 """Parts that need real recordings."""
+ITERATIONS, FEW = 20, 5
+"""Iterations of the paper's protocol in each round."""
 Job = tuple[str, Callable[[], Iterable[Measurement]]]
 
 
@@ -28,6 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--only", action="append", choices=PARTS, help="this part (all)")
     parser.add_argument("--without", action="append", choices=PARTS, default=[], help="this part")
+    parser.add_argument("--quick", action="store_true", help="fewer of the paper's iterations")
     parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.add_argument(
         "--release", action="store_true", help="keep all figures as those of the release"
@@ -35,12 +38,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     chosen = [name for name in options.only or PARTS if name not in options.without]
     missing = {name: why for name, why in _missing().items() if name in chosen}
-    if options.release and (missing or set(chosen) != set(PARTS)):
+    if options.release and (options.quick or missing or set(chosen) != set(PARTS)):
         parser.error("--release: it takes all parts, OPENACC_DIR and Chromium")
     for name, why in missing.items():
         print(f"{name}: left out, as {why}", file=sys.stderr)
     parts = []
-    for name, measure in _jobs(set(chosen) - set(missing)):
+    for name, measure in _jobs(set(chosen) - set(missing), FEW if options.quick else ITERATIONS):
         print(f"{name} ...", file=sys.stderr, flush=True)
         parts.append(_in_a_fresh_process(name, measure))
     figures = Figures.now(parts)
@@ -59,7 +62,7 @@ def _missing() -> dict[str, str]:
     return reasons
 
 
-def _jobs(parts: set[str]) -> Iterator[Job]:
+def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
     folder = Path(os.environ.get("OPENACC_DIR", ""))
     if "start" in parts:
         yield "start", start.measure
@@ -73,7 +76,7 @@ def _jobs(parts: set[str]) -> Iterator[Job]:
                 yield f"methods, {case.name}", partial(speed.methods, case, folder)
     if "training" in parts:
         for case in speed.CASES:
-            yield f"training, {case.name}", partial(speed.training, case, folder)
+            yield f"training, {case.name}", partial(speed.training, case, folder, iterations)
     if "pages" in parts:
         yield "switches of pages", partial(pages.measure, folder, installed())
 
