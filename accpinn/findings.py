@@ -102,6 +102,6 @@ def percent(share: float) -> str:
 
 def probability(share: float) -> str:
     """A share of draws; a share of finitely many draws never proves 0 or 1."""
-    if share < 0.005:
+    if share < 0.01:
         return "under 1 %"
-    return "over 99 %" if share > 0.995 else percent(share)
+    return "over 99 %" if share > 0.99 else percent(share)

@@ -89,15 +89,15 @@ def reason_of(fault: BaseException) -> str:
 
 @contextmanager
 def reported(sentence: Callable[[str], Exception]) -> Iterator[None]:
-    """Turn a fault of the file system within the block into a sentence for the user.
+    """Turn a fault of the file system, or of a path, within the block into a sentence for the user.
 
     Args:
         sentence: makes the error, as an AccpinnError, of the reason.
 
     Raises:
-        Exception: that error, in place of an OSError.
+        Exception: that error.
     """
     try:
         yield
-    except OSError as fault:
+    except (OSError, ValueError, RuntimeError) as fault:  # also for links that run in a circle
         raise sentence(reason_of(fault)) from None

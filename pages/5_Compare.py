@@ -1,5 +1,6 @@
 """Compare: every method on the same window, and what the data identify."""
 
 from pages.ui.compare import show_page
+from pages.ui.components.frame import guarded
 
-show_page()
+guarded(show_page)

@@ -7,16 +7,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import accpinn
-from accpinn.errors import AccpinnError, SnapshotError
+from accpinn.errors import SnapshotError
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.study.snapshot import named, to_bytes
 from accpinn.study.verification import verify
+from tests.support import draws
 from tests.support.command import ROOT
-from tests.support.openacc_files import platoon, recording
 from tests.support.samples import FOLDER, NOISY, sample
 
 NUMBER = r"\d+(?:\.\d+)?"
@@ -53,13 +52,20 @@ def test_the_readme_prints_what_it_says(tmp_path: Path) -> None:
     assert same(run_as_users_do(tmp_path, *command.split()[1:]).splitlines()[0], first.strip())
 
 
-def test_the_quick_start_prints_what_it_says(tmp_path: Path) -> None:
+def test_the_quick_start_prints_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its cells run one after the other, as a notebook does."""
+    (tmp_path / "sample_data").symlink_to(FOLDER)
+    monkeypatch.chdir(tmp_path)
     notebook = json.loads((ROOT / "docs" / "quickstart.ipynb").read_text(encoding="utf-8"))
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    code = "\n".join("".join(cell["source"]) for cell in cells)
-    said = "".join("".join(output["text"]) for cell in cells for output in cell["outputs"])
-    assert same(run_as_users_do(tmp_path, "-c", code), said)
+    names: dict[str, object] = {}
+    with draws.as_users_have():
+        for cell in cells:
+            exec("".join(cell["source"]), names)
+            said = "".join("".join(output["text"]) for output in cell["outputs"])
+            assert same(capsys.readouterr().out, said)
 
 
 def test_a_wheel_has_the_command_and_the_package(tmp_path: Path) -> None:
@@ -147,14 +153,3 @@ def test_a_name_that_is_no_text_is_refused_before_anything_is_written(
     assert not list(tmp_path.iterdir())
     path = accpinn.save(result, tmp_path / "a.accpinn.zip")
     assert accpinn.verify(path, FOLDER / f"{NOISY}.csv").ok
-
-
-def test_a_recording_with_missing_samples_is_fitted_whole() -> None:
-    frame = platoon(vehicles=2)
-    frame.loc[100:149, ["Speed2", "IVS1"]] = np.nan
-    result = accpinn.fit(recording(frame, "AB"), method="maximum-likelihood")
-    assert result.segment.samples == len(frame)
-    assert len(result.segment.blocks_missing) == 1
-    assert result.evaluation.closed_loop is not None
-    with pytest.raises(AccpinnError, match=r"Speed2 is missing .* or choose maximum-likelihood"):
-        accpinn.fit(recording(frame, "AB"), method="least-squares")

@@ -147,4 +147,6 @@ def test_every_finding_is_here() -> None:
 def test_lists_and_probabilities() -> None:
     assert [joined(["α", "β", "τ"][:count]) for count in range(4)] == ["", "α", "α and β",
                                                                       "α, β and τ"]  # fmt: skip
-    assert [probability(share) for share in (0.0, 0.5, 1.0)] == ["under 1 %", "50 %", "over 99 %"]
+    assert [probability(share) for share in (0.0, 0.005, 0.5, 1.0)] == [
+        "under 1 %", "under 1 %", "50 %", "over 99 %"
+    ]  # fmt: skip

@@ -95,7 +95,7 @@ class _Parser(argparse.ArgumentParser):
     """Reports a fault in one line, and takes numbers that begin with a minus."""
 
     def __init__(self, **settings: object) -> None:
-        """With the settings of an `ArgumentParser`."""
+        """Take the settings of an `ArgumentParser`."""
         settings["formatter_class"] = argparse.RawDescriptionHelpFormatter
         super().__init__(**settings)  # type: ignore[arg-type]
         self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option

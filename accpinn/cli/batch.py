@@ -9,9 +9,8 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.cli.estimation import add_method_help
-from accpinn.cli.options import fields
-from accpinn.cli.output import interruptible, print_json, show, show_result
+from accpinn.cli.options import add_method_help
+from accpinn.cli.output import fields, interruptible, print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL

@@ -2,61 +2,48 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-import numpy as np
 from tqdm import tqdm
 
-from accpinn.channels import PARAMETER_KEYS, by_key
+from accpinn.cli.documents import (
+    describe_comparison,
+    describe_fit,
+    describe_starts,
+    incidents,
+    notes,
+    warnings,
+)
 from accpinn.cli.options import (
+    add_method_help,
     add_model_options,
     add_run_options,
     add_segment_options,
     add_windows_option,
     chosen_analysis,
     chosen_store,
-    describe_errors,
-    describe_intervals,
-    describe_parameters,
-    describe_segment,
-    fields,
-    incidents,
-    of_followers,
 )
 from accpinn.cli.output import interruptible, note, show_result
-from accpinn.cli.windows import (
-    check_windows_options,
-    chosen_windows,
-    describe_windows,
-    windows_tables,
-)
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import TrackingErrors, closed_loop_errors, surrogate_errors
-from accpinn.findings import Finding
-from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
-from accpinn.inference.intervals import LEVEL, Uncertainty
-from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.fit import Fit, OnProgress, Outcome, Progress
-from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
+from accpinn.methods.fit import OnProgress, Outcome, Progress
+from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import MODELS, PAPER, terms_of
+from accpinn.model.models import MODELS, PAPER
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import following_model
-from accpinn.results.export import answer_document, check_document
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
-from accpinn.results.tables.answer import answer_table
+from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
     intervals_table,
     methods_table,
@@ -65,8 +52,7 @@ from accpinn.results.tables.estimates import (
     starts_table,
 )
 from accpinn.results.tables.stability import verdict_table
-from accpinn.segment.quality import assess_quality
-from accpinn.segment.segment import Segment
+from accpinn.results.tables.table import Table
 from accpinn.study.comparison import (
     Refused,
     Spread,
@@ -84,14 +70,6 @@ from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 """Options that only a method with settings has."""
-WHITENESS = {
-    "deviation": "deviation",
-    "correlation": "correlation",
-    "memory": "memory",
-    "independent_samples": "independent",
-    "probability_white": "probability",
-}
-"""Keys of the document, and the attributes they hold."""
 MOST_SEEDS = 100
 STARTS_HELP = fill(
     "The PiNN is trained from each initial (α, β, τ) of the paper's Table I, once a seed:"
@@ -131,15 +109,12 @@ def run_fit(options: argparse.Namespace) -> int:
     """Estimate, and print the result; 130 when a training was interrupted."""
     options.method = options.method or usual_method(options.model, options.preset)
     settings = _settings(options)
-    if options.windows:
-        check_windows_options(options)
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     if settings:
         start_loading()  # while the recording is read
-    windows = partial(chosen_windows, options) if options.windows else None
-    analysis, recording = chosen_analysis(options, options.method, settings, windows)
+    analysis, recording = chosen_analysis(options, options.method, settings)
     with interruptible() as stopped, _progress_bar() as show_progress:
         context = TaskContext(None, options.threads, show_progress, stopped.is_set)
         result = run(analysis, recording, store=chosen_store(options), context=context)
@@ -208,91 +183,27 @@ def _progress_bar() -> Iterator[OnProgress]:
         yield show_progress
 
 
-def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
-    """The result as the command-line contract has it; with intervals, and what lies outside.
-
-    Over several windows, samples and durations are sums, errors and time gaps are means.
-    """
-    fit, segment = result.fit, result.segments[0]
-    uncertainty = result.uncertainty if with_intervals else None
-    samples = [info.samples for info in result.infos]
-    gaps = [assess_quality(segment).mean_time_gap for segment in result.segments]
-    document = {
-        **fields(fit, "method", "case", "loss", "network_weights", "iterations"),
-        **fields(fit, "seconds", "cached"),
-        "preset": fit.config.get("preset"),
-        "seed": fit.config.get("seed"),
-        "segment": describe_segment(segment)
-        | {
-            "duration": round(sum(info.window.duration for info in result.infos), 6),
-            "samples": sum(samples),
-        },
-        "model": fit.model,
-        "parameters": describe_parameters(segment, fit.parameters, fit.model),
-        "answer": answer_document(result.info, result.answer),
-        "measured_gain": [check_document(c, result.info) for c in result.gain_checks],
-        "unconstrained": describe_parameters(segment, fit.unconstrained),
-        "active_bounds": fit.active_bounds,
-        "mae": _mean_errors(result, surrogate_errors),
-        "closed_loop_mae": _mean_errors(result, closed_loop_errors),
-        "incidents": _incidents(result),
-        "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
-        "outcome": fit.outcome.name.lower(),
-        "outcome_sentence": fit.outcome.value,
-        "intervals": uncertainty and describe_intervals(segment, uncertainty, fit.model),
-        "level": uncertainty and uncertainty.level,
-        "notes": _notes(result, uncertainty),
-    }
-    return document | {"windows": describe_windows(result)} if result.windows else document
-
-
-def _mean_errors(
-    result: Result, errors_of: Callable[[Segment, Fit], TrackingErrors | None]
-) -> dict[str, list[float]] | None:
-    """Mean absolute errors over the samples of all windows; None where a window has none."""
-    pairs = zip(result.segments, result.fits, strict=True)
-    errors = [describe_errors(errors_of(segment, fit)) for segment, fit in pairs]
-    known = [row for row in errors if row]
-    if len(known) < len(errors):
-        return None
-    samples = [info.samples for info in result.infos]
-    return {
-        key: np.average([row[key] for row in known], axis=0, weights=samples).tolist()
-        for key in known[0]
-    }
-
-
-def _incidents(result: Result) -> list[str]:
-    pairs = zip(result.segments, result.fits, strict=True)
-    return [sentence for segment, fit in pairs for sentence in incidents(segment, fit)]
-
-
 def fit_text(result: Result, with_intervals: bool) -> str:
     """The result as tables and sentences; with intervals, and what lies outside."""
-    fit = result.fit
-    uncertainty = result.uncertainty if with_intervals else None
-    alone = () if result.windows else (parameter_table(result, with_intervals),)
-    tables = [*(alone or windows_tables(result))]
+    fit, info, answer = result.fit, result.info, result.answer
+    followers = range(1 if fit.case == "I" else info.followers) if result.windows else ()
+    tables = [
+        answer_table(info, answer),
+        parameter_table(result, with_intervals or bool(result.windows)),
+        *(own_windows_table(result.infos, answer, k) for k in followers),
+    ]
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
-    said = [f"{fit.outcome.value} ({effort})", *_incidents(result)]
-    notes = [f"Note: {note}" for note in _notes(result, uncertainty)]
-    tables.insert(0, answer_table(result.info, result.answer))
-    first = [" ".join(card) for card in cards(result.info, result.answer, judged(result))]
-    text = "\n\n".join(table.to_text() for table in tables)
-    return "\n".join([*first, "", text, "", *said, *notes])
+    first = [" ".join(card) for card in cards(info, answer, judged(result))]
+    said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
+    said += [f"Note: {note}" for note in notes(result, with_intervals)]
+    return "\n".join([*first, "", *_texts(tables), *said])
 
 
-def _notes(result: Result, uncertainty: Uncertainty | None) -> tuple[str, ...]:
-    """What was done to the data, each sentence once, then what the estimate shows."""
-    fit = result.fit
-    done = [said for info in result.infos for said in messages(info.findings, info)]
-    findings: list[Finding] = [] if result.windows else [*result.quality.findings]
-    findings += fit.findings
-    findings += () if result.windows else disturbance_sizes(result.info.vehicles, fit)
-    findings += uncertainty.findings if uncertainty else ()
-    findings += [*result.answer.findings, *result.gain_checks]
-    return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
+def _texts(tables: Iterable[Table]) -> Iterator[str]:
+    """Tables as text, an empty line behind each."""
+    for table in tables:
+        yield from (table.to_text(), "")
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -311,12 +222,6 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
 
 
-def add_method_help(parser: argparse.ArgumentParser) -> None:
-    """Explain the methods below the options."""
-    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
-    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
-
-
 def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     if options.models:
@@ -333,111 +238,37 @@ def run_compare(options: argparse.Namespace) -> int:
     if not results:
         raise refused[0].fault
     show_result(
-        options, _describe_comparison, _comparison_text, results, refused, recording.duration
+        options, describe_comparison, _comparison_text, results, refused, recording.duration
     )
     return 0
-
-
-def _describe_comparison(
-    results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
-) -> dict[str, Any]:
-    """The comparison as the command-line contract has it."""
-    adequacy, segment = results[0].adequacy, results[0].segments[0]
-    return {
-        "segment": describe_segment(segment),
-        "answer": answer_document(results[0].info, results[0].answer),
-        "rows": [_describe_result(segment, result) for result in results],
-        "refused": [{"method": one.method, "reason": str(one.fault)} for one in refused],
-        "warnings": _warnings(segment, results[0], duration),
-        "forms": [
-            {
-                "form": form.form,
-                "vehicle": vehicle,
-                **by_key(form.parameters.values[k]),
-                **{term: getattr(form.parameters, term)[k] for term in terms_of(form.form)},
-                "aic": form.aic[k],
-                "log_likelihood_ratio": form.likelihood_ratio[k],
-                "holdout": form.holdout[k],
-                "intervals": _describe_form_intervals(form, k),
-            }
-            for form in adequacy.forms
-            for k, vehicle in enumerate(segment.vehicles[1:])
-        ],
-    }
-
-
-def _describe_form_intervals(form: ModelForm, k: int) -> dict[str, Any]:
-    """Both ends of the intervals of a model's parameters."""
-    names = (*PARAMETER_KEYS, *terms_of(form.form))
-    ends = {name: [getattr(form.lower, name)[k], getattr(form.upper, name)[k]] for name in names}
-    return {**ends, "level": LEVEL}
-
-
-def _describe_result(segment: Segment, result: Result) -> dict[str, Any]:
-    fit, evaluation = result.fit, result.evaluation
-    return {
-        **fields(fit, "method", "case", "model", "seconds", "cached"),
-        "parameters": describe_parameters(segment, fit.parameters, fit.model),
-        "intervals": describe_intervals(segment, result.uncertainty, fit.model),
-        "level": result.uncertainty.level,
-        "surrogate_mae": describe_errors(evaluation.surrogate),
-        "closed_loop_mae": describe_errors(evaluation.closed_loop),
-        "collisions": evaluation.collision_times(segment.vehicles).tolist(),
-        "incidents": messages(evaluation.all_findings, segment),
-        "holdout_mae": describe_errors(evaluation.holdout),
-        "blocks_mae": [
-            {
-                **fields(block.window, "start", "duration"),
-                "mae": describe_errors(block.errors),
-                "incidents": messages(block.findings, segment),
-            }
-            for block in evaluation.blocks
-        ],
-        "unseen_mae": describe_errors(evaluation.out_of_window),
-        "unseen_seconds": evaluation.out_of_window_seconds,
-        "whiteness": [
-            {key: getattr(evaluation.whiteness, name)[k] for key, name in WHITENESS.items()}
-            for k in range(segment.followers)
-        ],
-        "outcome": fit.outcome.name.lower(),
-        "notes": messages((*fit.findings, *result.uncertainty.findings), segment),
-    }
 
 
 def _comparison_text(
     results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
 ) -> str:
-    info, segment, uncertainty = results[0].info, results[0].segments[0], results[0].uncertainty
-    followers = ParameterSet(info.source, info.labels[1:], results[0].fit.parameters)
-    stability, adequacy = results[0].stability, results[0].adequacy
-    each = range(segment.followers)
+    first, info = results[0], results[0].info
+    followers = ParameterSet(info.source, info.labels[1:], first.fit.parameters)
+    stability, forms = first.stability, first.adequacy.forms
+    each = range(info.followers)
     tables = [
-        answer_table(info, results[0].answer),
+        answer_table(info, first.answer),
         *(methods_table(info, results, k) for k in each),
-        intervals_table(info, uncertainty),
-        *([verdict_table(followers, stability, uncertainty)] if stability else ()),
-        *(model_form_table(info, adequacy.forms, k) for k in each if adequacy.forms),
+        intervals_table(info, first.uncertainty),
+        *([verdict_table(followers, stability, first.uncertainty)] if stability else ()),
+        *(model_form_table(info, forms, k) for k in each if forms),
     ]
     said = [
-        *(f"{one.method} has no result: {one.fault}" for one in refused),
-        *messages(segment.findings, segment),
-        *_warnings(segment, results[0], duration),
+        *(f"{row.method} has no result: {row.fault}" for row in refused),
+        *messages(info.findings, info),
+        *warnings(first, duration),
         *(
             f"{result.fit.method}: {sentence}"
             for result in results
-            for sentence in messages(result.evaluation.all_findings, segment)
+            for sentence in messages(result.evaluation.all_findings, info)
         ),
-        *messages(results[0].evaluation.whiteness.findings, segment),
-        *messages(adequacy.findings, segment),
+        *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
     ]
-    return "\n\n".join([*(table.to_text() for table in tables), "\n".join(said)])
-
-
-def _warnings(segment: Segment, result: Result, duration: Seconds) -> tuple[str, ...]:
-    """On identifiability, and what would improve it; the same for all methods."""
-    warnings = identifiability_warnings(segment, result.uncertainty, result.fit.case)
-    cure = narrower_intervals(segment.info, result.uncertainty, warnings, duration)
-    return messages((*warnings, *cure), segment)
+    return "\n".join([*_texts(tables), *said])
 
 
 def add_starts_options(parser: argparse.ArgumentParser) -> None:
@@ -465,33 +296,11 @@ def run_starts(options: argparse.Namespace) -> int:
     context, store = TaskContext(threads=options.threads), chosen_store(options)
     bar = tqdm(asked, unit="training", file=sys.stderr, disable=None)
     results = [run(start, recording, store=store, context=context) for start in bar]
-    show_result(options, _describe_starts, _starts_text, results, spread_of(results))
+    show_result(options, describe_starts, _starts_text, results, spread_of(results))
     return 0
-
-
-def _describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any]:
-    segment = results[0].segments[0]
-    return {
-        "segment": describe_segment(segment),
-        "trials": [
-            {
-                "initial": result.fit.config["initial"],
-                "seed": result.fit.config["seed"],
-                "parameters": describe_parameters(segment, result.parameters),
-                "surrogate_gap_mae": errors and errors.gap_mae.tolist(),
-                "outcome": result.fit.outcome.name.lower(),
-                **fields(result.fit, "iterations", "seconds"),
-            }
-            for result in results
-            for errors in [result.evaluation.surrogate]
-        ],
-        "spread_percent": of_followers(segment, spread.percent.tolist()),
-        "notes": messages(spread.findings, segment),
-    }
 
 
 def _starts_text(results: Sequence[Result], spread: Spread) -> str:
     info = results[0].info
-    tables = [starts_table(results, spread, k) for k in range(info.followers)]
-    said = messages((*info.findings, *spread.findings), info)
-    return "\n".join(["\n\n".join(table.to_text() for table in tables), "", *said])
+    tables = (starts_table(results, spread, k) for k in range(info.followers))
+    return "\n".join([*_texts(tables), *messages((*info.findings, *spread.findings), info)])

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key
-from accpinn.cli.options import fields
-from accpinn.cli.output import complain, note, print_json, progress, show, show_result
+from accpinn.cli.output import complain, fields, note, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
@@ -105,14 +104,11 @@ def _verification_text(snapshot: Result, verification: Verification) -> str:
         f"{info.source}, {info.window}, {snapshot.fit.method}",
         snapshot.created,
     ]
-    said = [check for check in verification.checks if not check.ok]
-    sentences = [f"{check.title}: {check.sentence}" for check in said]
-    if not said:
-        options = dict.fromkeys(check.cure for check in verification.unchecked if check.cure)
-        more = [f"More is checked with {' and '.join(options)}."] if options else []
-        sentences = [verification.sentence, *more]
+    options = dict.fromkeys(check.cure for check in verification.unchecked if check.cure)
+    more = [f"More is checked with {' and '.join(options)}."] if options else []
     table = verification_table(verification).to_text()
-    return "\n".join([", ".join(filter(None, about)), "", table, "", *sentences])
+    said = [f"{verification.counted}.", *more]
+    return "\n".join([", ".join(filter(None, about)), "", table, "", *said])
 
 
 def add_report_options(parser: argparse.ArgumentParser) -> None:

@@ -50,13 +50,13 @@ def run_judge(options: argparse.Namespace) -> int:
 
 
 def _describe(source: str, judged: tuple[Judgement, ...]) -> dict[str, Any]:
-    return {"source": source, "vehicles": [judgement_document(one) for one in judged]}
+    return {"source": source, "vehicles": [*map(judgement_document, judged)]}
 
 
 def _text(source: str, judged: tuple[Judgement, ...]) -> str:
     parts = []
-    for one in judged:
-        tables = judged_table(one, one.subject.speeds[1]), model_parameters_table(one)
+    for car in judged:
+        tables = judged_table(car, car.subject.speeds[1]), model_parameters_table(car)
         parts += [table.to_text() for table in tables]
-        parts.append("\n".join(messages(one.findings, one.subject.windows[0])))
+        parts.append("\n".join(messages(car.findings, car.subject.windows[0])))
     return "\n\n".join([source, *parts])

@@ -4,10 +4,10 @@ import argparse
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS
-from accpinn.cli.options import fields
-from accpinn.cli.output import show_result
+from accpinn.cli.output import fields, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
+from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.models import TERMS
 from accpinn.model.published import ParameterSet
@@ -16,7 +16,17 @@ from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.export import check_document
 from accpinn.results.judged import Judged, judged
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import PLACES, TITLES, headline, reason
+from accpinn.results.messages.answer import assumption
+from accpinn.results.messages.stability import (
+    PLACES,
+    TITLES,
+    Places,
+    against_measured,
+    disturbance,
+    headline,
+    reason,
+    smallest_gap,
+)
 from accpinn.results.tables.stability import amplitude_table, answer, stability_table
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.study.result import Result
@@ -98,16 +108,21 @@ def _describe_report(
     """The report as the command-line contract has it."""
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
     gains = snapshot.measured_gains if snapshot and snapshot.segments else [None] * len(numbers)
+    known = subject.uncertainty
     checks = {c.vehicle: c for c in subject.checks}
     return {
         "vehicles": [
-            _describe_vehicle(vehicle)
+            {"label": subject.vehicles.labels[k]}
+            | _describe_vehicle(vehicle)
+            | (_describe_uncertainty(known, k) if known else {})
             | {
                 "measured": gain and fields(gain, *MEASURED),
                 "measured_check": checks.get(number)
                 and check_document(checks[number], subject.vehicles),
             }
-            for vehicle, gain, number in zip(report.vehicles, gains, numbers, strict=True)
+            for k, (vehicle, gain, number) in enumerate(
+                zip(report.vehicles, gains, numbers, strict=True)
+            )
         ],
         "platoon": {
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
@@ -135,23 +150,36 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     }
 
 
+def _describe_uncertainty(known: Uncertainty, k: int) -> dict[str, Any]:
+    """Probabilities and intervals of a vehicle's stability."""
+    spans = {name: getattr(known, name) for name in ("peak_gain", "linf_gain")}
+    return {
+        "probability_l2": float(known.probability_l2[k]),
+        "probability_linf": float(known.probability_linf[k]),
+        "level": known.level,
+        "intervals": {n: [float(s.lower[k]), float(s.upper[k])] for n, s in spans.items()},
+    }
+
+
 def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, subject: Judged, _snapshot: Result | None) -> str:
+def _report_text(report: StabilityReport, subject: Judged, snapshot: Result | None) -> str:
     vehicles, labels = subject.vehicles, subject.vehicles.labels
-    table = stability_table(vehicles, report)
+    table = stability_table(vehicles, report, subject.uncertainty, subject.checks)
     lines = [table.to_text(), ""]
     if subject.uncertainty:
         lines.append(headline(vehicles, report, subject.uncertainty, subject.checks))
-    lines += messages(subject.checks, vehicles)
+    if stored := snapshot and snapshot.known_answer:
+        lines.append(assumption(stored))
+    lines += against_measured(subject.checks, vehicles)
     for label, vehicle in zip(labels, report.vehicles, strict=True):
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             lines.append(f"{label}, {TITLES[verdict.criterion]}: {reason(verdict, vehicle)}")
     for name in PLATOON if len(labels) > 1 else ():
         verdict = getattr(report.platoon, name)
-        title, why = TITLES[verdict.criterion], reason(verdict, report)
+        title, why = TITLES[verdict.criterion], reason(verdict, report, vehicles.spoken)
         lines.append(f"Platoon, {title}: {answer(verdict)}. {why}")
     return "\n".join(lines)
 
@@ -183,7 +211,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     vehicles = subject.vehicles
     platoon = _platoon(vehicles.parameters, options.vehicles)
     result = simulate_platoon(platoon, leader, model=vehicles.model)
-    show_result(options, _describe_run, _run_text, result)
+    show_result(options, _describe_run, _run_text, result, _places(vehicles, platoon))
     return 0
 
 
@@ -202,7 +230,13 @@ def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
     return parameters
 
 
-def _describe_run(result: PlatoonRun) -> dict[str, Any]:
+def _places(vehicles: ParameterSet, platoon: Parameters) -> Places:
+    """What sentences call the followers: their labels, or places among equal ones."""
+    in_order = len(vehicles) > 1 or len(platoon) == 1
+    return Places(vehicles.spoken) if in_order else PLACES
+
+
+def _describe_run(result: PlatoonRun, places: Places) -> dict[str, Any]:
     """The run as the command-line contract has it."""
     waves = result.amplitudes
     assert waves is not None  # behind a sinusoid there are some
@@ -212,10 +246,12 @@ def _describe_run(result: PlatoonRun) -> dict[str, Any]:
         "settled": waves.settled.tolist(),
         **fields(result, "minimum_gap", "minimum_gap_time"),
         "collisions": [fields(collision, "follower", "time") for collision in result.collisions],
-        "warnings": messages(result.findings, PLACES),
+        "warnings": messages(result.findings, places),
     }
 
 
-def _run_text(result: PlatoonRun) -> str:
-    notes = [f"Note: {warning}" for warning in messages(result.findings, PLACES)]
-    return "\n".join([amplitude_table(result).to_text(), *notes])
+def _run_text(result: PlatoonRun, places: Places) -> str:
+    labels = [places.label(k) for k in range(len(result.largest_deviation))]
+    notes = [f"Note: {warning}" for warning in messages(result.findings, places)]
+    said = (disturbance(result, places), smallest_gap(result, places))
+    return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])

@@ -1,10 +1,10 @@
 """Bands of the space-gaps that the model predicts when only the leader's speed is given.
 
-Each of n simulations of the platoon takes one draw of α, β and τ from the posterior (see
+Each of n simulations of the platoon takes one draw of α, β, τ and s₀ from the posterior (see
 `inference.posterior`) and a random disturbance r for each follower k = 1..M:
 
     dp = (v_{k-1} - v) dt
-    dv = (α (p - τ v) + β (v_{k-1} - v) + r) dt
+    dv = (α (p - s₀ - τ v) + β (v_{k-1} - v) + r) dt
     dr = (w - r)/T₂ dt,   dw = -w/T dt + s √(2 (T + T₂)) / T dW
 
 with the deviation s, memory T and rise T₂ of greatest likelihood (see `methods.state_space`). v_0
@@ -160,6 +160,8 @@ class _Steps:
     """(F, 2) standard deviations of r and w before the first step."""
     step: Seconds
     """Duration of a step."""
+    intercepts: FloatArray
+    """(F, n) s₀ in m, which the states' gaps are without."""
 
     @classmethod
     def of(cls, uncertainty: Uncertainty, disturbances: FloatArray, step: Seconds) -> "_Steps":
@@ -178,7 +180,8 @@ class _Steps:
         p, v, r, w = (np.arange(followers) * STATES + k for k in range(STATES))
         motion = np.stack([p, v], axis=1).ravel()
         driven = np.append(motion, size)
-        for at, draw in enumerate(uncertainty.draws.values[chosen, :followers]):
+        draws = uncertainty.draws[chosen, :followers]
+        for at, draw in enumerate(draws.values):
             rates[at][np.ix_(motion, driven)] = motion_matrix(Parameters.of(draw))
         rates[:, v, r] = 1.0
         rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
@@ -194,6 +197,7 @@ class _Steps:
             np.asarray(np.linalg.cholesky(covariance)),
             np.sqrt([deviation**2, white]).T,
             step,
+            draws.complete[..., 3].T,
         )
 
     def simulate(
@@ -203,7 +207,8 @@ class _Steps:
         size, count = self.transition.shape[1:]
         followers = len(gaps)
         state = np.zeros((size, count))
-        state[0:-2:STATES], state[1:-2:STATES] = gaps[:, None], speeds[:, None]
+        state[0:-2:STATES] = gaps[:, None] - self.intercepts
+        state[1:-2:STATES] = speeds[:, None]
         w = self.deviations[:, 1:] * rng.standard_normal((followers, count))
         # r follows w with the rise time, so that their covariance is the variance of r.
         share = (self.deviations[:, :1] / self.deviations[:, 1:]) ** 2
@@ -217,7 +222,7 @@ class _Steps:
             normal = rng.standard_normal((count, size - 2, len(part)))
             added = np.moveaxis(self.root @ normal, 0, 1)
             for k in part:
-                simulated[:, k] = state[0:-2:STATES].T
+                simulated[:, k] = (state[0:-2:STATES] + self.intercepts).T
                 state[-2], state[-1] = leader[k], slopes[k]
                 state = np.einsum("ijb,jb->ib", self.transition, state)
                 state[:-2] += added[:, :, k - first]

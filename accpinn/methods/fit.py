@@ -155,7 +155,7 @@ class SimulatedInStretches(Finding, frozen=True):
 class HiddenLayersGain(Finding, frozen=True):
     """What training the hidden layers contributed: Ψ before and after."""
 
-    text = "Training hidden layers changed Ψ from {before:#.4g} to {after:#.4g} ({change:+.0%})."
+    text = "Training hidden layers changed Ψ from {before:#.4g} to {after:#.4g} ({change:+z.1%})."
 
     before: float
     after: float

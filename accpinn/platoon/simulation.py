@@ -168,6 +168,8 @@ class PlatoonRun:
     """Amplitudes behind a sinusoid; None behind any other leader."""
     findings: tuple[Finding, ...]
     """Findings where the run leaves what cars can do, or the amplitudes cannot be measured."""
+    linear: Trajectories | None = None
+    """What the linearisation at the leader's first speed does; None for a model that is linear."""
 
     @cached_property
     def valid(self) -> Trajectories:
@@ -234,6 +236,7 @@ def simulate_platoon(
         frozen(moved.speeds + leader.speed),
         frozen(moved.gaps + leader.speed * parameters.tau + parameters.s0),
     )
+    linear = driven if own.size else None
     if own.size:
         start = driven.speeds[0, 1:], driven.gaps[0]
         substeps = ceil((time[-1] - time[0]) / (len(time) - 1) / NONLINEAR_STEP)
@@ -261,6 +264,7 @@ def simulate_platoon(
         meaningful=meaningful,
         amplitudes=wave,
         findings=(*collisions[:1], *reversals, *(wave.findings if wave else ())),
+        linear=linear,
     )
 
 

@@ -77,10 +77,6 @@ OnTransfer = Callable[[Transfer], None]
 """Called from several threads."""
 
 
-class _Unreachable(RecordingError):
-    """No server answers."""
-
-
 class _Stopped(Exception):
     """The caller asked to stop."""
 
@@ -146,10 +142,6 @@ def _fetch(fetcher: pooch.Pooch, publisher: "_Publisher", run: Run) -> Download:
         return Download(run, path, state, path.stat().st_size)
     except _Stopped:
         return Download(run, path, DownloadState.STOPPED, 0)
-    except _Unreachable:
-        return failed(
-            f"{run.key}: {host} cannot be reached; check the network connection, or the proxy."
-        )
     except RecordingError as fault:
         return failed(str(fault))
     except requests.RequestException as fault:
@@ -184,8 +176,11 @@ class _Publisher:
             RecordingError: where no further attempt would help.
             requests.RequestException: where one might.
         """
+        unreachable = RecordingError(
+            f"{run.key}: {self.host} cannot be reached; check the network connection, or the proxy."
+        )
         if self.is_down.is_set():
-            raise _Unreachable
+            raise unreachable
         if self.should_stop():
             raise _Stopped
         Path(place).unlink()  # Pooch's file could be read by its owner alone
@@ -209,7 +204,7 @@ class _Publisher:
             is_timeout = isinstance(fault, requests.ConnectTimeout)
             if is_timeout or "NewConnectionError" in repr(fault) or "NameReso" in repr(fault):
                 self.is_down.set()
-                raise _Unreachable from None
+                raise unreachable from None
             raise
         if run.sha256 is None:
             _require_run(run, Path(place))

@@ -34,7 +34,7 @@ def read(
     Raises:
         RecordingError: one sentence of file, place, fault and cure.
     """
-    return _open(source, name, mapping).read(trajectory, is_kept)
+    return opened(source, name, mapping).read(trajectory, is_kept)
 
 
 def read_all(
@@ -47,7 +47,7 @@ def read_all(
     Raises:
         RecordingError: when the file as a whole cannot be read.
     """
-    file = _open(source, name, mapping)
+    file = opened(source, name, mapping)
     if not any(run.trajectories for run in file.runs):
         yield file.read()
         return
@@ -58,51 +58,15 @@ def read_all(
             yield fault
 
 
-def mapping_of(
-    source: Source, name: str | None = None, mapping: CsvMapping | None = None
-) -> CsvMapping | None:
-    """The mapping by which a file is read: the given one, or the one remembered for its columns.
-
-    Raises:
-        RecordingError: when the file is no text at all.
-    """
-    return _open(source, name, mapping).mapping
-
-
-def is_unknown(source: Source, name: str | None = None) -> bool:
-    """Whether a file is a table of no known layout, which a mapping could serve.
-
-    Raises:
-        RecordingError: when the file is no text at all.
-    """
-    return _open(source, name).is_unknown
-
-
-def trajectories(
-    source: Source, name: str | None = None, *, mapping: CsvMapping | None = None
-) -> tuple[tuple[str, int], ...]:
-    """The runs of a table among which a choice has to be made: names and numbers of vehicles.
-
-    Arguments are those of `read`.
-
-    Returns:
-        Names for `read`; empty where there is nothing to choose.
-
-    Raises:
-        RecordingError: when the file as a whole cannot be read.
-    """
-    runs = _open(source, name, mapping).runs
-    return tuple((run.trajectories[0], run.vehicles) for run in runs) if len(runs) > 1 else ()
-
-
 @dataclass(frozen=True)
-class _File:
+class File:
     """A file, and how it is read."""
 
     content: SourceFile
     layout: Layout | None = None
     """None where it is no table, or where a mapping is given."""
     mapping: CsvMapping | None = None
+    """The given one, or the one remembered for the table's columns."""
     is_remembered: bool = False
     """Whether the mapping was not given but remembered."""
 
@@ -113,7 +77,7 @@ class _File:
 
     @property
     def is_unknown(self) -> bool:
-        """Whether it is a table of no known layout.
+        """Whether it is a table of no known layout, which a mapping could serve.
 
         A run begins with its time, as tables of one's own do, and has numbered vehicles.
         """
@@ -130,6 +94,12 @@ class _File:
         if self.layout and self.is_pair_table:
             return pairs.runs_of(self.content, self.layout)
         return ()
+
+    @property
+    def trajectories(self) -> tuple[tuple[str, int], ...]:
+        """The runs among which a choice has to be made: names for `read`, numbers of vehicles."""
+        several = self.runs if len(self.runs) > 1 else ()
+        return tuple((run.trajectories[0], run.vehicles) for run in several)
 
     def read(self, trajectory: str | None = None, is_kept: bool = True) -> Recording:
         """The recording of a trajectory, or the only one; a given mapping may be remembered."""
@@ -151,17 +121,21 @@ class _File:
         raise RecordingError(f"{sentence}, or name its columns in a mapping (--mapping).")
 
 
-def _open(source: Source, name: str | None, mapping: CsvMapping | None = None) -> _File:
-    """The file, and how it is read; a given mapping counts, whatever the file is."""
+def opened(source: Source, name: str | None = None, mapping: CsvMapping | None = None) -> File:
+    """A file, and how it is read; a given mapping counts, whatever the file is.
+
+    Raises:
+        RecordingError: when the file is no text at all.
+    """
     content = read_bytes(source, name)
     if mapping or _first_cell(content) in {key.lower() for key in METADATA}:
-        return _File(content, mapping=mapping)
+        return File(content, mapping=mapping)
     try:
         layout = layout_of(content)
     except RecordingError:
-        return _File(content)
+        return File(content)
     known = None if pairs.is_pair_table(layout) else recall(layout.names)
-    return _File(content, layout, known, is_remembered=True)
+    return File(content, layout, known, is_remembered=True)
 
 
 def _first_cell(content: SourceFile) -> str:

@@ -27,7 +27,7 @@ from accpinn.errors import RecordingError
 from accpinn.recordings.recording import MappingRemembered, Mode, Recording, completed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import Columns, Layout, TableRun, layout_of, read_columns
-from accpinn.storage import folder, reason_of, write_whole
+from accpinn.storage import folder, reported, write_whole
 from accpinn.units import FloatArray, Metres, Seconds
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6, "ns": 1e-9, "min": 60.0}
@@ -134,11 +134,9 @@ def load_mapping(path: str | os.PathLike[str]) -> CsvMapping:
     Raises:
         RecordingError: when it cannot be read.
     """
-    try:
+    sentence = "{}: the mapping cannot be opened ({})."
+    with reported(lambda reason: RecordingError(sentence.format(path, reason.lower()))):
         text = Path(path).read_bytes()
-    except (OSError, ValueError) as fault:
-        reason = reason_of(fault).lower()
-        raise RecordingError(f"{path}: the mapping cannot be opened ({reason}).") from None
     return parse_mapping(text, excerpt(Path(path).name, 100))
 
 

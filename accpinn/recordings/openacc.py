@@ -279,21 +279,14 @@ def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingErro
 
 def has_numbered_speeds(layout: Layout) -> bool:
     """Whether a column is the speed of a numbered vehicle, as in every run."""
-    found = map(_NUMBERED.fullmatch, layout.names)
-    return any(numbered[1] == SPEED.column for numbered in found if numbered)
+    matches = map(_NUMBERED.fullmatch, layout.names)
+    return any(match[1] == SPEED.column for match in matches if match)
 
 
 def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
     place = f"row {layout.header_row}"
     columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
-    positions: dict[str, int] = {}
-    for position, cell in enumerate(layout.names):
-        if cell in positions:
-            both = f"columns {positions[cell] + 1} and {position + 1}"
-            fault = f'"{excerpt(cell)}" names {both}'
-            raise source_file.refusal(fault, "delete or rename one of them", place)
-        if cell:
-            positions[cell] = position
+    for cell in layout.names:
         numbered = _NUMBERED.fullmatch(cell)
         if numbered and numbered[1] in columns:
             columns[numbered[1]][int(numbered[2])] = cell

@@ -72,11 +72,15 @@ def rounded_percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.1g} %"
 
 
-def longest(windows: Sequence[Window], unlisted: int = 0) -> str:
-    """The longest windows in order of time, and how many others, with unlisted ones, there are."""
+def longest(windows: Sequence[Window]) -> tuple[Window, ...]:
+    """The longest windows in order of time."""
     listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
-    text = ", ".join(map(str, sorted(listed, key=lambda window: window.start)))
-    others = len(windows) - len(listed) + unlisted
+    return tuple(sorted(listed, key=lambda window: window.start))
+
+
+def listed(windows: Sequence[Window], others: int) -> str:
+    """Windows, and how many shorter ones there are."""
+    text = ", ".join(map(str, windows))
     return text + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
 
 
@@ -101,7 +105,7 @@ class SamplesMissing(Finding, frozen=True):
             "column": column if is_gap else f"{column} ({about.label(self.vehicle)})",
             "part": rounded_percent(self.share),
             "note": " although both speeds are known" if is_gap else "",
-            "where": longest(self.windows, self.shorter),
+            "where": listed(self.windows, self.shorter),
         }
 
 
@@ -250,12 +254,18 @@ class Recording:
         object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
 
     @cached_property
-    def digest(self) -> str:
-        """SHA-256 of all that was read, as several mappings make several recordings of a file."""
-        content = hashlib.sha256(repr((self.source, self.vehicles, self.findings)).encode())
+    def data_digest(self) -> str:
+        """SHA-256 of times, speeds, space-gaps and driver modes."""
+        content = hashlib.sha256()
         for values in (self.time, self.speed, self.gap, self.mode):
             content.update(repr(values.shape).encode() + values.tobytes())
         return content.hexdigest()
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that was read, as several mappings make several recordings of a file."""
+        read = (self.data_digest, self.source, self.vehicles, self.findings)
+        return hashlib.sha256(repr(read).encode()).hexdigest()
 
     @property
     def samples(self) -> int:
@@ -436,12 +446,9 @@ def _gaps(recording: Recording) -> list[int]:
 def _missing(
     recording: Recording, channel: Quantity, number: int, mask: Mask
 ) -> Iterator[SamplesMissing]:
-    blocks = stretches(mask)
-    longest = sorted(sorted(blocks, key=len, reverse=True)[:BLOCKS_LISTED], key=lambda b: b.first)
-    windows = tuple(map(recording.window, longest))
-    if blocks:
-        shorter = len(blocks) - len(longest)
-        yield SamplesMissing(channel.column, number, float(mask.mean()), windows, shorter)
+    if blocks := tuple(map(recording.window, stretches(mask))):
+        share, shown = float(mask.mean()), longest(blocks)
+        yield SamplesMissing(channel.column, number, share, shown, len(blocks) - len(shown))
 
 
 def _frozen(
@@ -450,8 +457,8 @@ def _frozen(
     follower = number if channel is SPEED else number + 1
     moving = recording.speed_of(follower)[1:] > MOVING
     repeats = stretches((values[1:] == values[:-1]) & moving)
-    longest = max(repeats, key=len, default=None)
-    if longest and len(longest) * recording.sample_time > FROZEN:
+    most = max(repeats, key=len, default=None)
+    if most and len(most) * recording.sample_time > FROZEN:
         # A stretch of k repeats is k + 1 equal samples.
-        equal = Stretch(longest.first, longest.last + 1)
+        equal = Stretch(most.first, most.last + 1)
         yield ValuesFrozen(channel.column, follower, recording.window(equal))

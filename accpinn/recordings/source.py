@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TextIO
 
 from accpinn.errors import RecordingError
-from accpinn.storage import reason_of
+from accpinn.storage import reported
 
 LIMIT_BYTES = 100_000_000
 """Largest file that is read, in bytes; the largest of the database is well below."""
@@ -114,7 +114,12 @@ def read_bytes(source: Source, name: str | None) -> SourceFile:
 
 def _load(path: Path, name: str | None) -> SourceFile:
     shown = excerpt(name or path.name or str(path), _NAME_LENGTH)
-    try:
+
+    def unopened(reason: str) -> RecordingError:
+        fault = f"the file cannot be opened ({reason.lower()})"
+        return _refusal(shown, fault, "check its name and permissions")
+
+    with reported(unopened):
         if path.is_dir():
             raise _refusal(shown, "this is a folder", "name one of the CSV files in it")
         if not path.exists():
@@ -123,9 +128,6 @@ def _load(path: Path, name: str | None) -> SourceFile:
             raise _refusal(shown, "this is not an ordinary file", _CHOOSE_CSV)
         _require_size(shown, path.stat().st_size)
         return SourceFile(shown, path.resolve().parent.name, path.read_bytes())
-    except (OSError, ValueError) as error:
-        fault = f"the file cannot be opened ({reason_of(error).lower()})"
-        raise _refusal(shown, fault, "check its name and permissions") from error
 
 
 def _require_size(name: str, size: int) -> None:

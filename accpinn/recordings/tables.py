@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import Quantity
 from accpinn.errors import RecordingError
+from accpinn.findings import joined
 from accpinn.recordings.recording import Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.units import FloatArray, Seconds
@@ -214,18 +215,18 @@ def read_columns(
             cells = [row[positions[name]] for row in rows]
             meanings = {cell: _word(cell) for cell in set(cells)}
             column.extend(meanings[cell] for cell in cells)
-    joined = {name: np.concatenate(blocks) for name, blocks in parts.items()}
-    return Columns(source_file, layout, np.arange(first + len(rows)), joined, texts)
+    columns = {name: np.concatenate(blocks) for name, blocks in parts.items()}
+    return Columns(source_file, layout, np.arange(first + len(rows)), columns, texts)
 
 
 def _position(source_file: SourceFile, layout: Layout, column: str) -> int:
     """Position of a column, 0 = leftmost; one that is missing or there twice is refused."""
-    count = layout.names.count(column)
-    if count == 1:
+    places = [str(k) for k, name in enumerate(layout.names, 1) if name == column]
+    if len(places) == 1:
         return layout.names.index(column)
     shown = excerpt(column, LONGEST_NAME)
-    if count:
-        fault = f'"{shown}" names {count} columns'
+    if places:
+        fault = f'"{shown}" names columns {joined(places)}'
         raise source_file.refusal(fault, "rename all but one", f"row {layout.header_row}")
     listed = excerpt(", ".join(filter(None, layout.names)), 200)
     fault = f'there is no column "{shown}"'

@@ -53,7 +53,7 @@ SAMPLES = 100
 """Number of posterior draws in a distribution of vehicle types."""
 GAP_REGIMES = ("gapControl", "gapClosingControl", "collisionAvoidance")
 STEP: Seconds = 0.05
-"""Of the simulation that the vehicle types are meant for."""
+"""Step of the simulation that the vehicle types are meant for."""
 NOT_BINDING = {
     "accel": "10",
     "decel": "10",
@@ -299,9 +299,9 @@ def judgement_document(judged: Judgement) -> dict[str, Any]:
 
 
 def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> dict[str, Any]:
-    found = score.estimate
-    model, vehicle = found.model, stability_at(found.model, found.theta, speed)
-    named = zip(model.names, found.theta, found.lower, found.upper, found.determined, strict=True)
+    fit = score.estimate
+    model, vehicle = fit.model, stability_at(fit.model, fit.theta, speed)
+    named = zip(model.names, fit.theta, fit.lower, fit.upper, fit.determined, strict=True)
     return {
         "model": model.key,
         "title": model.title,

@@ -47,7 +47,6 @@ from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import regressors
 from accpinn.recordings.recording import (
-    HUMAN_FLAG,
     LITTLE_LEADER_MOTION,
     MOVING,
     GapContradictsSpeeds,
@@ -83,6 +82,8 @@ LARGE_CONDITION = 100.0
 """Largest good condition number; windows with motion reach 5 to 25, near equilibrium hundreds."""
 LITTLE_CAR_FOLLOWING = 0.5
 """Least share of a window in car-following that is not reported."""
+MOST_CAR_FOLLOWING = 0.9
+"""Least share of each follower in a window that is rated as one of car-following."""
 
 FOLLOWING, CATCHING_UP, MANUAL, STANDSTILL = range(4)
 REGIMES = ("car-following", "catching up", "manual", "standstill")
@@ -375,58 +376,40 @@ class Rating:
 
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
-    """All ratings of a window of a recording, in the order of the questions."""
-    return (
-        _complete(segment),
-        _excited(quality),
-        _following(quality),
-        _driver(segment, recording),
-        _consistent(segment, recording, quality),
-    )
+    """All ratings of a window of a recording, in the order of the questions.
 
-
-def _complete(segment: Segment) -> Rating:
-    findings = _of(segment.findings, BlocksMissing | Bridged)
-    grade = Grade.FAIR if findings else Grade.GOOD
-    return Rating("complete", Grade.POOR if segment.blocks_missing else grade, findings)
-
-
-def _excited(quality: Quality) -> Rating:
-    findings = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
-    is_near = any(isinstance(finding, NearEquilibrium) for finding in findings)
-    grade = Grade.POOR if is_near else Grade.FAIR if findings else Grade.GOOD
-    return Rating("excited", grade, findings)
-
-
-def _following(quality: Quality) -> Rating:
-    findings = _of(quality.findings, LittleCarFollowing)
-    return Rating("following", Grade.POOR if findings else Grade.GOOD, findings)
-
-
-def _driver(segment: Segment, recording: Recording) -> Rating:
-    within = recording.time + SLACK >= segment.window.start
-    within &= recording.time - SLACK <= segment.window.end
-    modes = recording.mode[within][:, np.array(segment.vehicles[1:]) - 1]
-    findings = _of(segment.findings, DrivenByHand)
-    if (modes == Mode.UNKNOWN).all():
-        by_flag = recording.acc_flag == HUMAN_FLAG
-        return Rating("driver", Grade.POOR if by_flag else Grade.UNKNOWN, findings)
-    if findings or (modes == Mode.HUMAN).any():
-        return Rating("driver", Grade.POOR if findings else Grade.FAIR, findings)
-    return Rating("driver", Grade.UNKNOWN if (modes == Mode.UNKNOWN).any() else Grade.GOOD)
-
-
-def _consistent(segment: Segment, recording: Recording, quality: Quality) -> Rating:
-    """Rate the gaps over the whole recording, where the correlation is most certain."""
-    ahead = segment.vehicles[:-1]
+    The gaps are rated over the whole recording, where the correlation is most certain.
+    """
+    ahead, followers = segment.vehicles[:-1], np.array(segment.vehicles[1:]) - 1
+    missing = _of(segment.findings, BlocksMissing | Bridged)
+    still = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
+    elsewhere = _of(quality.findings, LittleCarFollowing)
+    by_hand = _of(segment.findings, DrivenByHand)
     contradicting = (f for f in recording.findings if isinstance(f, GapContradictsSpeeds))
-    findings = (
+    wrong = (
         *(finding for finding in contradicting if finding.vehicle in ahead),
         *_of(quality.findings, GapsNegative),
     )
-    is_unknown = any(agreement(recording, number) is None for number in ahead)
-    grade = Grade.UNKNOWN if is_unknown else Grade.GOOD
-    return Rating("consistent", Grade.POOR if findings else grade, findings)
+    within = recording.time + SLACK >= segment.window.start
+    within &= recording.time - SLACK <= segment.window.end
+    modes = recording.mode[within][:, followers]
+    is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
+    no_agreement = any(agreement(recording, number) is None for number in ahead)
+    is_near = bool(_of(still, NearEquilibrium))
+    is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING
+    return (
+        Rating("complete", _grade(bool(segment.blocks_missing), bool(missing)), missing),
+        Rating("excited", _grade(is_near, bool(still)), still),
+        Rating("following", _grade(bool(elsewhere), is_partly), elsewhere),
+        Rating("driver", _grade(bool(by_hand), is_human, no_mode), by_hand),
+        Rating("consistent", _grade(bool(wrong), is_unknown=no_agreement), wrong),
+    )
+
+
+def _grade(is_poor: bool, is_fair: bool = False, is_unknown: bool = False) -> Grade:
+    """The grade by the first of these that holds."""
+    worse = Grade.POOR if is_poor else Grade.FAIR if is_fair else Grade.UNKNOWN
+    return worse if is_poor or is_fair or is_unknown else Grade.GOOD
 
 
 def _of(findings: Iterable[Finding], kind: object) -> tuple[Finding, ...]:

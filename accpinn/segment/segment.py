@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings.recording import Window, longest, rounded_percent, vehicle_label
+from accpinn.recordings.recording import Window, listed, longest, rounded_percent, vehicle_label
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 
@@ -76,7 +77,8 @@ class BlocksMissing(Finding, frozen=True):
     """Where, in the recording's time."""
 
     def _words(self, about: Labelled) -> Words:
-        part, where = rounded_percent(self.share), longest(self.windows)
+        part, shown = rounded_percent(self.share), longest(self.windows)
+        where = listed(shown, len(self.windows) - len(shown))
         return {"are": "is" if len(self.columns) == 1 else "are", "part": part, "where": where}
 
 
@@ -359,7 +361,7 @@ def median_speeds(segments: Sequence[Segment]) -> FloatArray:
     return median_by_duration(medians, [segment.window.duration for segment in segments])
 
 
-def median_by_duration(medians: FloatArray, durations: Sequence[Seconds]) -> FloatArray:
+def median_by_duration(medians: FloatArray, durations: ArrayLike) -> FloatArray:
     """(M,) the medians of windows' medians (K, M), where each window counts by its duration."""
     order, weights = np.argsort(medians, axis=0), np.asarray(durations, float)
     reached = np.cumsum(weights[order], axis=0) >= (0.5 - 1e-9) * weights.sum()

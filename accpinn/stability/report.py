@@ -178,9 +178,12 @@ def stability_at(
 def peak_gains(
     model: FollowingModel, theta: Values, speeds: Iterable[MetresPerSecond]
 ) -> FloatArray:
-    """(S,) the largest gain in dB at each speed; nan where there is no equilibrium."""
-    speeds = np.fromiter(speeds, float)
-    near = model.linearisations(np.asarray(theta, float)[:, None], speeds)
+    """(S,) the largest gain in dB at each speed; nan where there is no equilibrium.
+
+    The parameters are (n,), or (n, S) of their own at each speed.
+    """
+    speeds, theta = np.fromiter(speeds, float), np.asarray(theta, float)
+    near = model.linearisations(theta if theta.ndim > 1 else theta[:, None], speeds)
     known = np.isfinite(near.alpha)
     gains = np.full(len(speeds), np.nan)
     if known.any():

@@ -47,10 +47,8 @@ class Source:
     @classmethod
     def of(cls, recording: Recording) -> Self:
         """The source that a recording is."""
-        content = sha256()
-        for values in (recording.time, recording.speed, recording.gap, recording.mode):
-            content.update(repr(values.shape).encode() + values.tobytes())
-        return cls(recording.source, recording.sha256, recording.trajectory, content.hexdigest())
+        about = (recording.source, recording.sha256, recording.trajectory)
+        return cls(*about, recording.data_digest)
 
 
 @dataclass(frozen=True)
@@ -108,15 +106,9 @@ class Analysis:
         Raises:
             AccpinnError: one sentence that names what is not allowed, and what is.
         """
-        kind = method_of(method).settings
+        chosen = _settings(method, settings)
         if case not in ("I", "II"):
             raise ConfigError(f"case: {case} is not known; choose I or II.")
-        if kind is None:
-            settings = {}
-        else:
-            if settings is None or isinstance(settings, dict):
-                settings = kind.from_json(kind().to_json() | (settings or {}))
-            settings = settings.to_json()
         named = parse_regimes(excluded) if excluded else ()
         return cls(
             Source.of(recording),
@@ -128,14 +120,12 @@ class Analysis:
             checked_held(model or BEST, held or {}),
             model or PAPER,
             method=method,
-            settings=settings,
+            settings=chosen,
         )
 
     def with_method(self, method: str, settings: Any = None) -> Self:
         """The same question to another method, by default with its default settings."""
-        kind = method_of(method).settings
-        chosen = {} if kind is None else (settings or kind()).to_json()
-        return replace(self, method=method, settings=chosen)
+        return replace(self, method=method, settings=_settings(method, settings))
 
     @property
     def window(self) -> Window:
@@ -254,6 +244,16 @@ def single_window(start: Seconds = 0.0, duration: Seconds = DURATION) -> tuple[W
     _require(start, Real, "start", "seconds, as 0")
     _require(duration, Real, "duration", "seconds, as 300")
     return (Window(start, start + duration),)
+
+
+def _settings(method: str, given: Any) -> dict[str, Any]:
+    """All settings of a method, of which some may be given; none for a method without any."""
+    kind = method_of(method).settings
+    if kind is None:
+        return {}
+    if given is None or isinstance(given, dict):
+        given = kind.from_json(kind().to_json() | (given or {}))
+    return dict(given.to_json())
 
 
 def _numbers(recording: Recording, vehicles: str | Sequence[int] | None) -> tuple[int, ...]:

@@ -29,7 +29,7 @@ from accpinn.model.cthp import Case
 from accpinn.model.models import BEST
 from accpinn.model.registry import following_model
 from accpinn.recordings.catalogue import is_known
-from accpinn.recordings.files import mapping_of, read_all
+from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping, write_mapping
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
@@ -344,7 +344,7 @@ class _Batch:
         """The windows of a file that are left to do."""
         try:
             raw = file.read_bytes()
-            used = mapping_of(raw, file.name, self._request.mapping)
+            used = opened(raw, file.name, self._request.mapping).mapping
         except OSError as fault:
             reason = f"it cannot be opened ({reason_of(fault)})"
         except Exception as fault:  # whatever a file holds, the others go on

@@ -250,9 +250,9 @@ def _undetermined(info: SegmentInfo, case: Case, tables: FloatArray) -> list[Spr
     vehicles = (0,) if info.shares(case) else info.vehicles[1:]
     counts = np.isnan(tables).sum(axis=0).tolist()
     return [
-        SpreadUndetermined(vehicle, one.symbol, count, len(tables))
+        SpreadUndetermined(vehicle, parameter.symbol, count, len(tables))
         for vehicle, row in zip(vehicles, counts, strict=False)
-        for one, count in zip(PARAMETERS, row, strict=True)
+        for parameter, count in zip(PARAMETERS, row, strict=True)
         if count
     ]
 

@@ -138,16 +138,16 @@ class Subject:
     @cached_property
     def _gains(self) -> list[tuple[FloatArray, FloatArray]]:
         """Frequencies and measured gains of each stretch; none where it cannot be measured."""
-        found = []
+        gains = []
         for stretch in self.stretches:
             try:
                 measured = measured_gain(stretch, 0)
             except SegmentError:
-                found.append((np.empty(0), np.empty(0)))
+                gains.append((np.empty(0), np.empty(0)))
                 continue
             kept = (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
-            found.append((measured.omega[kept], measured.gain[kept]))
-        return found
+            gains.append((measured.omega[kept], measured.gain[kept]))
+        return gains
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,11 +190,11 @@ class Judgement:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Which model describes the follower, then what the data do not determine."""
-        found: list[Finding] = []
+        findings: list[Finding] = []
         if len(self.scores) > 1:
             best, other = self.ranked[:2]
             mean, error = difference([best], [other])
-            found.append(
+            findings.append(
                 Describes(
                     self.subject.vehicle,
                     best.estimate.model.title,
@@ -209,8 +209,8 @@ class Judgement:
         for score in self.scores:
             if symbols := score.estimate.undetermined:
                 title = score.estimate.model.title
-                found.append(Undetermined(self.subject.vehicle, title, symbols))
-        return tuple(found)
+                findings.append(Undetermined(self.subject.vehicle, title, symbols))
+        return tuple(findings)
 
 
 def difference(scores: Sequence[ModelScore], others: Sequence[ModelScore]) -> tuple[float, float]:
@@ -307,8 +307,8 @@ def _scores(
     ends = np.cumsum([0, *(len(subject.windows) for subject in subjects)])
     of_subjects = [list(range(*pair)) for pair in pairwise(ends.tolist())]
     groups = [[k for k in rows if k != left_out] for rows in of_subjects for left_out in rows]
-    found = estimate(model, drives, groups + of_subjects, should_stop)
-    theta = np.array([one.theta for one in found[: len(groups)]]).T
+    estimates = estimate(model, drives, groups + of_subjects, should_stop)
+    theta = np.array([part.theta for part in estimates[: len(groups)]]).T
     driven, known = drives.simulated(model, theta)[:, 0], drives.counts
     errors = np.nan_to_num(driven - drives.gaps, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST)
     errors = np.where(known, errors.clip(-LARGEST, LARGEST), np.nan)
@@ -319,7 +319,9 @@ def _scores(
         ModelScore(
             whole, rmse[rows], time_gap_rmse[rows], collided[rows], subject.gain_error(whole)
         )
-        for subject, rows, whole in zip(subjects, of_subjects, found[len(groups) :], strict=True)
+        for subject, rows, whole in zip(
+            subjects, of_subjects, estimates[len(groups) :], strict=True
+        )
     )
 
 

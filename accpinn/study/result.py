@@ -12,22 +12,27 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from importlib import metadata
-from typing import TYPE_CHECKING, Self, TypeVar
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
 from accpinn import __version__
-from accpinn.errors import AccpinnError, ParameterError, SegmentError
+from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.answer import Answer, answer
+from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
+from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.registry import FOLLOWING, time_gap
 from accpinn.recordings.recording import Facts, Recording, facts_of
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -35,7 +40,6 @@ from accpinn.stability.criteria import transfer_function
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.analysis import Analysis
-from accpinn.study.draws import table, tree
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -44,6 +48,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 PACKAGES = ("torch", "numpy", "scipy", "pandas", "plotly", "streamlit", "control")
+NO_XARRAY = 'xarray is not installed; install it by pip install "accpinn[draws]".'
 TRACK_INSTANTS = 500
 """Instants of a compared method's track that are kept; more are not seen in a figure."""
 
@@ -184,12 +189,26 @@ class Result:
 
     @property
     def draws(self) -> "DataFrame":
-        """The answer's posterior draws, one a row: kind, draw, vehicle, name and parameters.
+        """The answer's posterior draws, one a row: kind, vehicle, name, draw and parameters.
 
         ``kind`` is "typical" for the car's typical value and "further window" for what a further
         window of it may have.
         """
-        return table(self)
+        from pandas import DataFrame, concat  # takes a third of a second, which few need
+
+        answer = self.answer
+        kinds = {"typical": answer.typical, "further window": answer.further}
+        frames = [
+            DataFrame(
+                {"kind": kind, "vehicle": vehicle, "name": name, "draw": range(len(sets.alpha))}
+                | {parameter: answer.values(sets, parameter)[:, k] for parameter in answer.names}
+            )
+            for kind, sets in kinds.items()
+            for k, (vehicle, name) in enumerate(
+                zip(self.info.vehicles[1:], self.info.names[1:], strict=True)
+            )
+        ]
+        return concat(frames, ignore_index=True)
 
     def to_datatree(self) -> "DataTree":
         """The answer's posterior draws for xarray and ArviZ, which are to be installed.
@@ -202,7 +221,52 @@ class Result:
         Raises:
             ConfigError: where xarray is not installed.
         """
-        return tree(self)
+        try:
+            import xarray
+        except ImportError:
+            raise ConfigError(NO_XARRAY) from None
+
+        answer, asked = self.answer, self.analysis
+        names = {"vehicle_name": ("vehicle", list(self.info.names[1:]))}
+        along = {"chain": [0], "vehicle": list(self.info.vehicles[1:]), **names}
+        units = {p.name: p.unit for p in FOLLOWING[answer.model].parameters}
+
+        def dataset(sets: Parameters, **windows: Any) -> Any:
+            """Sets (draw, .., vehicle) by their names."""
+            values = {name: (answer.values(sets, name), units[name]) for name in answer.names}
+            values["time_gap_100_kmh"] = (time_gap(answer.model, sets, AT_SPEED), "s")
+            dims = ("chain", "draw", *windows, "vehicle")
+            variables = {
+                name: (dims, drawn[None], {"units": unit}) for name, (drawn, unit) in values.items()
+            }
+            return xarray.Dataset(variables, along | windows)
+
+        groups = {"posterior": dataset(answer.typical), "further_window": dataset(answer.further)}
+        if self.segments:
+            windows = [
+                window_posterior(segment, asked.case, answer.model, asked.held)
+                for segment in self.segments
+            ]
+            starts = [segment.window.start for segment in self.segments]
+            drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
+            sets = parameters_of(answer.model, np.moveaxis(drawn, 2, 0), answer.speeds)
+            groups["window_posterior"] = dataset(sets, window=starts)
+            log = np.moveaxis(np.array([window.log_likelihood for window in windows]), 2, 0)[None]
+            likelihood = {"speeds_and_gaps": (("chain", "draw", "window", "vehicle"), log)}
+            groups["window_log_likelihood"] = xarray.Dataset(likelihood, along | {"window": starts})
+        tree = xarray.DataTree.from_dict(groups)
+        tree.attrs = {
+            "model": answer.model,
+            "case": asked.case,
+            "source": self.info.source,
+            "sha256": self.info.sha256,
+            "accpinn": self.origin.accpinn,
+        }
+        return tree
+
+    def to_netcdf(self) -> bytes:
+        """The tree of `to_datatree` as a file in netCDF-4; see there."""
+        return bytes(self.to_datatree().to_netcdf(engine="h5netcdf"))
 
     @property
     def evaluation(self) -> Evaluation:
@@ -304,14 +368,8 @@ class Result:
 
     def without_data(self) -> Self:
         """The same without the data, every part but the forms of the model computed before."""
-        parts = replace(
-            self.parts,
-            quality=self.quality,
-            uncertainty=self.uncertainty,
-            evaluation=self.evaluation,
-            answer=self.answer,
-            gain_checks=self.gain_checks,
-        )
+        names = ("quality", "uncertainty", "evaluation", "answer", "gain_checks")
+        parts = replace(self.parts, **{name: getattr(self, name) for name in names})
         windows = tuple(window.without_data() for window in self.windows)
         return replace(self, parts=parts, windows=windows, segments=(), recording=None)
 
@@ -372,6 +430,11 @@ def result_of(
         segments=segments,
         recording=recording,
     )
+
+
+def has_xarray() -> bool:
+    """Whether the libraries for `Result.to_netcdf` are installed."""
+    return all(find_spec(name) for name in ("xarray", "h5netcdf", "h5py"))
 
 
 def now() -> str:

@@ -20,6 +20,7 @@ import re
 import tempfile
 import zipfile
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Arrays, dump, flatten, restore
 from accpinn.stability.criteria import checked
-from accpinn.storage import reason_of, write_whole
+from accpinn.storage import reported, write_whole
 from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
@@ -225,7 +226,7 @@ def writable_path(target: Path, kind: str) -> Path:
     Raises:
         SnapshotError: where something else stands, or no file can be made.
     """
-    try:
+    with reported(partial(_unwritten, target, kind)):
         path = target.resolve() if target.is_symlink() else target
         if path.is_dir():
             raise SnapshotError(f"{path}: this is a folder; name a file in it for the {kind}.")
@@ -233,8 +234,6 @@ def writable_path(target: Path, kind: str) -> Path:
             _require_kind(path, kind)
         with tempfile.TemporaryFile(dir=path.parent):
             return path
-    except (OSError, ValueError, RuntimeError) as fault:  # also for links that run in a circle
-        raise _unwritten(target, kind, reason_of(fault)) from None
 
 
 def _require_kind(path: Path, kind: str) -> None:
@@ -254,10 +253,8 @@ def write_file(content: bytes, target: Path, kind: str) -> Path:
     Raises:
         SnapshotError: when it cannot be written there.
     """
-    try:
+    with reported(partial(_unwritten, target, kind)):
         write_whole(target, content)
-    except (OSError, ValueError) as fault:  # the latter for a name with a zero character
-        raise _unwritten(target, kind, reason_of(fault)) from None
     return target
 
 
@@ -296,17 +293,12 @@ def read_file(path: Path) -> bytes:
     Raises:
         SnapshotError: when it is no file, or cannot be read.
     """
-    try:
+    sentence = "{}: cannot be opened ({}); check its name and that you may read it."
+    with reported(lambda reason: SnapshotError(sentence.format(path, reason))):
         if path.exists() and not path.is_file():  # a pipe would be waited for without end
             raise SnapshotError(f"{path}: this is no file; name a file that ends in {SUFFIX}.")
         with path.open("rb") as file:
             return file.read(LARGEST + 1)
-    except OSError as fault:
-        raise SnapshotError(
-            f"{path}: cannot be opened ({fault.strerror}); check its name and that you may read it."
-        ) from None
-    except ValueError:  # as with a zero character
-        raise SnapshotError("No file can have such a name; check it.") from None
 
 
 def read(data: bytes, is_complete: bool = True) -> Result:
@@ -363,9 +355,8 @@ def _check_schema(manifest: Any) -> None:
     schema = manifest.get("schema")
     if schema == SCHEMA:
         return
-    is_newer = isinstance(schema, int) and schema > SCHEMA
     age, cure = "an earlier", "learn and save it again"
-    if is_newer:
+    if isinstance(schema, int) and schema > SCHEMA:
         age, cure = "a newer", "update accpinn"
     raise SnapshotError(
         f"The snapshot was written by {age} accpinn (schema {str(schema)[:8]}, this one reads"

@@ -10,9 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from accpinn.errors import SnapshotError
-from accpinn.storage import UNFINISHED, folder, reason_of, variable
+from accpinn.storage import UNFINISHED, folder, reported, variable
 from accpinn.study.result import Result
-from accpinn.study.snapshot import load, read_file, to_bytes, write_file
+from accpinn.study.snapshot import load, to_bytes, write_file
 from accpinn.study.store import ABANDONED, DELETED, Entry, Shelf, state_of, unknown
 from accpinn.units import Seconds
 
@@ -53,13 +53,10 @@ class Library(Shelf):
         with suppress(SnapshotError):  # a damaged one is mended
             if path.exists() and self.read(name):
                 return name
-        try:
+        sentence = "{}: the snapshot cannot be kept there ({}); name another folder in {}."
+        place = variable("snapshots")
+        with reported(lambda reason: SnapshotError(sentence.format(self.folder, reason, place))):
             self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as fault:
-            raise SnapshotError(
-                f"{self.folder}: the snapshot cannot be kept there ({reason_of(fault)}); name"
-                f" another folder in {variable('snapshots')}."
-            ) from None
         self._sweep()
         self._check_room(len(data))
         write_file(data, path, "snapshot")
@@ -84,32 +81,19 @@ class Library(Shelf):
             )
         return result
 
-    def raw(self, name: str) -> bytes:
-        """The file of that short name, to be downloaded.
-
-        Raises:
-            SnapshotError: for an unknown name.
-        """
-        path = self.path(name)
-        if not path.exists():
-            raise unknown(name)
-        return read_file(path)
-
     def delete(self, name: str) -> None:
         """Remove one, damaged or not; nothing happens where another did so already.
 
         For a day `restore` brings it back.
         """
         path = self.path(name)
-        try:
-            with suppress(FileNotFoundError):
-                os.replace(path, path.with_suffix(DELETED))
-                os.utime(path.with_suffix(DELETED))
-        except OSError as fault:
-            raise SnapshotError(
-                f"Snapshot {name} cannot be deleted ({fault.strerror}); check who may write to"
-                f" {self.folder}."
-            ) from None
+        sentence = "Snapshot {} cannot be deleted ({}); check who may write to {}."
+        with (
+            reported(lambda reason: SnapshotError(sentence.format(name, reason, self.folder))),
+            suppress(FileNotFoundError),
+        ):
+            os.replace(path, path.with_suffix(DELETED))
+            os.utime(path.with_suffix(DELETED))
 
     def restore(self, name: str) -> None:
         """Bring back one that was deleted.

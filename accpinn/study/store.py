@@ -128,7 +128,7 @@ class Entry:
 
 
 def _rows(parameters: Parameters) -> tuple[tuple[float, float, float], ...]:
-    return tuple((one.alpha, one.beta, one.tau) for one in parameters)
+    return tuple((row.alpha, row.beta, row.tau) for row in parameters)
 
 
 class Shelf:
@@ -194,13 +194,25 @@ class Shelf:
             (entry.id, state, msgspec.json.encode(dump(entry)[0]), owner),
         )
 
+    def raw(self, name: str) -> bytes:
+        """The file of that name.
+
+        Raises:
+            SnapshotError: for an unknown name.
+        """
+        path = self.path(name)
+        if not path.exists():
+            raise unknown(name)
+        return read_file(path)
+
     def read(self, name: str) -> Result:
         """The result of that name.
 
         Raises:
             SnapshotError: for an unknown name, or a file that is damaged or another's.
         """
-        raise NotImplementedError
+        # It is no snapshot before it is saved as one.
+        return replace(read(self.raw(name), is_complete=False), digest="")
 
     def _files(self) -> list[Path]:
         return [
@@ -292,13 +304,6 @@ class Store(Shelf):
         # It is no snapshot before it is saved as one.
         return replace(result, digest="").under(analysis)
 
-    def read(self, name: str) -> Result:
-        """The result of that key; see `Shelf.read`."""
-        path = self.path(name)
-        if not path.exists():
-            raise unknown(name)
-        return replace(read(read_file(path), is_complete=False), digest="")
-
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result, with the parts that were computed so far."""
         key = result.analysis.fit_key
@@ -354,6 +359,14 @@ class Store(Shelf):
         """What a session had open; None for one that is not known."""
         document: bytes | None = self._ask("select document from sessions where name = ?", session)
         return document
+
+    def sessions(self, prefix: str, most: int) -> tuple[tuple[str, bytes], ...]:
+        """Names of sessions that begin so, and what they have open, the last changed first."""
+        with self.index() as index:
+            return tuple(index.execute(
+                "select name, document from sessions where substr(name, 1, ?) = ?"
+                " order by used desc limit ?", (len(prefix), prefix, most),
+            ))  # fmt: skip
 
     def show(self, session: str, result: Result) -> None:
         """Enter a result among those that a session has shown, with the parts known by now."""

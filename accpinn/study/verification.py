@@ -127,6 +127,10 @@ class Check:
         return f"{many}: stored {self.stored}, {self.state} {self.computed}."
 
 
+MOST_NAMED = 2
+"""Windows or methods of a part that a sentence names; of more it tells the number."""
+
+
 @dataclass(frozen=True)
 class Verification:
     """All checks of a snapshot."""
@@ -149,12 +153,17 @@ class Verification:
         for check in self.checks:
             if not check.ok:
                 return f"{check.title}: {check.sentence}"
-        parts = []
+        said = []
         for state in ("reproduced", "recomputed", "not checked"):
-            titles = [check.title for check in self.checks if check.state == state]
+            titles = list[str]()
+            for part in dict.fromkeys(check.part for check in self.checks):
+                every = [check for check in self.checks if check.part == part]
+                those = [check.title for check in every if check.state == state]
+                many = [f"{TITLES[part]} ({len(those)} of {len(every)})"]
+                titles += many if len(those) > MOST_NAMED else dict.fromkeys(those)
             if titles:
-                parts.append(f"{state.capitalize()}: {', '.join(dict.fromkeys(titles))}.")
-        return " ".join(parts)
+                said.append(f"{state.capitalize()}: {', '.join(titles)}.")
+        return " ".join(said)
 
     @property
     def counted(self) -> str:
@@ -260,35 +269,31 @@ def _provenance(result: Result, whole: Result, recording: Recording) -> list[Che
 
 def _of_subject(subject: Result, name: str, parts: Sequence[str], may_refit: bool) -> list[Check]:
     """The checks of the snapshot's own result, or of a part of it."""
-    checks = [] if name else _attempt("curves", name, lambda: _curves(subject))
     known = [part for part in parts if getattr(subject.parts, part) is not None]
-    if not subject.segments:
-        reason = "the data are not at hand"
-        return checks + [
-            Check(part, "not checked", True, name, reason=reason, cure="--recording")
-            for part in ("fit", *known)
-        ]
+    unchecked = partial(Check, state="not checked", method=name)
+    computed: dict[str, Callable[[], list[Check]]] = {}
+    checks: list[Check] = []
     if may_refit:
-        checks = _attempt("fit", name, lambda: _refit(subject, name)) + checks
+        computed["fit"] = partial(_refit, subject, name)
+    elif not subject.segments:
+        reason = "the data are not at hand"
+        checks = [unchecked(part, reason=reason, cure="--recording") for part in ("fit", *known)]
     elif _is_stopped(subject):
-        reason = "its training was stopped by hand"
-        checks.append(Check("fit", "not checked", True, name, reason=reason))
+        checks = [unchecked("fit", reason="its training was stopped by hand")]
     else:
         reason, seconds = "running the method again takes time", refit_seconds(subject)
-        checks.append(Check("fit", "not checked", True, name, reason=reason, cure="--refit",
-                            seconds=seconds))  # fmt: skip
+        checks = [unchecked("fit", reason=reason, cure="--refit", seconds=seconds)]
+    if not name:
+        computed["curves"] = partial(_curves, subject)
     fresh = replace(subject, parts=Parts())
-    for part in known:
-        checks += _attempt(part, name, partial(_part, fresh, part, subject.parts, name))
+    for part in known if subject.segments else ():
+        computed[part] = partial(_part, fresh, part, subject.parts, name)
+    for part, check in computed.items():
+        try:
+            checks += check()
+        except FAULTS as fault:  # what cannot be computed does not agree
+            checks.append(Check(part, "recomputed", False, name, reason=str(fault)))
     return checks
-
-
-def _attempt(part: str, name: str, check: Callable[[], list[Check]]) -> list[Check]:
-    """What cannot be computed is a part that does not agree."""
-    try:
-        return check()
-    except FAULTS as fault:
-        return [Check(part, "recomputed", False, name, reason=str(fault))]
 
 
 def _refit(subject: Result, name: str) -> list[Check]:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import streamlit as st
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
+from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import (
     INCREASE,
     identifiability_warnings,
@@ -18,6 +20,7 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import PRESETS
 from accpinn.methods.registry import METHODS
+from accpinn.model import registry
 from accpinn.results.figures import answer as answer_figures
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
@@ -78,10 +81,17 @@ class _Shown:
         """The same from every row."""
         return self.rows[0].uncertainty
 
+    @property
+    def answer(self) -> Answer:
+        """That of the training; before one, that of the window compared on."""
+        return (self.workspace.result or self.rows[0]).answer
+
 
 def show_page() -> None:
     workspace = frame.begin("Compare")
-    segment, task = workspace.segment, workspace.comparison
+    segment, task, rows = workspace.segment, workspace.comparison, workspace.compared
+    if segment:  # that of the rows, also where another window was chosen for a training since
+        segment = rows[0].segment if task and rows else workspace.compared_segment
     if workspace.restored and task is None:
         _show_saved_rows(workspace, workspace.restored)
     if segment is None:
@@ -151,12 +161,12 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     if not workspace.compared:
         return
     rows = workspace.compared_with_training()
-    trained = workspace.result
-    answered = (trained or rows[0]).answer
-    show_answer(segment.info, answered, workspace.case)
-    st.caption(_about_methods(rows))
+    first = st.container()
     follower = pick_follower(segment, "compare_follower", labelled=False)
     shown = _Shown(workspace, segment, rows, follower)
+    with first:
+        show_answer(segment.info, shown.answer, workspace.case)
+        st.caption(_about_methods(rows))
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
         "Methods": lambda: _show_methods(shown),
@@ -201,8 +211,8 @@ def _show_collisions(shown: _Shown) -> None:
         "No follower collides on this window"
     )  # fmt: skip
     with st.expander(
-        f"{title} in closed-loop simulation by some method's parameters; {count} events in all,"
-        " inside and outside the window",
+        f"{title} in closed-loop simulation by some method's parameters; {count}"
+        f" {'event' if count == 1 else 'events'} in all, inside and outside the window",
         icon=":material/car_crash:",
     ):
         for row in rows:
@@ -247,11 +257,17 @@ def _show_estimates(shown: _Shown) -> None:
         figures.NamedEstimate(name_of(row.fit), row.fit.parameters.values[follower])
         for row in shown.rows
     ]
+    spans = [shown.answer.gain(name, follower) for name in PARAMETER_KEYS]
+    value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
+    title = f"Answer ({registry.TITLES[shown.answer.model]})"
+    dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
     figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
     show.chart(figure, "compare_estimates")
     st.caption(
-        f"{escape_markdown(shown.segment.labels[follower + 1])}: one dot a method. Grey:"
-        f" {100 * uncertainty.level:.0f} % interval of the CTHP."
+        f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
+        f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
+        " the CTHP in this window."
+        + (" Beside an s₀, τ is smaller by s₀/v." if "s0" in shown.answer.names else "")
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
@@ -338,9 +354,8 @@ def _show_identifiability(shown: _Shown) -> None:
         " the curve: the curve takes all samples as independent, while the interval accounts for"
         " disturbances that last for seconds and bias the estimate."
     )
-    answered = (shown.workspace.result or shown.rows[0]).answer
-    if np.isfinite(answered.parameters.alpha[follower]):
-        show.chart(answer_figures.joint(answered, follower, shown.colour), "compare_joint")
+    if np.isfinite(shown.answer.parameters.alpha[follower]):
+        show.chart(answer_figures.joint(shown.answer, follower, shown.colour), "compare_joint")
         st.caption(
             "Joint distribution of the answer's typical value; cross: the answer. A narrow slope"
             " means that two parameters trade off: each alone is known less than both together."
@@ -362,10 +377,9 @@ def _show_adequacy(shown: _Shown) -> None:
     st.caption(
         "In brackets: the interval under that form, which holds if the form does. Real controllers"
         " keep a distance at standstill and act with a lag and a delay; a model without these terms"
-        " shifts them into α, β and τ. AIC and the log density of held-out time (the last third,"
-        " under the form learned from the first two) are those of the form minus those of the CTHP:"
-        " prefer a form with a clearly lower AIC and a higher density. If there is none, the forms"
-        " show how much α, β and τ depend on the assumptions."
+        " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
+        " under the form learned from the first two): prefer a form in which both are clearly"
+        " above 0. If there is none, the forms show how much α, β and τ depend on the assumptions."
     )
     _show_residual(shown)
     _show_disturbance(shown)

@@ -5,9 +5,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.channels import PARAMETERS
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PinnConfig
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
@@ -21,13 +23,15 @@ from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import tabs
-from pages.ui.data.sources import ask_for_upload, drop_zone, find_run, open_sample
+from pages.ui.data.sources import OPENING, drop_zone, find_run, open_sample
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, sample_title, samples
+from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.listing import first_estimate, restore_run, title_of
+from pages.ui.snapshots.listing import compare_two, restore_run, show_entries
 
-LAST_RUNS = 3
+TURN = "home_turn"
+"""The choice that leads to page Train, once a run has been restored."""
 CARDS = 4
 """In a row."""
 _STYLE = """<style>
@@ -42,9 +46,9 @@ def show_page() -> None:
     workspace = frame.begin("")
     st.html(_STYLE)
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
-    entries = workspace.runs
-    if workspace.recording or workspace.restored or entries:
-        _continue(workspace, entries)
+    recent = recent_sessions(workspace.id)
+    if workspace.recording or workspace.restored or recent:
+        _continue(workspace, recent)
     else:
         st.markdown(
             "accpinn estimates the gains α and β and the time headway τ of a car's **adaptive"
@@ -52,41 +56,51 @@ def show_page() -> None:
             " amplify disturbances."
         )
     _ways_in(workspace)
+    runs = runs_to_see(workspace)
     drawn = {
+        "Finished runs": lambda: _show_runs(workspace, runs),
         "Samples": lambda: _show_samples(workspace),
         "Published parameters": lambda: _show_published(workspace),
         "Reproduce the paper": lambda: show_checklist(workspace),
     }
+    if not runs:
+        del drawn["Finished runs"]
     tabs(workspace, "home_tabs", drawn)
 
 
-def _continue(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
+def _continue(workspace: Workspace, recent: list[tuple[str, Shown]]) -> None:
+    """What is open, and the person's other sessions."""
     with st.container(border=True):
-        session, runs = st.columns((1, 1.7), gap="large")
-        with session:
-            if workspace.recording or workspace.restored:
+        session, others = st.columns((1, 1.7), gap="large")
+        if workspace.recording or workspace.restored:
+            with session:
                 st.markdown("**Continue**  \n" + "  \n".join(frame.session_state(workspace)))
                 if workspace.training or workspace.restored:
                     frame.link(frame.TRAIN, "Back to the result", workspace)
                 else:
                     frame.link(frame.DATA, "Back to the recording", workspace)
-            else:
-                st.markdown("**Continue** with a finished run of this session.")
-        with runs:
-            if entries:
-                st.markdown("**Last runs**")
-            for entry in entries[:LAST_RUNS]:
-                _show_run(workspace, entry)
+        else:
+            session.markdown("**Continue**  \nThis session is new; go on with an earlier one.")
+        if recent:
+            with others:
+                st.markdown("**Earlier sessions**")
+                for name, shown in recent:
+                    asked = shown.analysis
+                    about = f"{asked.source.name}, {frame.in_words(asked.window, asked.windows)}"
+                    st.page_link(
+                        frame.TRAIN if shown.result else frame.DATA, label=escape_markdown(about),
+                        icon=":material/history:", query_params={SESSION: name},
+                    )  # fmt: skip
 
 
-def _show_run(workspace: Workspace, entry: Entry) -> None:
-    line, button = st.columns((5, 1), vertical_alignment="center")
-    line.caption(
-        f"{escape_markdown(title_of(entry))} · {escape_markdown(entry.source)} · {entry.window}  \n"
-        f"{escape_markdown(first_estimate(entry))}"
-    )
-    if button.button("Open", key=f"home_run_{entry.id}", help="Show this run on every page again."):
+def _show_runs(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
+    def restore(entry: Entry) -> None:
         restore_run(workspace, entry.id)
+        workspace.choices[TURN] = True
+
+    show_entries(entries, "home_runs", restore, help="Shows this run on every page.")
+    compare_two(workspace, entries, "home_runs")
+    if workspace.choices.pop(TURN, False):
         frame.go(frame.TRAIN, workspace)
 
 
@@ -118,7 +132,7 @@ def _ways_in(workspace: Workspace) -> None:
         st.caption("A synthetic platoon of four followers; the result comes within seconds.")
         _button(
             workspace, "Load your own OpenACC recording", frame.DATA, "own", width="stretch",
-            icon="upload_file", act=ask_for_upload,
+            icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),
             help="Page Data, with the field for a file and the server's folder.",
         )  # fmt: skip
         _button(
@@ -162,7 +176,7 @@ def _show_samples(workspace: Workspace) -> None:
 
 
 def _show_published(workspace: Workspace) -> None:
-    """A card for each set of parameters that the paper prints, and one for its last figure."""
+    """A card for each set of parameters that the paper prints."""
     st.caption(
         "The paper's parameters need no recording. The pictures are Bode magnitudes: above the"
         " line a disturbance grows from car to car."
@@ -181,16 +195,6 @@ def _show_published(workspace: Workspace) -> None:
                         help=f"Page {name}, with these printed parameters.",
                         act=partial(_take_published, workspace, published),
                     )  # fmt: skip
-    with columns[len(PUBLISHED)].container(border=True, height="stretch"):
-        st.markdown("**Figure 8: four panels**")
-        st.caption(
-            "Eight followers behind a leader whose speed oscillates at 0.25 and 0.3 rad/s, with the"
-            " parameters of the Mercedes and the Tesla."
-        )
-        _button(
-            workspace, "Platoon", frame.PLATOON, "panels", act=lambda: open_panels(workspace),
-            help="Page Platoon, with the four panels.",
-        )  # fmt: skip
 
 
 def _picture(figure: go.Figure, key: str) -> None:
@@ -209,7 +213,7 @@ def show_checklist(workspace: Workspace) -> None:
     """A row for each table and figure: printed beside computed, and the buttons that do it."""
     st.caption(
         "Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 2024. What follows"
-        " from printed parameters is computed at once; the rest takes a recording, or a synthetic"
+        " from printed parameters is computed at once; learning takes a recording, or a synthetic"
         " sample in its place."
     )
     for item in ITEMS:
@@ -233,15 +237,31 @@ def show_checklist(workspace: Workspace) -> None:
 def _show_item(workspace: Workspace, item: PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
-        title, words, buttons = st.columns((1, 3, 2.6), vertical_alignment="center")
+        widths = (0.9, 2.1, 0.9, 1, 2.9)
+        title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
+        title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
-        computed = at_once or bool(item.run and runs_of(workspace, item.run))
-        title.markdown(f"{MARK if computed else NEEDS} **{item.title}**")
+        criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")
+        learned.caption(_deviation(workspace, item))
         said = [item.subject + ".", item.outcome]
         said += [f"Takes {item.run}."] if item.run else []
         words.caption(escape_markdown(" ".join(filter(None, said))))
         with buttons.container(horizontal=True, horizontal_alignment="right"):
             _show_buttons(workspace, item, f"{key}_")
+
+
+def _deviation(workspace: Workspace, item: PrintedItem) -> str:
+    """How far what this session learned from an item's recording lies from what is printed."""
+    if item.run is None:
+        return "–"
+    printed = item.verdicts[0] if item.verdicts else None
+    if printed and (learned := _learned(workspace, item, printed)):
+        most = 100 * np.abs(learned.values / printed.vehicles.parameters.values - 1).max(axis=0)
+        off = (f"{q.symbol} {value:.0f} %" for q, value in zip(PARAMETERS, most, strict=True))
+        return f"{MARK} learned; deviation at most {', '.join(off)}"
+    if not printed and runs_of(workspace, item.run):
+        return f"{MARK} learned from the recording"
+    return f"{NEEDS} parameters not learned yet"
 
 
 def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:

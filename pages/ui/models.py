@@ -116,18 +116,19 @@ def _show_follower(workspace: Workspace, one: Judgement) -> None:
     table, stem = judged_table(one, speed), Path(one.subject.windows[0].source).stem
     show.table(table)
     st.caption(ABOUT)
-    show.key(figures.colours(one))
+    followers = figures.followers_of(one)
+    show.key((follower.name, follower.colour) for follower in followers)
     left, right = st.columns(2)
     with left:
         show.chart(figures.errors_by_window(one), "models_errors")
-        st.caption("The gap's error in each window left out.")
     with right:
-        show.chart(figures.peak_over_speed(one, speed), "models_peak")
+        low, _, high = one.subject.speeds
+        show.chart(figures.peak_over_speed(followers, (low, high), speed), "models_peak")
         st.caption(
             "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."
             " Dashed: the speed chosen."
         )
-    with st.expander("Parameters of each model, and what the data leave open"):
+    with st.expander("Parameters of each model and their uncertainty"):
         parameters = model_parameters_table(one)
         show.table(parameters)
         show.messages(messages(one.findings[1:], one.subject.windows[0]))

@@ -1,6 +1,7 @@
 """The page Platoon: controls, the simulation in words, speeds and time-space diagram, and tabs."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import fields
 from itertools import cycle
 from typing import Literal
@@ -12,7 +13,6 @@ from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.channels import SPEED
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
@@ -20,10 +20,12 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation, watched
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
+from accpinn.results.judged import at_speed
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import (
     PLACES,
     Places,
+    by_linearisation,
     disturbance,
     not_acc,
     probabilities,
@@ -51,6 +53,7 @@ TABS = "platoon"
 PANELS = "The paper's four panels"
 SHOWN_WHOLE = 0.99
 """A part of a run longer than this share of it is the run."""
+KMH = 3.6
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
 """Followers of a repeated vehicle by default, as in the paper, and at most."""
 ORDERS = {"learned": "In order", "repeated": "One car", "own": "Own order"}
@@ -83,9 +86,13 @@ def show_page() -> None:
     if source is None:
         return
     chosen = source.vehicles
+    windows = _windows(workspace, source)
+    leader: Leader | None = None
+    recorded: Segment | None = None
     with st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon"):
-        order = _choose_order(workspace, chosen)
-        leader = _choose_leader(workspace, chosen.parameters[order]) if order else None
+        order = _choose_order(workspace, chosen, windows)
+        if order:
+            leader, recorded = _choose_leader(workspace, source, order, windows)
     if workspace.choices.get("platoon_order") == "own" and len(chosen) > 1:
         st.caption(
             " · ".join(f"{k} = {escape_markdown(n)}" for k, n in enumerate(chosen.labels, 1))
@@ -97,10 +104,9 @@ def show_page() -> None:
     )
     if run is None:
         return
-    recorded = recorded_leader(workspace) if isinstance(leader, Recorded) else None
     places = Places(chosen.spoken) if figures.is_in_order(chosen, order) else PLACES
     cast = figures.cast_of(chosen, order)
-    _show_answer(source, run, places, recorded)
+    _show_answer(workspace, source, run, places, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
         "Amplitudes": lambda: _show_amplitudes(workspace, run, cast),
@@ -117,19 +123,31 @@ def open_panels(workspace: Workspace) -> None:
     workspace.choices[TABS] = PANELS
 
 
-def _show_answer(source: Chosen, run: PlatoonRun, places: Places, recorded: Segment | None) -> None:
+def _show_answer(
+    workspace: Workspace,
+    source: Chosen,
+    run: PlatoonRun,
+    places: Places,
+    recorded: Segment | None,
+) -> None:
     chosen = source.vehicles
     with st.container(border=True):
         said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        details = smallest_gap(run, places)
+        details = f"{smallest_gap(run, places)} {by_linearisation(run)}".rstrip()
         if recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
-        st.caption(escape_markdown(details))
+        st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
+        if source.source == "fit" and st.button(
+            "Next: which model describes this car?", key="platoon_next",
+            icon=":material/arrow_forward:", type="tertiary",
+        ):  # fmt: skip
+            workspace.choices["compare_view"] = "models"
+            frame.go(frame.COMPARE, workspace)
     # The answer names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
     show.messages(messages(others, places), "warning")
@@ -139,12 +157,12 @@ def _show_charts(
     workspace: Workspace, run: PlatoonRun, cast: figures.Cast, recorded: Segment | None
 ) -> None:
     """Both charts; of a recorded leader all of the run, with or without its followers."""
-    measured, is_whole = recorded, False
+    measured, linear, is_whole = recorded, run.linear, False
     with st.container(horizontal=True, vertical_alignment="center"):
         if recorded:
             if not st.toggle(
                 "Recorded followers", **kept(workspace, "platoon_measured", True),
-                help="The speeds and space-gaps of the followers in the recording, dotted.",
+                help="The speeds and space-gaps of the followers in the recording.",
             ):  # fmt: skip
                 measured = None
         else:
@@ -155,6 +173,11 @@ def _show_charts(
                 False, "platoon_whole", workspace,
                 help="Which part of the run both charts show.",
             )  # fmt: skip
+        if linear and not st.toggle(
+            "Linear prediction", **kept(workspace, "platoon_linear", recorded is None),
+            help="What the linearisation, which holds for small disturbances, would do.",
+        ):  # fmt: skip
+            linear = None
         view = segments(
             "Seen from", VIEWS, "observer", "platoon_view", workspace,
             help="Of the time-space diagram. The observer drives at the leader's mean speed, so"
@@ -162,12 +185,13 @@ def _show_charts(
         )  # fmt: skip
         show.key(
             zip(cast.labels, cast.colours, strict=True),
-            dashed="recorded (dotted)" if measured else "",
+            dashed="linear prediction" if linear else "",
+            dotted="recorded" if measured else "",
         )
     span = None if is_whole else figures.close_up(run)
     left, right = st.columns(2, gap="medium")
     with left:
-        show.chart(figures.profiles(run, cast, span, measured, HEIGHT), "platoon_profiles")
+        show.chart(figures.profiles(run, cast, span, measured, HEIGHT, linear), "platoon_profiles")
     with right:
         show.chart(figures.time_space(run, cast, span, view, HEIGHT), "platoon_time_space")
 
@@ -175,7 +199,9 @@ def _show_charts(
 # Which vehicles drive behind the leader, and what it does
 
 
-def _choose_order(workspace: Workspace, chosen: ParameterSet) -> list[int] | None:
+def _choose_order(
+    workspace: Workspace, chosen: ParameterSet, windows: Sequence[Segment]
+) -> list[int] | None:
     """The followers' indices in ``chosen``; None, with a sentence, for no order."""
     choices, many = workspace.choices, len(chosen) > 1
     order = segments(
@@ -187,9 +213,8 @@ def _choose_order(workspace: Workspace, chosen: ParameterSet) -> list[int] | Non
             "Vehicle", dict(enumerate(chosen.labels)), 0, "platoon_vehicle", workspace,
             width=200, help="The vehicle that is repeated.",
         ) if many else 0  # fmt: skip
-        is_recorded = choices.get("platoon_kind") == "recorded"
-        recorded = recorded_leader(workspace) if is_recorded else None
-        usual = recorded.followers if recorded else FOLLOWERS
+        is_recorded = choices.get("platoon_kind") == "recorded" and windows
+        usual = windows[0].followers if is_recorded else FOLLOWERS
         followers = st.number_input(
             "Followers", min_value=1, max_value=MOST_FOLLOWERS, width=120,
             **kept(workspace, "platoon_followers", usual),
@@ -235,54 +260,81 @@ def parse_order(text: str, count: int) -> list[int]:
     return order
 
 
-def recorded_leader(workspace: Workspace) -> Segment | None:
-    """The segment whose leader can drive: all of its speed was recorded."""
-    segment = workspace.segment
-    if segment is None:
-        return None
-    column = SPEED.of(segment.vehicles[0])
-    gone = any(column in block.columns for block in segment.blocks_missing)
-    return None if gone else segment
+def _windows(workspace: Workspace, source: Chosen) -> list[Segment]:
+    """Those of the answer, else the open one, whose leader can drive: all of its speed is known."""
+    of_answer = source.result.segments if source.result else ()
+    windows = of_answer or filter(None, (workspace.segment,))
+    return [
+        segment
+        for segment in windows
+        if not any(SPEED.of(segment.vehicles[0]) in b.columns for b in segment.blocks_missing)
+    ]
 
 
-def _choose_leader(workspace: Workspace, platoon: Parameters) -> Leader | None:
-    """The leader's disturbance; None, with a sentence, where its settings make no sense."""
-    segment = recorded_leader(workspace)
+def _choose_leader(
+    workspace: Workspace, source: Chosen, order: Sequence[int], windows: Sequence[Segment]
+) -> tuple[Leader | None, Segment | None]:
+    """The leader, and the window that it was recorded in.
+
+    The leader is None, with a sentence, where its settings make no sense.
+    """
     offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
-    offered |= {"recorded": "As recorded"} if segment else {}
+    offered |= {"recorded": "As recorded"} if windows else {}
     kind = select(
         "Disturbance of the leader", offered, "sinusoid", "platoon_kind", workspace, width=190,
-        help="What the leader does; as recorded, it drives as in the open window.",
+        help="What the leader does; as recorded, it drives as in a window of the recording.",
     )  # fmt: skip
-    if kind == "recorded" and segment:
-        return Recorded(segment.start + segment.time, segment.speeds[:, 0])
-    return show.attempt(lambda: _planned(workspace, kind, platoon))
+    if kind == "recorded" and windows:
+        at = select(
+            "Window", {k: str(segment.window) for k, segment in enumerate(windows)}, 0,
+            "platoon_window", workspace, width=170,
+        ) if len(windows) > 1 else 0  # fmt: skip
+        segment = windows[at]
+        return Recorded(segment.start + segment.time, segment.speeds[:, 0]), segment
+    return show.attempt(lambda: _planned(workspace, kind, source, order)), None
 
 
-def _planned(workspace: Workspace, kind: Disturbance, platoon: Parameters) -> Leader:
+def _planned(
+    workspace: Workspace, kind: Disturbance, source: Chosen, order: Sequence[int]
+) -> Leader:
     values: dict[str, float] = {}
-    first = FIRST[kind]
+    first, speed = FIRST[kind], None
+    if source.vehicles.parameters.own.size:  # a nonlinear model's response depends on the speed
+        chosen = workspace.choices.get("stability_speed", KMH * source.median_speed)
+        speed = float(f"{chosen / KMH:.3g}")
     if first == "frequency":
-        values[first] = _frequency(workspace, platoon)
+        values[first] = _frequency(workspace, source, order, speed)
     else:
         values[first] = _setting(workspace, kind, first, st.container(width=170))
     with st.popover("Settings", icon=":material/tune:", help="Further settings of the leader"):
         columns = cycle(st.columns(2))
         for setting in fields(PLANNED[kind]):
             if setting.name != first:
-                values[setting.name] = _setting(workspace, kind, setting.name, next(columns))
+                usual = speed if setting.name == "speed" else None
+                place = next(columns)
+                values[setting.name] = _setting(workspace, kind, setting.name, place, usual)
     return PLANNED[kind](**values)
 
 
-def _setting(workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator) -> float:
+def _setting(
+    workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator,
+    usual: float | None = None,
+) -> float:  # fmt: skip
     key, (label, step, meaning) = f"platoon_{kind}_{setting}", LABELS[setting]
-    shown = kept(workspace, key, float(getattr(PLANNED[kind], setting)))
+    shown = kept(workspace, key, usual or float(getattr(PLANNED[kind], setting)))
     return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
 
 
-def _frequency(workspace: Workspace, platoon: Parameters) -> float:
+def _frequency(
+    workspace: Workspace, source: Chosen, order: Sequence[int], speed: float | None
+) -> float:
     """The one chosen, otherwise the one at which this platoon's last follower moves most."""
     key, (label, step, meaning) = "platoon_frequency", LABELS["frequency"]
+    vehicles = source.vehicles
+    if speed:
+        speed = workspace.choices.get("platoon_sinusoid_speed", speed)
+        vehicles, _ = at_speed(vehicles, None, speed)
+    platoon = vehicles.parameters[[*order]]
     peak = float(f"{stability_report(platoon).platoon.peaks[-1].omega:.4g}") or Sinusoid.frequency
     chosen = workspace.choices.get(key)
     value = peak if chosen is None else chosen

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import streamlit as st
 
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import stability as figures
+from accpinn.results.figures.models import Follower, peak_over_speed
 from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.judged import at_speed
@@ -21,6 +22,7 @@ from accpinn.results.messages.stability import (
     GIVEN_PARAMETERS,
     MEASURED,
     TITLES,
+    against_measured,
     criteria_differ,
     headline,
     reason,
@@ -50,6 +52,8 @@ HEIGHT = 370
 """Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
+MOST_REASONS = 5
+"""Vehicles and platoon whose reasons stand together; of more, one is chosen."""
 PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
@@ -59,20 +63,23 @@ NO_DATA = (
 
 def show_page() -> None:
     workspace = frame.begin("Stability")
-    source = choose_parameters(workspace, "stability", LEAD)
-    if source and source.vehicles.parameters.own.size:
-        source = _at_chosen_speed(workspace, source)
-    if source is None or show.attempt(lambda: source.report) is None:
+    chosen = choose_parameters(workspace, "stability", LEAD)
+    if chosen is None:
         return
     answer_column, chart_column = st.columns((1, 1.35), gap="medium")
+    is_nonlinear = chosen.vehicles.parameters.own.size > 0
     with answer_column:
+        source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
+        if source is None or show.attempt(lambda: source.report) is None:
+            return
         _show_answer(source)
         _show_simulate(workspace, source)
     with chart_column:
         shaded = _show_bode(workspace, source)
     _show_verdicts(source)
     tabs(workspace, "stability", {
-        "Why": lambda: _show_reasons(source),
+        "Why": lambda: _show_reasons(workspace, source),
+        **({"Speed": lambda: _show_speeds(source)} if is_nonlinear else {}),
         "Criteria": lambda: _show_criteria(source),
         "Map": lambda: _show_map(workspace, source, shaded),
         "Measured": lambda: _show_measured(workspace, source, shaded),
@@ -81,8 +88,7 @@ def show_page() -> None:
 
 def _at_chosen_speed(workspace: Workspace, source: Chosen) -> Chosen | None:
     """The vehicles at a speed that the user chooses, by default the recording's median."""
-    stored = source.result.known_answer if source.result else None
-    median = round(KMH * float(np.median(stored.speeds)) if stored else 100.0)
+    median = round(KMH * source.median_speed)
     speed = st.number_input(
         "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
         help=f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
@@ -135,10 +141,9 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
         The uncertainty, where the user wants to see it in charts.
     """
     chosen, uncertainty = source.vehicles, source.uncertainty
-    key = list(zip(chosen.labels, figures.colours(chosen), strict=True))
-    key += [("Leader to last follower (dashed)", LEADER)] if len(chosen) > 1 else []
+    whole = "leader to last follower" if len(chosen) > 1 else ""
     with st.container(horizontal=True):
-        show.key(key)
+        show.key(zip(chosen.labels, figures.colours(chosen), strict=True), dashed=whole)
         if uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the Bode magnitude and of the model beside the measured gain, and"
@@ -156,8 +161,8 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
         + (" Points with bars: the measured gain and its band." if measured else ""),
         help=MEASURED if measured else None,
     )
-    said = messages(source.checks, result.info) if result else ()
-    if said:
+    if result:
+        said = against_measured(source.checks, result.info)
         st.caption("  \n".join(map(escape_markdown, said)))
     if clicked := clicked_point(event["selection"]["points"]):
         _open_platoon(workspace, *clicked)
@@ -173,7 +178,9 @@ def _show_verdicts(source: Chosen) -> None:
         f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets:"
         f" {100 * known.level:.0f} % intervals. "
     )
-    st.caption(f"{posterior or ''}{GAIN}")
+    linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
+              " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip
+    st.caption(f"{linear}{posterior or ''}{GAIN}")
     if differ := criteria_differ(chosen, source.report):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
@@ -214,6 +221,7 @@ def clicked_point(points: list[dict[str, Any]]) -> tuple[RadiansPerSecond, int] 
 
 def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -> None:
     """Turn to the platoon of that vehicle, or of all in order, at that frequency."""
+    workspace.choices.pop("platoon_sinusoid_speed", None)  # the one chosen here instead
     workspace.choices.update(
         platoon_order="learned" if vehicle == WHOLE else "repeated",
         platoon_vehicle=max(vehicle, 0),
@@ -224,6 +232,30 @@ def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -
 
 
 # Tabs
+
+
+def _show_speeds(source: Chosen) -> None:
+    """The largest gain of each vehicle over the speed, where the recording's speeds are marked."""
+    vehicles, known = source.vehicles, source.uncertainty
+    own, draws = vehicles.parameters.own, known.draws.own if known else None
+    followers = [
+        Follower(label, colour, FOLLOWING[vehicles.model], own[k],
+                 None if draws is None else draws[:, k])
+        for k, (label, colour) in enumerate(zip(vehicles.labels, figures.colours(vehicles),
+                                                strict=True))
+    ]  # fmt: skip
+    segments = source.result.segments if source.result else ()
+    driven = np.array([source.median_speed])
+    if segments:
+        driven = np.concatenate([segment.speeds[:, 1:].ravel() for segment in segments])
+    low, high = np.quantile(driven, (0.05, 0.95)).tolist()
+    speed = source.speed or source.median_speed
+    show.chart(peak_over_speed(followers, (low, high), speed), "stability_speeds")
+    st.caption(
+        f"Largest gain for small disturbances: above 0 dB they grow. Shaded in grey: the followers"
+        f" drive {KMH * low:.0f} to {KMH * high:.0f} km/h for 90 % of the recorded time. Dashed:"
+        f" {KMH * speed:.0f} km/h. Bands: {100 * LEVEL:.0f} % intervals."
+    )
 
 
 def _show_criteria(source: Chosen) -> None:
@@ -283,7 +315,8 @@ def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) 
     )
 
 
-def _show_reasons(source: Chosen) -> None:
+def _show_reasons(workspace: Workspace, source: Chosen) -> None:
+    """The reason for each verdict; of many vehicles for the one chosen."""
     chosen, report = source.vehicles, source.report
     if source.uncertainty:
         st.caption(BY_ESTIMATES)
@@ -301,6 +334,13 @@ def _show_reasons(source: Chosen) -> None:
             "**The platoon.** Strict: no vehicle amplifies anything. Weak: nothing has grown at"
             " the last one.\n" + _listed(verdicts, report, chosen.spoken)
         )
+    if len(texts) > MOST_REASONS:
+        names = ("The platoon", *chosen.labels)
+        which = select(
+            "Vehicle", dict(enumerate(names, -1)), WHOLE, "stability_reasons", workspace,
+            labelled=False, width=240,
+        )  # fmt: skip
+        texts = [texts[which]]
     # A row of columns each, so that a narrow screen keeps their order.
     for at in range(0, len(texts), 2):
         for column, text in zip(st.columns(2, gap="large"), texts[at : at + 2], strict=False):
@@ -320,10 +360,11 @@ def _listed(
 def _show_measured(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) -> None:
     """The gain of one follower by Welch's method, beside the model's curve."""
     chosen, result, follower = source.vehicles, source.result, 0
-    segment = (result.segment if result else None) or workspace.segment
-    if segment is None:
+    windows = (result.segments if result else ()) or tuple(filter(None, (workspace.segment,)))
+    if not windows:
         show.messages(NO_DATA)
         return
+    segment = windows[0]
     labels = segment.labels[1:]
     head = st.container(horizontal=True, vertical_alignment="center")
     with head:
@@ -333,7 +374,7 @@ def _show_measured(workspace: Workspace, source: Chosen, shaded: Uncertainty | N
                 labelled=False, width=240,
                 help="The vehicle whose recorded speed is compared with that of the car ahead.",
             )  # fmt: skip
-    gain = show.attempt(lambda: measured_gain(segment, follower))
+    gain = show.attempt(lambda: measured_gain(windows, follower))
     if gain is None:
         return
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
@@ -344,18 +385,20 @@ def _show_measured(workspace: Workspace, source: Chosen, shaded: Uncertainty | N
         draws = shaded.draws[:, which] if shaded else None
         known = draws is not None and np.isfinite(draws.alpha).all()
         model = Model(chosen.labels[which], chosen.parameters[which], draws if known else None)
-        key.append((f"{model.name}, model", colour))
+        at = f" at {KMH * source.speed:.0f} km/h" if source.speed else ""
+        key.append((f"{model.name}, model{at}", colour))
     with head:
         show.key(key)
     show.chart(measured_bode(gain, labels[follower], colour, model), "stability_measured_gain")
     level = f"{100 * gain.level:.0f} %"
+    about = frame.in_words(segment.window, [one.window for one in windows])
     band = f" Shaded: {level} band of the model." if model and model.draws is not None else ""
     st.caption(
-        f"{escape_markdown(segment.source)}, {segment.window}. The measured gain from the speed"
+        f"{escape_markdown(segment.source)}, {about}. The measured gain from the speed"
         " ahead to the vehicle's own, from the recorded speeds alone (Welch's method,"
         f" {gain.pieces} pieces of {gain.length:.0f} s), with {level} bars for the random error."
         " Faint: the coherence is not above that of unrelated signals. Where the points leave the"
-        " curve, the CTHP with these parameters does not describe how this vehicle passes on"
+        " curve, the model with these parameters does not describe how this vehicle passes on"
         f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is;"
         " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"
         f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"

@@ -1,7 +1,7 @@
 """The page Train: preset, options, the buttons that start and stop, and what is learned."""
 
 import math
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from functools import lru_cache
 from typing import Any
 
@@ -19,11 +19,11 @@ from accpinn.results.figures.training import thinned_history, tracking, training
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
-from accpinn.tasks.task import Status, Task
+from accpinn.tasks.task import Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
-from pages.ui.components.result import banner, recording_needed, show_result
+from pages.ui.components.result import BANDS, banner, recording_needed, show_result
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, segments, select
 from pages.ui.data.views import show_validation
@@ -66,39 +66,36 @@ WEIGHT_PHYSICS = (
     " model, a smaller one to the data."
 )
 WEIGHT_DATA = "Of the squared distance of the network's curves from the data."
-OPTIONS: dict[str, tuple[str, float, str]] = {
-    "iterations": ("Iterations, at most", 100, "Of the optimiser Adam. The fast and calibrated"
-                   " presets end earlier once α, β and τ stand still."),
-    "seed": ("Seed", 1, "Of the network's random initial weights and of the instants drawn at"
-             " random. The same seed gives the same result."),
-    "learning_rate": ("Learning rate", 0.001, "Adam's step. Larger is faster, until the loss no"
-                      " longer falls; the paper's is 0.001."),
-    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, "Of the squared error at the"
-                       " first instant; 0 leaves the term out, the authors' notebooks use 1."),
-    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, START_HELP)
+EVERY, PAPERS, OTHERS = "calibrated fast paper", "fast paper", "calibrated fast"
+OPTIONS: dict[str, tuple[str, float, str, str]] = {
+    "iterations": ("Iterations, at most", 100, EVERY, "Of the optimiser Adam. The fast and"
+                   " calibrated presets end earlier once α, β and τ stand still."),
+    "seed": ("Seed", 1, EVERY, "Of the network's random initial weights and of the instants drawn"
+             " at random. The same seed gives the same result."),
+    "learning_rate": ("Learning rate", 0.001, EVERY, "Adam's step. Larger is faster, until the loss"
+                      " no longer falls; the paper's is 0.001."),
+    "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, PAPERS, "Of the squared error"
+                       " at the first instant; 0 leaves it out, the authors' notebooks use 1."),
+    **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, PAPERS, START_HELP)
        for k, parameter in enumerate(PARAMETERS)},
-    "weight_physics-0": ("Q, weight of dp/dt in Ψ_F", 0.1, WEIGHT_PHYSICS),
-    "weight_physics-1": ("Q, weight of dv/dt in Ψ_F", 0.1, WEIGHT_PHYSICS),
-    "weight_data-0": ("S, weight of gaps in Ψ_D", 0.1, WEIGHT_DATA),
-    "weight_data-1": ("S, weight of speeds in Ψ_D", 0.1, WEIGHT_DATA),
-    "layers": ("Hidden layers", 1, "Of the network; the paper's has three. A smaller network is"
-               " quicker, and the curves follow the data less closely."),
-    "width": ("Neurons per layer", 10, "The paper's have sixty."),
+    "weight_physics-0": ("Q, weight of dp/dt in Ψ_F", 0.1, PAPERS, WEIGHT_PHYSICS),
+    "weight_physics-1": ("Q, weight of dv/dt in Ψ_F", 0.1, PAPERS, WEIGHT_PHYSICS),
+    "weight_data-0": ("S, weight of gaps in Ψ_D", 0.1, PAPERS, WEIGHT_DATA),
+    "weight_data-1": ("S, weight of speeds in Ψ_D", 0.1, PAPERS, WEIGHT_DATA),
+    "layers": ("Hidden layers", 1, EVERY, "Of the network; the paper's has three. A smaller network"
+               " is quicker, and the curves follow the data less closely."),
+    "width": ("Neurons per layer", 10, EVERY, "The paper's have sixty."),
+    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "paper", "The paper suggests them for"
+                         " the last digits, but reports none."),
+    "test_share": ("Share kept for testing", 0.05, "paper", "Instants drawn at random that the loss"
+                   " does not see; their loss is reported."),
+    "highest_frequency": ("Highest frequency [Hz]", 0.05, OTHERS, "The network's curves cannot move"
+                          " faster than this. Platoons move below 0.1 Hz; the calibrated preset"
+                          " resolves 0.5 Hz to tell noise from motion."),
+    "batch": ("Instants per iteration", 100, OTHERS, "Drawn at random for each step of Adam."),
 }  # fmt: skip
-"""Label, step and meaning of the fields in their order, by setting, and by place in the setting
-where it has several numbers; what differs between presets comes last."""
-OF_PAPER: dict[str, tuple[str, float, str]] = {
-    "lbfgs_iterations": ("L-BFGS iterations after Adam", 100, "The paper suggests them for the last"
-                         " digits, but reports none."),
-    "test_share": ("Share kept for testing", 0.05, "Instants drawn at random that the loss does"
-                   " not see; their loss is reported."),
-}  # fmt: skip
-OF_OTHERS: dict[str, tuple[str, float, str]] = {
-    "highest_frequency": ("Highest frequency [Hz]", 0.05, "The network's curves cannot move faster"
-                          " than this. Platoons move below 0.1 Hz; the calibrated preset resolves"
-                          " 0.5 Hz to tell noise from motion."),
-    "batch": ("Instants per iteration", 100, "Drawn at random for each step of Adam."),
-}  # fmt: skip
+"""Label, step, presets that use it and meaning of the fields in their order, by setting, and by
+place in the setting where it has several numbers."""
 
 
 def show_page() -> None:
@@ -127,21 +124,21 @@ def _show_page(workspace: Workspace) -> None:
         recording_needed(workspace, "To train on, the page needs")
     if training and segment:
         monitor(workspace, training, lambda running: _show_run(workspace, segment, running))
-    elif result:
+    if result:
         _show_result(workspace, result)
 
 
 def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
-    """The training, or what was learned once it is over."""
-    result, training = workspace.result, workspace.training
-    if running and training:
-        asked, recording = training.analysis, workspace.recording
-        if asked and recording and asked.window != workspace.window:  # the first of several
-            window = asked.window
-            segment = cut(recording, window.start, window.duration, asked.vehicles)
+    """The curves of a training that runs; folded where the result before it stands below."""
+    training, recording = workspace.training, workspace.recording
+    if not (running and training):
+        return
+    asked = training.analysis
+    if asked and recording and asked.window != workspace.window:  # the first of several
+        window = asked.window
+        segment = cut(recording, window.start, window.duration, asked.vehicles)
+    with st.expander("The running training") if workspace.result else nullcontext():
         _show_live(training, segment, workspace.case, workspace.true_parameters)
-    elif result:
-        _show_result(workspace, result)
 
 
 def _show_result(workspace: Workspace, result: Result) -> None:
@@ -164,6 +161,8 @@ def _show_live(
     model = asked.law.model if asked else PAPER
     is_cthp = model in MODELS
     show.vehicle_key(segment, bool(truth) and is_cthp, segment.shares(case), with_solved=is_cthp)
+    if history.deviations is not None:
+        st.caption(BANDS)
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
     drawn, curves = _live_figures(training, segment, case, model, truth, step)
     show.charts([*drawn.items()], "train_live")
@@ -242,11 +241,9 @@ def _buttons(workspace: Workspace, config: PinnConfig | None) -> None:
     label, icon = ("Start training", "play_arrow")
     if at is not None:
         label, icon = (f"Continue from iteration {at:,}", "resume")
-    answered = training.analysis if training and training.status is Status.DONE else None
-    done = answered and asked and answered.key == asked.key
     st.button(
         label,
-        type="secondary" if done else "primary",
+        type="secondary" if workspace.result else "primary",
         icon=f":material/{icon}:",
         key="train_start",
         disabled=config is None,
@@ -277,8 +274,9 @@ def _show_options(workspace: Workspace) -> None:
     select(
         "Model of the answer", TITLES, BEST, MODEL, workspace, width=380, help=MODEL_HELP,
     )  # fmt: skip
-    rows = [st.columns(4) for _ in range(4 if preset == "calibrated" else 5)]
-    places = [column for row in rows for column in row]
+    fields = {name: field for name, field in OPTIONS.items() if preset in field[2].split()}
+    count = len(fields) + 1 + ("initial-0" in fields)
+    places = [column for _ in range(math.ceil(count / 4)) for column in st.columns(4)]
 
     def number(column: Any, name: str, label: str, step: float, help: str) -> None:
         """A field; a name ends with a place where the setting has several numbers."""
@@ -296,9 +294,7 @@ def _show_options(workspace: Workspace) -> None:
         look = {} if isinstance(step, int) else {"format": "%g"}
         column.number_input(label, **shown, step=step, help=help, **look)
 
-    fields = OPTIONS | (OF_PAPER if preset == "paper" else OF_OTHERS)
-    has_start = preset != "calibrated"  # which begins where the likelihood is largest
-    if has_start:
+    if "initial-0" in fields:
         now = tuple(float(value) for value in settings["initial"])
         starts = [*(tuple(start.values.tolist()) for start in STARTS), now]
         select(
@@ -306,9 +302,7 @@ def _show_options(workspace: Workspace) -> None:
             now, f"train_{preset}_start", lambda initial: changes.update(initial=initial),
             place=places.pop(4), help=START_HELP,
         )  # fmt: skip
-    else:
-        fields = {name: field for name, field in fields.items() if "initial-" not in name}
-    for column, (name, (label, step, explained)) in zip(places, fields.items(), strict=False):
+    for column, (name, (label, step, _, explained)) in zip(places, fields.items(), strict=False):
         number(column, name, label, step, explained)
     with places[-1]:
         st.space("stretch")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.cli.estimation import describe_fit, fit_text
+from accpinn.cli.documents import describe_fit
+from accpinn.cli.estimation import fit_text
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages

@@ -81,14 +81,3 @@ def test_windows_that_the_recording_does_not_have(
     capsys: Capture, options: list[str], words: str
 ) -> None:
     assert words in refused(capsys, 1, "fit", STUDY, *METHOD, *options)
-
-
-def test_missing_samples_are_left_out_and_named(capsys: Capture, tmp_path: Path) -> None:
-    lines = STUDY.read_text().splitlines()
-    for k in range(1006, 1106):
-        cells = lines[k].split(",")
-        lines[k] = ",".join([cells[0], "", *cells[2:]])
-    path = tmp_path / "holed.csv"
-    path.write_text("\n".join(lines) + "\n")
-    notes = document(capsys, "fit", path, *METHOD, "--windows", "0-90,90-180")["notes"]
-    assert any("Speed1 is missing in 11 % of the window, at 100–109.9 s" in one for one in notes)

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
@@ -10,7 +9,6 @@ from accpinn.evaluation.evaluation import OtherVehicles, ValidationOverlaps, val
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven
@@ -51,13 +49,3 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
     assert OtherVehicles(alike[0].labels[1:], alike[1].labels[1:]) in validate(fit, *alike).findings
     with pytest.raises(SegmentError, match="choose as many"):
         validate(fit, segment, cut(recording, 200.0, 100.0, (1, 2)))
-
-
-def test_of_the_papers_casale_parameters(casale: Recording) -> None:
-    """On another window of the same drive the error is of the size of that on its own window."""
-    segment, other = cut(casale, 0.0, 300.0), cut(casale, 900.0, 300.0)
-    fit = replace(least_squares.fit(segment), parameters=Parameters([0.0104], [0.0718], [1.52]))
-    found = validate(fit, segment, other)
-    assert found.learned.gap_mae[0] == pytest.approx(13.6, abs=0.1)
-    assert np.isfinite(found.validated.gap_mae).all()
-    assert found.events == ()

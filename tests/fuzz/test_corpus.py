@@ -12,7 +12,7 @@ from tests.fuzz.campaign import Run, attempt
 from tests.fuzz.kinds import KINDS, Kind
 
 EXAMPLES = {
-    "recording": 200, "pairs": 25, "mapping": 50, "snapshot": 100, "study": 40, "link": 25,
+    "recording": 200, "pairs": 25, "mapping": 50, "snapshot": 50, "study": 40, "link": 25,
     "arguments": 20,
 }  # fmt: skip
 """How many of each kind; `make fuzz` goes on from there."""

@@ -49,6 +49,20 @@ def test_without_disturbance_and_doubt_it_is_the_closed_loop_simulation(
         np.testing.assert_allclose(end, expected.gaps, atol=1e-5)
 
 
+def test_an_intercept_shifts_the_gaps_and_their_band(
+    segment: Segment, uncertainty: Uncertainty
+) -> None:
+    found = gap_band(segment, uncertainty, "II")
+    draws = uncertainty.draws.complete.copy()
+    draws[..., 3] = 4.0
+    with_intercept = replace(uncertainty, draws=Parameters.of(draws))
+    shifted = gap_band(replace(segment, gaps=segment.gaps + 4.0), with_intercept, "II")
+    # The disturbances are estimated under a model without an intercept, so their sizes differ.
+    np.testing.assert_allclose(shifted.lower[0], found.lower[0] + 4.0)
+    middle = [(band.lower + band.upper).mean(axis=0) / 2 for band in (found, shifted)]
+    np.testing.assert_allclose(middle[1], middle[0] + 4.0, atol=0.5)
+
+
 def test_it_holds_most_of_what_is_measured_and_begins_there(
     segment: Segment, uncertainty: Uncertainty
 ) -> None:

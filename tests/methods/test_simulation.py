@@ -119,7 +119,6 @@ class TestRealRecordings:
         fit, limit = simulation.fit(segment), splines.fit(segment)
         assert fit.outcome is Outcome.CONVERGED
         ours, theirs = closed_loop_errors(segment, fit), closed_loop_errors(segment, limit)
-        assert theirs.gap_mae[0] == pytest.approx(13.6, abs=0.1)
         assert ours.gap_mae[0] < 0.85 * theirs.gap_mae[0]
         assert ours.gap_rmse[0] < theirs.gap_rmse[0]
 

@@ -291,6 +291,30 @@ def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> 
     assert "columns and units as in an earlier file" in other.plain()
 
 
+def test_columns_are_guessed_by_names_and_numbers_and_never_twice() -> None:
+    frame = platoon(2, 400)
+    odd = pd.DataFrame({
+        "zeit": frame["Time"], "kanal a": 3.6 * frame["Speed1"], "speed limit": 1000.0,
+        "v": frame["Speed2"], "x": frame["IVS1"],
+    })  # fmt: skip
+    page = open_page(DATA)
+    page.upload("odd.csv", odd.to_csv(index=False).encode())
+    fields = ("time", "speed_0", "speed_1", "gap_1")
+
+    def chosen() -> list[str]:
+        return [page.selectbox(key=f"data_map_{field}").value for field in fields]
+
+    assert chosen() == ["zeit", "v", "choose…", "choose…"]
+    assert "data_open_mapped" not in [button.key for button in page.button]
+    page.choose("data_map_speed_0", "kanal a").choose("data_map_gap_1", "x")
+    assert page.selectbox(key="data_map_speed_unit_0").value == "km/h"
+    page.choose("data_map_speed_1", "kanal a")
+    assert "kanal a" in page.boxes("error")[0], "chosen twice"
+    page.choose("data_map_speed_1", "v").press("data_open_mapped")
+    speed = page.workspace().recording.speed
+    np.testing.assert_allclose(speed, frame[["Speed1", "Speed2"]], atol=1e-9)
+
+
 def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
     for unit in ("m/s", "km/h"):
         page = open_page(DATA)

@@ -232,7 +232,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     again = page.workspace()
     assert again is not session
     assert again.id == session.id
-    page.press(f"home_run_{run.id}")
+    page.press(f"home_runs_open_{run.id}")
     assert again.result.parameters == before
     again.open(*sample(FIRST_SAMPLE))
     page.run()

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from accpinn.errors import RecordingError
-from accpinn.recordings.files import is_unknown, read, read_all, trajectories
+from accpinn.recordings.files import opened, read, read_all
 from accpinn.recordings.mapping import (
     load_mapping,
     parse_mapping,
@@ -66,11 +66,11 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     with pytest.raises(RecordingError, match="--mapping"):
         read(raw, "mine.csv")
     assert preview(raw, "mine.csv").mapping is None
-    assert is_unknown(raw, "mine.csv")
-    assert is_unknown(b"time,lead,ego,gap\n" + b"0,1,2,3\n" * 40, "mine.csv")
-    assert not is_unknown(csv(frame, metadata(("A", "B"))), "run.csv")
+    assert opened(raw, "mine.csv").is_unknown
+    assert opened(b"time,lead,ego,gap\n" + b"0,1,2,3\n" * 40, "mine.csv").is_unknown
+    assert not opened(csv(frame, metadata(("A", "B"))), "run.csv").is_unknown
     first = read(raw, "mine.csv", mapping=mapping)
-    assert not is_unknown(raw, "next.csv")
+    assert not opened(raw, "next.csv").is_unknown
     again = read(raw, "next.csv")
     np.testing.assert_array_equal(again.speed, first.speed)
     assert MappingRemembered() in again.findings
@@ -98,7 +98,7 @@ def test_several_runs_in_one_table_without_a_column_of_time() -> None:
     assert facts == [("x", 120, 0.05), ("y", 80, 0.05)]
     chosen = read(raw, "mine.csv", mapping=changed, trajectory="y")
     np.testing.assert_array_equal(chosen.speed, found[1].speed)
-    assert trajectories(raw, "mine.csv", mapping=changed) == (("x", 2), ("y", 2))
+    assert opened(raw, "mine.csv", mapping=changed).trajectories == (("x", 2), ("y", 2))
     with pytest.raises(RecordingError, match=r"2 trajectories; .*x, y"):
         read(raw, "mine.csv", mapping=changed)
 

@@ -9,7 +9,7 @@ import pytest
 
 import accpinn
 from accpinn.errors import RecordingError
-from accpinn.recordings.files import is_unknown, read, read_all, trajectories
+from accpinn.recordings.files import opened, read, read_all
 from accpinn.recordings.recording import Mode, Recording
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, pair, platoon, table
@@ -61,9 +61,9 @@ def test_equal_identifiers_at_another_time_are_no_platoon() -> None:
         read(raw, "pairs.csv")
     with pytest.raises(RecordingError, match='no trajectory "z"'):
         read(raw, "pairs.csv", trajectory="z")
-    assert trajectories(raw, "pairs.csv") == (("a", 2), ("b", 2))
-    assert trajectories(table(pair(frame, 1, "a"), pair(frame, 2, "b")), "pairs.csv") == ()
-    assert not is_unknown(raw, "pairs.csv")
+    assert opened(raw, "pairs.csv").trajectories == (("a", 2), ("b", 2))
+    assert opened(table(pair(frame, 1, "a"), pair(frame, 2, "b")), "pairs.csv").trajectories == ()
+    assert not opened(raw, "pairs.csv").is_unknown
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Draws leave: as a table, as a tree and as a file, with the numbers of the answer."""
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,20 +13,22 @@ from accpinn.errors import ConfigError
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.study.draws import to_netcdf
 from accpinn.study.result import Result
+from tests.support import draws
 from tests.support.command import PLATOON
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
+def result() -> Iterator[Result]:
     windows = [(0, 60), (100, 160)]
-    return accpinn.fit(PLATOON, windows=windows, vehicles="1-3", method="maximum-likelihood")
+    with draws.as_users_have():
+        yield accpinn.fit(PLATOON, windows=windows, vehicles="1-3", method="maximum-likelihood")
 
 
 def test_the_tree_has_the_answer_and_each_window(result: Result) -> None:
     tree = result.to_datatree()
-    typical = tree["posterior"]
+    typical, table = tree["posterior"], result.draws
+    assert len(table) == 2 * typical["tau"].size
     for k, vehicle in enumerate((2, 3)):
         for name in result.answer.names:
             span = result.answer.span(name, k)
@@ -58,7 +61,7 @@ def test_the_log_likelihood_is_that_of_the_windows_data(result: Result) -> None:
 def test_the_file_is_read_again(result: Result, tmp_path: Path) -> None:
     import xarray
 
-    (tmp_path / "draws.nc").write_bytes(to_netcdf(result))
+    (tmp_path / "draws.nc").write_bytes(result.to_netcdf())
     with xarray.open_datatree(tmp_path / "draws.nc", engine="h5netcdf") as tree:
         assert tree.attrs["sha256"] == result.info.sha256
         np.testing.assert_array_equal(tree["posterior"]["tau"][0], result.answer.typical.tau)

@@ -1,11 +1,7 @@
 """One answer: Python, command line, snapshot, verification, parameter card and pages agree."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 from pyarrow import parquet
@@ -47,27 +43,15 @@ def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_pa
 
 
 @pytest.mark.parametrize("model", ["cthp-s0-delay", "idm"])
-def test_the_table_of_a_database_gives_it_too(model: str, capsys: Capture, tmp_path: Path) -> None:
+def test_the_table_of_a_database_gives_it_too(
+    model: str, capsys: Capture, tmp_path: Path, cluster: str
+) -> None:
     out = tmp_path / "study"
-    methods = ("--methods", "least-squares", "--workers", 1, "--model", model)
+    methods = ("--methods", "least-squares", "--scheduler", cluster, "--model", model)
     document(capsys, "batch", STUDY, "--out", out, "--window", 100, *methods)
     (group,) = document(capsys, "table", out)["groups"]
-    # The workers of a batch take all draws, which tests do not, and so does another process.
-    command = (
-        "-m",
-        "accpinn",
-        "fit",
-        str(STUDY),
-        "--windows",
-        "all",
-        "--duration",
-        "100",
-        "--model",
-        model,
-        "--json",
-    )
-    done = subprocess.run([sys.executable, *command], capture_output=True, check=True)
-    fitted = json.loads(done.stdout)["answer"][0]
+    windows = ("--windows", "all", "--duration", 100, "--model", model)
+    (fitted,) = document(capsys, "fit", STUDY, *windows)["answer"]
     assert group["windows"] == fitted["windows"] == 3
     for name in ("parameters", "intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():
@@ -103,9 +87,3 @@ def test_several_windows_and_held_terms(capsys: Capture) -> None:
     paper = document(capsys, "fit", STUDY, *windows, "--model", "cthp")["answer"][0]["parameters"]
     assert set(paper) == {"alpha", "beta", "tau"}
     assert paper["tau"] == pytest.approx(row["parameters"]["tau"], rel=0.1)
-    result = accpinn.fit(STUDY, windows=[(0, 60), (100, 160)], model="cthp-s0")
-    drawn = result.draws
-    typical = drawn[drawn["kind"] == "typical"]
-    low, high = np.quantile(typical["tau"], [0.05, 0.95])
-    span = result.answer.span("tau", 0)
-    assert (low, high) == pytest.approx((span.lower, span.upper))

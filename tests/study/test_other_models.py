@@ -17,11 +17,14 @@ from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.models import MODELS
+from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
-from accpinn.platoon.leader import Sinusoid
+from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.files import read
+from accpinn.results.figures.platoon import cast_of, profiles
 from accpinn.results.judged import at_speed, judged
+from accpinn.results.messages.stability import by_linearisation
 from accpinn.results.report import training_pictures
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -98,6 +101,14 @@ def test_a_small_disturbance_grows_as_linearised_and_a_large_one_does_not() -> N
     )
     np.testing.assert_allclose(small.measured, small.predicted, rtol=5e-3)
     assert abs(large.measured[-1] / large.predicted[-1] - 1) > 0.02
+    braking = simulate_platoon(near, Brake(1e-3, 1.0, 6.0, 1.0, speed=20.0), model="idm")
+    np.testing.assert_allclose(braking.linear.speeds, braking.trajectories.speeds, atol=1e-4)
+    cast = cast_of(ParameterSet("", tuple("abc"), near, model="idm"), [0, 1, 2])
+    drawn = profiles(braking, cast, linear=braking.linear)
+    dashed = [line.y for line in drawn.data if line.line.dash == "dash"]
+    assert len(dashed) == 6
+    np.testing.assert_allclose(dashed[0].min(), braking.linear.speeds[:, 1].min(), rtol=1e-6)
+    assert "72 km/h" in by_linearisation(braking)
     fine = simulate_platoon(near, Sinusoid(0.2, 6.0, 20.0), 0.02, model="idm").trajectories
     usual = simulate_platoon(near, Sinusoid(0.2, 6.0, 20.0), model="idm").trajectories
     np.testing.assert_allclose(usual.speeds, fine.speeds[::5], atol=1e-2)
@@ -173,8 +184,11 @@ def test_maximum_likelihood_estimates_every_cthp(model: str) -> None:
     assert known.draws.complete[..., 3:].any() == (model != "cthp")
     if "s0" in model:
         assert fit.parameters.s0[0] == pytest.approx(6.0, abs=0.5)
-    held = METHODS["maximum-likelihood"].fit(run, law=Law("cthp-s0-lag", (("lag", 0.5),)))
-    assert held.parameters.lag[0] == 0.5
+
+
+def test_maximum_likelihood_keeps_what_is_held() -> None:
+    law = Law("cthp-s0-lag", (("lag", 0.5),))
+    assert METHODS["maximum-likelihood"].fit(shifted(), law=law).parameters.lag[0] == 0.5
 
 
 def test_the_calibrated_network_has_the_intercept_too() -> None:

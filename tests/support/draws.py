@@ -3,28 +3,33 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from accpinn.inference import intervals, posterior
+from accpinn.inference import answer, intervals, posterior, window_posterior
 
-USERS = (posterior.STAGES, posterior.FURTHER)
-FEW = ((60, 60, 200), 0)
+USERS = (posterior.STAGES, posterior.FURTHER, window_posterior.STAGES)
+FEW = ((60, 60, 200), 0, (60, 60, 100))
+
+
+def take(draws: tuple[tuple[int, ...], int, tuple[int, ...]]) -> None:
+    """From now on; nothing that was kept of another number of draws is taken for theirs."""
+    posterior.STAGES, posterior.FURTHER, window_posterior.STAGES = draws
+    for known in (intervals._shared, window_posterior.window_posterior, answer._answer):
+        known.cache_clear()
 
 
 def take_few() -> None:
     """From now on: a tenth of the time, and intervals whose ends move by some per cent."""
-    posterior.STAGES, posterior.FURTHER = FEW
+    take(FEW)
 
 
 @contextmanager
 def as_users_have() -> Iterator[None]:
-    """All of them; nothing that was kept of one number of draws is taken for the other."""
-    before = posterior.STAGES, posterior.FURTHER
-    intervals._shared.cache_clear()
-    posterior.STAGES, posterior.FURTHER = USERS
+    """All of them."""
+    before = posterior.STAGES, posterior.FURTHER, window_posterior.STAGES
+    take(USERS)
     try:
         yield
     finally:
-        intervals._shared.cache_clear()
-        posterior.STAGES, posterior.FURTHER = before
+        take(before)
 
 
 if __name__ == "__main__":

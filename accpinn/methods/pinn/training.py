@@ -426,7 +426,6 @@ METHOD = Method(
     tolerance=1e-3,
     settings=PinnConfig,
     variant=_variant,
-    description="a physics-inspired neural network (PiNN)",
     is_iterative=True,
     duration=typical_seconds,
     redraw=redraw,

@@ -33,6 +33,8 @@ class NamedEstimate:
     """(3,) α, β, τ; nan where undetermined."""
     earlier: bool = False
     """Whether it is from an earlier run, which is drawn as a ring."""
+    ends: FloatArray | None = None
+    """(2, 3) lower and upper ends of its own interval, drawn as a bar."""
 
 
 def estimates(
@@ -44,7 +46,8 @@ def estimates(
 ) -> go.Figure:
     """A dot a method for each of α, β, τ of one follower (0 for the first), over the intervals.
 
-    The rows are given from the top down; the truth is dashed, where it is known.
+    The rows are given from the top down; the truth is dashed, where it is known. Intervals of a
+    row's own are bars.
     """
     true = truth.values.tolist() if truth else []
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
@@ -54,13 +57,18 @@ def estimates(
         "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
     }  # fmt: skip
     values = np.array([row.values for row in rows])
+    known = [[row.values] * 2 if row.ends is None else row.ends for row in rows]
+    low, high = np.moveaxis(np.array(known), 1, 0)
     traces = [
         {"x": column, "y": names, "mode": "markers", "marker": marker, **style.axes_of(which + 1),
+         "error_x": {"type": "data", "symmetric": False, "array": high[:, which] - column,
+                     "arrayminus": column - low[:, which], "width": 0, "thickness": 2},
          "hovertemplate": f"%{{y}}<br>{style.named_value(quantity, 'x')}<extra></extra>"}
         for which, (quantity, column) in enumerate(zip(PARAMETERS, values.T, strict=True))
     ]  # fmt: skip
     lower, upper = (ends.values[follower] for ends in (uncertainty.lower, uncertainty.upper))
-    others = [[*column, *true[k : k + 1]] for k, column in enumerate(values.T)]
+    others = [[*column, *low[:, k], *high[:, k], *true[k : k + 1]]
+              for k, column in enumerate(values.T)]  # fmt: skip
     lines = [style.across(style.axes_of(k + 1)["xaxis"], value, line=style.TRUTH | {"width": 2})
              for k, value in enumerate(true)]  # fmt: skip
     categories = {"categoryorder": "array", "categoryarray": names[::-1], "showgrid": True,

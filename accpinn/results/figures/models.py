@@ -1,67 +1,103 @@
 """Car-following models as figures: errors in windows left out, and the peak gain over speed."""
 
 import html
+from collections.abc import Sequence
 from itertools import cycle
+from typing import NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
+from accpinn.inference.intervals import LEVEL, interval_ends
+from accpinn.model.following import FollowingModel
 from accpinn.results.figures import style
 from accpinn.stability.report import peak_gains
 from accpinn.study.judge import Judgement
-from accpinn.units import MetresPerSecond
+from accpinn.units import FloatArray, MetresPerSecond
 
 SPEEDS = 25
 """Speeds at which the peak gain is computed."""
 BEYOND = 0.35
 """Share of the recorded range of speeds that is shown beyond it on either side."""
 RECORDED = "rgba(128, 140, 155, 0.16)"
-
-
-def colours(judged: Judgement) -> list[tuple[str, str]]:
-    """Title and colour of each model, in the order in which they were judged."""
-    titles = (score.estimate.model.title for score in judged.scores)
-    return list(zip(titles, cycle(style.FOLLOWERS), strict=False))
+BAND, DRAWN = 0.14, 100
+"""Opacity of a band, and the draws that it is of."""
 
 
 def errors_by_window(judged: Judgement) -> go.Figure:
     """The RMSE of the gap in each window left out, a line a model."""
     windows = [segment.window for segment in judged.subject.windows]
-    names = [f"{window.start:.0f} s" for window in windows]
+    names = [f"{window.start:.0f}" for window in windows]
     traces = [
-        {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(title),
-         "line": {"color": colour, "width": 1.5}, "marker": {"size": 8},
+        {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(one.name),
+         "line": {"color": one.colour, "width": 1.5}, "marker": {"size": 8},
          "hovertemplate": "%{y:.2f} m"}
-        for (title, colour), score in zip(colours(judged), judged.scores, strict=True)
+        for one, score in zip(followers_of(judged), judged.scores, strict=True)
     ]  # fmt: skip
     top = 1.08 * max(float(score.rmse.max()) for score in judged.scores)
     axes = {
-        "x": style.titled("Start of the window left out") | {"type": "category", "showgrid": False},
+        "x": style.titled("Start of the window left out [s]")
+        | {"type": "category", "showgrid": False, "automargin": True},
         "y": style.titled("RMSE of the gap [m]") | {"range": [0, top]},
     }
     return style.composed(traces, 330, "models-errors", axes)
 
 
-def peak_over_speed(judged: Judgement, speed: MetresPerSecond) -> go.Figure:
-    """The largest gain of each model over the speed; the recorded speeds are shaded."""
-    low, _, high = judged.subject.speeds
+class Follower(NamedTuple):
+    """A model with its parameters, as one line of a figure."""
+
+    name: str
+    colour: str
+    model: FollowingModel
+    theta: FloatArray
+    """(n,)"""
+    draws: FloatArray | None = None
+    """(N, n) of the posterior, for a band."""
+
+
+def followers_of(judged: Judgement) -> list[Follower]:
+    """The models in the order in which they were judged."""
+    estimates = [score.estimate for score in judged.scores]
+    return [
+        Follower(estimate.model.title, colour, estimate.model, estimate.theta)
+        for estimate, colour in zip(estimates, cycle(style.FOLLOWERS), strict=False)
+    ]
+
+
+def peak_over_speed(
+    followers: Sequence[Follower], recorded: tuple[MetresPerSecond, MetresPerSecond],
+    speed: MetresPerSecond,
+) -> go.Figure:  # fmt: skip
+    """The largest gain of each follower over the speed, with its 90 % band where draws are known.
+
+    Args:
+        followers: whose gains.
+        recorded: the least and the largest recorded speed, which are shaded between.
+        speed: that is marked.
+    """
+    low, high = recorded
     margin = BEYOND * max(high - low, 5.0)
     speeds = np.linspace(max(1.0, low - margin), high + margin, SPEEDS)
-    curves = [peak_gains(s.estimate.model, s.estimate.theta, speeds) for s in judged.scores]
-    known = np.concatenate(curves)
-    finite = known[np.isfinite(known)]
-    traces = [
-        style.curve(
-            3.6 * speeds, curve, name=html.escape(title), line={"color": colour, "width": 2},
-            hovertemplate="%{y:.2f} dB",
-        )
-        for (title, colour), curve in zip(colours(judged), curves, strict=True)
-    ]  # fmt: skip
+    traces, tops = list[style.Part](), [1.0]
+    for name, colour, model, theta, draws in followers:
+        curve = peak_gains(model, theta, speeds)
+        if draws is not None:
+            some = np.linspace(0, len(draws) - 1, DRAWN).astype(int)
+            each = np.repeat(draws[some].T, SPEEDS, axis=1)
+            drawn = peak_gains(model, each, np.tile(speeds, DRAWN)).reshape(DRAWN, SPEEDS)
+            known = np.isfinite(drawn).all(axis=0)
+            lower, upper = interval_ends(drawn[:, known], LEVEL)
+            traces.append(style.band(3.6 * speeds[known], lower, upper, colour, BAND))
+            tops += upper.tolist()
+        traces.append(style.curve(
+            3.6 * speeds, curve, name=html.escape(name), mode="lines",
+            line={"color": colour, "width": 2}, hovertemplate="%{y:.2f} dB",
+        ))  # fmt: skip
+        tops += curve[np.isfinite(curve)].tolist()
     ends = 3.6 * speeds[[0, -1]]
     axes = {
         "x": style.titled("Speed in equilibrium [km/h]") | {"range": ends.tolist()},
-        "y": style.titled("Peak of |H| [dB]")
-        | {"range": [-0.1, 1.1 * min(12.0, float(finite.max(initial=1.0)))]},
+        "y": style.titled("Peak of |H| [dB]") | {"range": [-0.1, 1.1 * min(12.0, max(tops))]},
     }
     shapes = [
         style.across(

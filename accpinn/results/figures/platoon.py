@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from plotly.colors import hex_to_rgb, sample_colorscale
 
 from accpinn.channels import GAP, SPEED, TIME
+from accpinn.model.cthp import Trajectories
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
@@ -137,15 +138,17 @@ def close_up(run: PlatoonRun) -> Span:
 
 def profiles(
     run: PlatoonRun, cast: Cast, span: Span | None = None, measured: Segment | None = None,
-    height: int = 540,
+    height: int = 540, linear: Trajectories | None = None,
 ) -> go.Figure:  # fmt: skip
     """Speeds of all vehicles, and the gaps of the followers, over a part of a run (by default all).
 
-    Followers that were measured behind the same leader are drawn dashed. The height is in pixels.
+    Followers that were measured behind the same leader are drawn dotted, those of a linear
+    prediction dashed. The height is in pixels.
     """
     driven = run.valid
     rows = _within(driven.time, span)
     traces = [*_measured(measured)] if measured else []
+    traces += _predicted(linear, rows, cast) if linear else []
     for k in [*range(1, len(cast.names)), 0]:  # the leader last, on top
         traces.append(line_of(driven.time[rows], driven.speeds[rows, k], cast, k))
         if k:
@@ -204,6 +207,17 @@ def _measured(segment: Segment) -> Iterator[style.Part]:
             yield _line(
                 time, values, panel, name=f"{html.escape(label)}, measured", legendrank=100 + k,
                 line={"color": colours_of[k + 1], "width": 1.3, "dash": "dot"},
+                opacity=MEASURED_OPACITY,
+            )  # fmt: skip
+
+
+def _predicted(linear: Trajectories, rows: NDArray[np.intp], cast: Cast) -> Iterator[style.Part]:
+    """Speeds and gaps of the followers by a linear model."""
+    for k in range(1, len(cast.names)):
+        for panel, values in ((1, linear.speeds[rows, k]), (2, linear.gaps[rows, k - 1])):
+            yield _line(
+                linear.time[rows], values, panel, name=f"{cast.names[k]}, linear",
+                line={"color": cast.colours[k], "width": 1.2, "dash": "dash"},
                 opacity=MEASURED_OPACITY,
             )  # fmt: skip
 

@@ -17,8 +17,9 @@ from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.models import MODELS, PAPER
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import style
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, further_columns
+from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
@@ -147,9 +148,10 @@ def _curves(model: str) -> list[_Curve]:
     """α, β and τ of a CTHP; another model's own parameters."""
     if model in MODELS:
         return [_Curve(p.key, p.name, p.heading, at) for at, p in enumerate(PARAMETERS)]
+    following = FOLLOWING[model]
     return [
-        _Curve(column.key, f"{column.group}: {column.title}", column.heading, at)
-        for column, at in further_columns(model)
+        _Curve(p.name, f"{following.title}: {p.symbol}", f"{p.symbol} [{p.unit}]", at)
+        for at, p in enumerate(following.parameters, 6)
     ]
 
 
@@ -229,7 +231,7 @@ def tracking(
     colour = style.vehicle_colours(segment.vehicles)[follower + 1]
     own_line = {"color": colour, "width": 1.5}
     sources = (
-        ("data", measured, own_line | {"width": 3.5}, 0.45),
+        ("data", measured, {"color": style.LEADER, "width": 4}, 0.7),
         (html.escape(own), surrogate, own_line, 1.0),
         (
             "closed-loop simulation",

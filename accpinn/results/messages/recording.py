@@ -5,7 +5,14 @@ from collections.abc import Mapping
 from accpinn.findings import Labelled, percent
 from accpinn.recordings.recording import HUMAN_FLAG, Recording, Window
 from accpinn.results.messages import messages
-from accpinn.segment.quality import CAR_FOLLOWING, LARGE_CONDITION, Grade, Question, Rating
+from accpinn.segment.quality import (
+    CAR_FOLLOWING,
+    LARGE_CONDITION,
+    MOST_CAR_FOLLOWING,
+    Grade,
+    Question,
+    Rating,
+)
 from accpinn.segment.suggestion import Suggestion
 
 FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
@@ -21,7 +28,11 @@ WORDS: Mapping[Question, Mapping[Grade, str]] = {
         Grade.FAIR: "Excitation small",
         Grade.POOR: "Excitation insufficient",
     },
-    "following": {Grade.GOOD: "Car-following", Grade.POOR: "Little car-following"},
+    "following": {
+        Grade.GOOD: "Car-following",
+        Grade.FAIR: "Not only car-following",
+        Grade.POOR: "Little car-following",
+    },
     "driver": {
         Grade.GOOD: "Driven by ACC",
         Grade.FAIR: "Not ACC throughout",
@@ -43,7 +54,7 @@ MEANING: Mapping[Question, str] = {
     ),
     "following": (
         f"Whether the followers move with a time gap of at most {CAR_FOLLOWING:g} s, where the"
-        " model is meant to hold."
+        f" model is meant to hold; good from {percent(MOST_CAR_FOLLOWING)} of the time on."
     ),
     "driver": "Whether ACC controls the followers, by the driver modes in the file.",
     "consistent": (
@@ -94,11 +105,9 @@ def suggestion_reasons(
     driver = "The file does not say who drives every follower."
     if manual is not None:
         driver = f"At most {percent(manual)} of the time by hand." if manual else "ACC throughout."
-    reasons = [
-        f"{window}: {choice}.",
-        f"Every follower is in car-following for at least {percent(suggestion.car_following)} of"
-        f" the time. {driver}",
-    ]
+    share = percent(suggestion.car_following)
+    often = "all the time" if share == percent(1.0) else f"for at least {share} of the time"
+    reasons = [f"{window}: {choice}.", f"Every follower is in car-following {often}. {driver}"]
     if suggestion.shortened:
         reasons.append(f"Nothing longer is complete; {suggestion.asked:.0f} s are usual.")
     if present and present != window:

@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isinf, isnan
 
-from accpinn.findings import joined, probability
-from accpinn.inference.gain_check import COHERENT, FASTEST, GainCheck
+import numpy as np
+
+from accpinn.findings import Labelled, joined, probability
+from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import AFTER_COLLISION, PlatoonRun
@@ -302,6 +304,20 @@ def _contradicted(chosen: ParameterSet, checks: Sequence[GainCheck]) -> str:
     return f"; the measured gain contradicts the model for {joined(named)}"
 
 
+def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
+    """What the measured gain says of each vehicle; of those without a comparison at once."""
+    none = [check for check in checks if check.frequencies < LEAST]
+    alone = [check for check in checks if check not in none or len(none) == 1]
+    said = [check.sentence(about) for check in alone]
+    if len(none) > 1:
+        named = joined([about.label(check.vehicle) for check in none])
+        said.append(
+            f"{named}: the verdicts could not be held against a measured gain, as too few"
+            " frequencies are coherent; a longer window has more."
+        )
+    return tuple(said)
+
+
 def _odds(stable: FloatArray) -> str:
     """The probability (M,), or its range, in brackets."""
     low, high = float(stable.min()), float(stable.max())
@@ -386,6 +402,18 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"
     return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
+
+
+def by_linearisation(run: PlatoonRun) -> str:
+    """What the linearisation predicts for the last follower; empty for a linear model."""
+    if run.linear is None:
+        return ""
+    moved = np.abs(run.linear.speeds - run.leader.speed).max(axis=0)
+    size = run.amplitudes.predicted[-1] if run.amplitudes else moved[-1]
+    return (
+        f"The linearisation at {3.6 * run.leader.speed:.0f} km/h, which holds for small"
+        f" disturbances, predicts {_three(float(size))} m/s for the last follower."
+    )
 
 
 def smallest_gap(run: PlatoonRun, places: Places = PLACES) -> str:

@@ -1,25 +1,22 @@
 """A result in a few sentences, what its numbers assume, and the cautions about it."""
 
 from collections.abc import Sequence
-from math import isfinite, isinf, isnan
 from typing import Any
 
 import numpy as np
 
 from accpinn.findings import Labelled, joined, percent, who
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
-from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
-from accpinn.methods.registry import METHODS
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import cards
 from accpinn.results.messages.recording import FLAGS
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables.estimates import name_of
-from accpinn.results.tables.table import between
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
 
@@ -37,20 +34,14 @@ def title(snapshot: Result) -> str:
 
 
 def summary(snapshot: Result) -> tuple[str, ...]:
-    """The answer first: time headway, string stability and collisions, with cautions before."""
-    fit, info = snapshot.fit, snapshot.info
-    kind, preliminary = METHODS[fit.method], unfinished(fit)
+    """The answer of each follower, with cautions before; without one the fit's own verdict."""
+    info, subject, known = snapshot.info, judged(snapshot), snapshot.known_answer
     hand = info.driven_by_hand
-    sentences = [
-        hand.sentence(info) if hand else "",
-        preliminary,
-        f"From {info.window.duration:g} s of {info.source}, {kind.description or kind.title}"
-        f" learned the parameters of the constant time-headway policy of {_headways(snapshot)}.",
-    ]
-    of = judged(snapshot)
-    if of.report and not preliminary:
-        sentences.append(headline(of.vehicles, of.report, of.uncertainty, of.checks))
-    sentences.append(_collisions(snapshot))
+    sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.fit)]
+    if known:
+        sentences += [" ".join(card) for card in cards(info, known, subject)]
+    elif subject.report:
+        sentences.append(headline(subject.vehicles, subject.report, subject.uncertainty))
     return tuple(sentence for sentence in sentences if sentence)
 
 
@@ -118,50 +109,6 @@ def about_curves(
 def _followers(snapshot: Result) -> str:
     labels = snapshot.info.labels[1:]
     return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
-
-
-def _headways(snapshot: Result) -> str:
-    """The followers with their time headway, or its range; the table has all parameters."""
-    info, fit, labels = snapshot.info, snapshot.fit, snapshot.info.labels[1:]
-    taus, followers = fit.parameters.tau, _followers(snapshot)
-    if info.shares(fit.case) or info.followers == 1:
-        as_one = " as one set" if info.followers > 1 else ""
-        tau = f"{taus[0]:.2f} s" if isfinite(taus[0]) else "not determined"
-        interval = headway_interval(snapshot.uncertainty, 0)
-        return f"{followers}{as_one}: time headway τ {tau}" + (f" ({interval})" if interval else "")
-    known = sorted(taus[np.isfinite(taus)].tolist())
-    unknown = [label for label, tau in zip(labels, taus, strict=True) if isnan(tau)]
-    if not known:
-        return f"{followers}: time headways τ not determined"
-    ends = dict.fromkeys(f"{tau:.2f}" for tau in (known[0], known[-1]))
-    without = f" (not determined for {joined(unknown)})" if unknown else ""
-    return f"{followers}: time headways τ {' to '.join(ends)} s{without}"
-
-
-def headway_interval(uncertainty: Uncertainty | None, follower: int) -> str:
-    """The interval of τ in words; empty if there is none."""
-    if uncertainty is None:
-        return ""
-    low, high = (ends[follower].tau for ends in (uncertainty.lower, uncertainty.upper))
-    if isnan(low) or isnan(high):
-        return ""
-    interval = f"{percent(uncertainty.level)} interval"
-    if isinf(high) and low < 0.005:
-        return "not determined by the data"
-    if isinf(high):
-        return f"{interval}: {low:.2f} s or more"
-    return f"{interval}: {between(low, high, 2)} s"
-
-
-def _collisions(snapshot: Result) -> str:
-    """How many followers collide in the closed-loop simulation; empty if none does."""
-    times = snapshot.evaluation.collision_times(snapshot.info.vehicles)
-    count, total = int(np.isfinite(times).sum()), len(times)
-    if not count:
-        return ""
-    verb = "collides" if count == 1 else "collide"
-    which = "the follower" if total == 1 else f"{count} of {total} vehicles"
-    return f"In the closed-loop simulation {which} {verb} with the vehicle ahead."
 
 
 def setting(value: Any) -> str:

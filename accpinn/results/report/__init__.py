@@ -30,8 +30,6 @@ from accpinn.errors import ParameterError
 from accpinn.inference.prediction import gap_band
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
-from accpinn.model.models import MODELS
-from accpinn.model.registry import TITLES as MODEL_TITLES
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
@@ -39,11 +37,19 @@ from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import tracking, training_figures
-from accpinn.results.judged import judged
+from accpinn.results.judged import at_speed, judged
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
-from accpinn.results.messages.stability import BY_ESTIMATES, MEASURED, PLACES, Places, reason
+from accpinn.results.messages.stability import (
+    BY_ESTIMATES,
+    MEASURED,
+    PLACES,
+    Places,
+    against_measured,
+    by_linearisation,
+    reason,
+)
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     TITLES,
@@ -59,6 +65,7 @@ from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.tables.verification import verification_table
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.lagged import is_lagged
+from accpinn.stability.report import stability_report
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.verification import QUICK, Verification, verify
@@ -177,12 +184,13 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "estimates": _about_estimates(snapshot),
         "by_estimates": BY_ESTIMATES,
         "reasons": _reasons(snapshot),
-        "measured": messages(snapshot.gain_checks, info),
+        "measured": against_measured(snapshot.gain_checks, info),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
         "run": run[0] if run else None,
         "run_warnings": messages(run[0].findings, _places(snapshot)) if run else (),
         "repeated": run[2] if run else "",
+        "linear": by_linearisation(run[0]) if run else "",
         "form_sheets": [sheet for name, sheet in sheets.items() if name.startswith("forms_")],
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "checked": checked,
@@ -200,9 +208,7 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
 def _about_estimates(snapshot: Result) -> str:
     """What the second table holds."""
     label = papers_estimate(snapshot.fit)
-    model = snapshot.fit.model
-    name = "CTHP" if model in MODELS else MODEL_TITLES[model]
-    return f"The {name}'s parameters by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
+    return f"The estimate by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
 
 
 def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
@@ -360,18 +366,22 @@ def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Pictu
     if report is None:
         return None
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
-    omega = report.platoon.peaks[-1].omega or Sinusoid.frequency
+    speed = Sinusoid.speed
     try:
-        run = simulate_platoon(
-            vehicles.parameters[order], Sinusoid(frequency=omega), model=vehicles.model
-        )
+        if vehicles.parameters.own.size:
+            speed = float(f"{np.median(snapshot.answer.speeds):.3g}")
+            report = stability_report(at_speed(vehicles, None, speed)[0].parameters)
+        leader = Sinusoid(report.platoon.peaks[-1].omega or Sinusoid.frequency, speed=speed)
+        run = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     except ParameterError:
         return None
     cast = platoon_figures.cast_of(vehicles, order)
-    profiles = with_legend(platoon_figures.profiles(run, cast))
+    profiles = with_legend(platoon_figures.profiles(run, cast, linear=run.linear))
+    shades = " Light to dark: first to last follower." if len(vehicles) == 1 else ""
+    dashed = " Dashed: by the linearisation." if run.linear else ""
     amplitudes = platoon_figures.amplitude_by_vehicle(run, cast, in_db=False)
     pictures = (
-        Picture("platoon", profiles, "Speeds and gaps; light to dark: first to last follower."),
+        Picture("platoon", profiles, f"Speeds and gaps.{shades}{dashed}"),
         Picture("amplitude", amplitudes, "Amplitude of the speed along the platoon; line: by |H|."),
     )
     who = f"The {len(order)} followers in their order"

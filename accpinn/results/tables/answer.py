@@ -5,12 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.channels import ALPHA, BETA, TAU
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import registry
 from accpinn.model.cthp import Case
-from accpinn.model.models import MODELS, terms_of
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, further_columns, parameter_rows
+from accpinn.model.models import MODELS
+from accpinn.results.tables import estimates
+from accpinn.results.tables.estimates import (
+    EVERY_FOLLOWER,
+    PARAMETER_COLUMNS,
+    TERM_COLUMNS,
+    parameter_rows,
+)
 from accpinn.results.tables.table import (
     Column,
     Estimate,
@@ -22,23 +27,17 @@ from accpinn.results.tables.table import (
 from accpinn.segment.segment import SegmentInfo
 from accpinn.units import MetresPerSecond
 
-COLUMNS: dict[str, Column] = {
-    "tau": Column.of(TAU, key="tau"),
-    "s0": Column("s₀", "m", 1),
-    "alpha": Column.of(ALPHA, key="alpha"),
-    "beta": Column.of(BETA, key="beta"),
-    "lag": Column("λ", "s", 2),
-    "delay": Column("d", "s", 2),
-}
-"""Parameters in the order in which they are shown, by their names in `Parameters`."""
+ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
+_COLUMNS = {column.key: column for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS)}
+COLUMNS = {name: replace(_COLUMNS[name], key="") for name in ORDER}
+"""Parameters of the CTHPs by name, in the order in which they are shown."""
 
 
 def columns_of(model: str) -> dict[str, Column]:
     """The parameters of a model by their names, in the order in which they are shown."""
-    if model in MODELS:
-        shown = ("alpha", "beta", "tau", *terms_of(model))
-        return {name: column for name, column in COLUMNS.items() if name in shown}
-    return {column.key: column for column, _ in further_columns(model)}
+    columns = {column.key: column for _, column in estimates.columns_of(model)}
+    names = [name for name in ORDER if name in columns] if model in MODELS else [*columns][3:]
+    return {name: columns[name] for name in names}
 
 
 def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:

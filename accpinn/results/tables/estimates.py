@@ -8,14 +8,13 @@ from math import nan
 import numpy as np
 
 from accpinn.channels import GAP, PARAMETERS, SPEED
-from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.evaluation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import MODELS, PAPER, TERMS, Term, terms_of
+from accpinn.model.models import MODELS, PAPER, TERMS, terms_of
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.table import (
@@ -34,6 +33,12 @@ from accpinn.study.comparison import Spread
 from accpinn.study.result import Result
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
+TERM_COLUMNS = (
+    Column("s₀", "m", 1, key="s0"), Column("λ", "s", 2, key="lag"), Column("d", "s", 2, key="delay")
+)  # fmt: skip
+"""Terms beside the CTHP, in the order of `TERMS`."""
+OWN_DIGITS = 3
+"""Decimals of the parameters of other models."""
 GAP_MAE = "MAE of the space-gap"
 EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
@@ -55,9 +60,9 @@ def name_of(fit: Fit) -> str:
     return f"{method.title} ({', '.join(said)})" if said else method.title
 
 
-def where(info: SegmentInfo, case: Case | None = None) -> str:
-    """The segment in a few words: file, window, regimes excluded, and a platoon's Case."""
-    parts = [info.source, str(info.window)]
+def where(info: SegmentInfo, case: Case | None = None, windows: str = "") -> str:
+    """The segment in a few words: file, window or windows, regimes excluded, a platoon's Case."""
+    parts = [info.source, windows or str(info.window)]
     parts += [f"without {', '.join(info.excluded_regimes)}"] if info.excluded_regimes else []
     return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
 
@@ -97,7 +102,7 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     """
     info, fit, evaluation = result.info, result.fit, result.evaluation
     numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
-    estimated = [*parameter_cells(fit.parameters), *further_cells(fit.model, fit.parameters)]
+    estimated = [*parameter_cells(fit.parameters, model=fit.model)]
     if with_intervals:
         known = result.uncertainty
         estimates = _estimate_cells(fit.parameters, known, model=fit.model)
@@ -119,23 +124,9 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
         for column, cells in filled:
             known_cells = dict(zip(vehicles, cells, strict=False))
             columns.append((column, [known_cells.get(number) for number in numbers]))
-    further = len(result.infos) - 1
-    others = f", with {further} further window{'s' * (further > 1)}" if further else ""
-    return Table.of(f"{name_of(fit)}, {where(info, fit.case)}{others}", columns)
-
-
-def estimate_part(table: Table) -> Table:
-    """The part of a `parameter_table` with drivers, parameters and probabilities."""
-    return table.only(_is_estimate)
-
-
-def error_part(table: Table) -> Table:
-    """The part of a `parameter_table` with mean time gap and the errors of both kinds."""
-    return table.only(lambda column: not _is_estimate(column))
-
-
-def _is_estimate(column: Column) -> bool:
-    return bool(column.key) or column.group == PROBABILITY or column.title == DRIVER
+    seconds, count = sum(part.window.duration for part in result.infos), len(result.infos)
+    windows = f"{count} windows, {seconds:g} s together" if count > 1 else ""
+    return Table.of(f"{name_of(fit)}, {where(info, fit.case, windows)}", columns)
 
 
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
@@ -153,39 +144,42 @@ def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
-def further_columns(model: str) -> Iterator[tuple[Column, int]]:
-    """The parameters of a model beside α, β and τ, and where they are in `Parameters.everything`.
+def columns_of(model: str) -> Iterator[tuple[int, Column]]:
+    """The parameters of a model with their places in `Parameters.everything`.
 
     Those of a model that is no CTHP stand behind the linearisation at the median speed.
     """
+    yield from enumerate(PARAMETER_COLUMNS)
     if model in MODELS:
         for term in terms_of(model):
-            yield TERM_COLUMNS[term], 3 + TERMS.index(term)
+            yield 3 + TERMS.index(term), TERM_COLUMNS[TERMS.index(term)]
         return
     following = FOLLOWING[model]
-    for at, one in enumerate(following.parameters, 6):
-        column = Column(one.symbol, one.unit, OWN_DIGITS, following.title, key=one.name)
-        yield column, at
+    for at, own in enumerate(following.parameters, 6):
+        yield at, Column(own.symbol, own.unit, OWN_DIGITS, following.title, key=own.name)
 
 
-def further_cells(model: str, parameters: Parameters) -> Iterator[Filled]:
-    """Those parameters of (K,) vehicles."""
-    for column, at in further_columns(model):
-        yield column, [*parameters.everything[:, at]]
+def parameter_cells(
+    parameters: Parameters,
+    group: str = "",
+    columns: Sequence[Column] = PARAMETER_COLUMNS,
+    model: str = PAPER,
+) -> Iterator[Filled]:
+    """The parameters of (K,) vehicles, α, β and τ first."""
+    for at, column in columns_of(model):
+        shown = columns[at] if at < 3 else column
+        key = "" if group else column.key
+        yield replace(shown, group=group or shown.group, key=key), [*parameters.everything[:, at]]
 
 
 def _estimate_cells(
     parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate", model: str = PAPER
 ) -> Iterator[Filled]:
     """The parameters of (M,) followers, each with its interval."""
-    group = f"{kind} ({100 * uncertainty.level:.0f} % interval)"
     sets = (parameters, uncertainty.lower, uncertainty.upper)
-    for column, *numbers in zip(PARAMETER_COLUMNS, *(part.values.T for part in sets), strict=True):
-        yield replace(column, group=group), estimate_cells(*numbers)
-    for column, at in further_columns(model):
-        values = [part.everything[:, at] for part in sets]
-        shown = f"{column.group} ({100 * uncertainty.level:.0f} % interval)"
-        yield replace(column, group=shown if column.group else group), estimate_cells(*values)
+    for at, column in columns_of(model):
+        group = f"{column.group or kind} ({100 * uncertainty.level:.0f} % interval)"
+        yield replace(column, group=group), estimate_cells(*(s.everything[:, at] for s in sets))
 
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
@@ -233,42 +227,43 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
     )
 
 
+def _error_cells(
+    results: Sequence[Result], follower: int, *kinds: tuple[str, str, int]
+) -> Iterator[Filled]:
+    """The MAE of a follower's space-gap by attribute of the evaluation, title and digits."""
+    for kind, title, digits in kinds:
+        errors = [getattr(result.evaluation, kind) for result in results]
+        cells = [float(error.gap_mae[follower]) if error else None for error in errors]
+        yield Column(title, "m", digits, GAP_MAE), cells
+
+
+SURROGATE, CLOSED_LOOP = ("surrogate", "Surrogate fit", 3), ("closed_loop", "Closed loop", 2)
+UNSEEN = (("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2))
+
+
 def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -> Table:
     """One row a method, for one follower (0 for the first)."""
-    evaluations = [result.evaluation for result in results]
-    errors: list[Filled] = [
-        (Column(title, "m", digits, GAP_MAE),
-         _gaps([getattr(evaluation, kind) for evaluation in evaluations], follower))
-        for kind, title, digits in (
-            ("surrogate", "Surrogate fit", 3), ("closed_loop", "Closed loop", 2),
-            ("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2),
-        )
-    ]  # fmt: skip
+    collisions = [result.evaluation.collision_times(info.vehicles)[follower] for result in results]
     return Table.of(
         f"{info.labels[follower + 1]}, {where(info)}",
         [
             (Column("Method"), [name_of(result.fit) for result in results]),
             *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            *errors,
-            (Column("Collides at", "s", 1),
-             [evaluation.collision_times(info.vehicles)[follower] for evaluation in evaluations]),
+            *_error_cells(results, follower, SURROGATE, CLOSED_LOOP, *UNSEEN),
+            (Column("Collides at", "s", 1), collisions),
             (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
         ],
-    )  # fmt: skip
+    )
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:
     """One row a training of one follower (0 for the first), and the spread in the last."""
     info, fits = results[0].info, [result.fit for result in results]
     starts = [", ".join(f"{value:g}" for value in fit.config["initial"]) for fit in fits]
-    evaluations = [result.evaluation for result in results]
-    surrogate = _gaps([evaluation.surrogate for evaluation in evaluations], follower)
-    closed_loop = _gaps([evaluation.closed_loop for evaluation in evaluations], follower)
     filled: list[Filled] = [
         (Column("Start (α, β, τ)"), starts),
         *parameter_cells(Parameters.stack(fit.parameters[follower] for fit in fits), "Learned"),
-        (Column("Surrogate fit", "m", 3, GAP_MAE), surrogate),
-        (Column("Closed loop", "m", 2, GAP_MAE), closed_loop),
+        *_error_cells(results, follower, SURROGATE, CLOSED_LOOP),
         (Column("Iterations", "", 0), [float(fit.iterations) for fit in fits]),
         (Column("Time", "s", 1), [fit.seconds for fit in fits]),
     ]
@@ -280,34 +275,17 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, last))
 
 
-TERM_COLUMNS: dict[Term, Column] = {
-    "s0": Column("s₀", "m", 1, key="s0"),
-    "lag": Column("λ", "s", 2, key="lag"),
-    "delay": Column("d", "s", 2, key="delay"),
-}
-"""The terms beside the CTHP."""
-OWN_DIGITS = 3
-"""Decimals of the parameters of other models."""
-
-
 def _form_cells(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
     """The estimates of α, β, τ and the further terms, with intervals."""
     group = f"Estimate ({100 * LEVEL:.0f} % interval)"
-    ends = np.array(
-        [
-            [part[follower].complete for part in (form.parameters, form.lower, form.upper)]
-            for form in forms
+    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
+        cells = [
+            Estimate(*(float(s.complete[follower, at]) for s in (f.parameters, f.lower, f.upper)))
+            if at in dict(columns_of(f.form))
+            else None
+            for f in forms
         ]
-    )
-    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS.values())):
-        term = None if at < 3 else TERMS[at - 3]
-        yield (
-            replace(column, group=group),
-            [
-                Estimate(*cell) if term is None or term in terms_of(form.form) else None
-                for form, cell in zip(forms, ends[:, :, at].tolist(), strict=True)
-            ],
-        )
+        yield replace(column, group=group), cells
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
@@ -386,14 +364,6 @@ def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
     )
 
 
-def parameter_cells(
-    parameters: Parameters, group: str = "", columns: Sequence[Column] = PARAMETER_COLUMNS
-) -> Iterator[Filled]:
-    """α, β and τ (K, 3) as three columns."""
-    for column, values in zip(columns, parameters.values.T, strict=True):
-        yield replace(column, group=group, key="" if group else column.key), [*values]
-
-
 def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
     """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another."""
     source = "" if info.source == other.source else f"{other.source}, "
@@ -407,21 +377,3 @@ def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validati
         filled.append((Column.of(GAP, group, f"{key}_mae_p_m"), gaps))
         filled.append((Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds))
     return Table.of("Validation: error of the closed-loop simulation, MAE", filled)
-
-
-def _gaps(errors: Sequence[TrackingErrors | None], follower: int) -> list[Cell]:
-    return [float(error.gap_mae[follower]) if error else None for error in errors]
-
-
-def joint_table(result: Result) -> Table:
-    """One row a follower: the parameters that all windows share, and their intervals."""
-    info, seconds = result.info, sum(part.window.duration for part in result.infos)
-    case = f", Case {result.fit.case}" if info.followers > 1 else ""
-    return Table.of(
-        f"{name_of(result.fit)}, {info.source}, {len(result.infos)} windows,"
-        f" {seconds:g} s together{case}",
-        [
-            (Column("Vehicle"), info.labels[1:]),
-            *_estimate_cells(result.parameters, result.uncertainty, model=result.fit.model),
-        ],
-    )

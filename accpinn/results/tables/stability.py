@@ -108,7 +108,7 @@ def verdict_table(
 
 def _term_cells(parameters: Parameters) -> Iterator[Filled]:
     """s₀, λ and d as columns, each where a vehicle has it."""
-    for at, column in enumerate(TERM_COLUMNS.values(), 3):
+    for at, column in enumerate(TERM_COLUMNS, 3):
         values = parameters.complete[:, at]
         if values.any():
             yield column, values.tolist()

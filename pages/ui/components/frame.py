@@ -1,6 +1,6 @@
 """What every page begins with: who may use it, its title, links to pages, the session's state."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 # Whole before any chart is drawn: plotly looks into one that another thread has half imported.
@@ -46,6 +46,7 @@ _STYLE = """<style>
   div:has(> [class*="st-key-later_2"]) { order: 2; }
   div:has(> [class*="st-key-later_3"]) { order: 3; }
 }
+.st-key-frame_head { padding-top: 1.2rem; }
 [data-testid="stStatusWidget"] { display: none; }
 [data-testid="stCaptionContainer"] { color: inherit; opacity: .78; }
 [data-selected="true"] p, [role="tab"][aria-selected="true"] p {
@@ -66,7 +67,7 @@ _STATUS = {
 }
 
 
-def begin(title: str, lead: str = "") -> Workspace:
+def begin(title: str) -> Workspace:
     """Set up a page; everything on it comes after this."""
     st.set_page_config(
         page_title=f"{title} · accpinn" if title else "accpinn",
@@ -79,9 +80,9 @@ def begin(title: str, lead: str = "") -> Workspace:
     workspace = current()
     _sidebar(workspace)
     if title:
-        st.title(title, anchor=False)
-    if lead:
-        st.caption(lead)
+        with st.container(horizontal=True, vertical_alignment="center", key="frame_head"):
+            st.title(title, anchor=False)
+            _chart_menu(workspace)
     if st.session_state["lost_session"]:
         show.messages(
             "That session is no longer on this server, so a new one has begun. Finished trainings"
@@ -97,6 +98,32 @@ def begin(title: str, lead: str = "") -> Workspace:
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
     return workspace
+
+
+def guarded(show_page: Callable[[], None]) -> None:
+    """Draw a page; of a fault of the program it says one sentence, and leads back."""
+    try:
+        show_page()
+    except Exception:
+        st.html("<style>[data-testid=stException] { display: none; }</style>")
+        show.messages("The program failed on this page; what was open stays open.", "error")
+        link(HOME, "Back to Home", current())
+        raise  # the server's log has it
+
+
+def _chart_menu(workspace: Workspace) -> None:
+    """How the page's charts are drawn and saved."""
+    with st.popover("Charts", icon=":material/more_vert:", type="tertiary"):
+        picture = segments(
+            "Charts are saved as", {name: name for name in show.FORMATS}, show.FORMATS[0],
+            "frame_pictures", workspace, labelled=True,
+            help="Point at a chart: the camera in its corner saves it as such a picture.",
+        )  # fmt: skip
+        has_legend = st.toggle(
+            "Legend in every chart", **kept(workspace, "frame_legend", False),
+            help="A saved picture then shows which colour is which vehicle.",
+        )  # fmt: skip
+        st.session_state[show.PICTURES] = (picture, has_legend)
 
 
 def link(page: str, label: str, workspace: Workspace, icon: str = "arrow_forward") -> None:
@@ -180,16 +207,6 @@ def _sidebar(workspace: Workspace) -> None:
             link(page, name, workspace, icon)
         st.divider()
         st.caption("  \n".join(session_state(workspace)))
-        picture = segments(
-            "Charts are saved as", {name: name for name in show.FORMATS}, show.FORMATS[0],
-            "frame_pictures", workspace, labelled=True,
-            help="Point at a chart: the camera in its corner saves it as such a picture.",
-        )  # fmt: skip
-        has_legend = st.toggle(
-            "Legend in every chart", **kept(workspace, "frame_legend", False),
-            help="A saved picture then shows which colour is which vehicle.",
-        )  # fmt: skip
-        st.session_state[show.PICTURES] = (picture, has_legend)
         if st.button(
             "Glossary", icon=":material/menu_book:", key="frame_glossary", type="tertiary",
             help="What the symbols and terms mean.",

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import pandas as pd
 import streamlit as st
 
@@ -13,6 +14,7 @@ from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, of_first
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
+from accpinn.platoon.leader import Sinusoid
 from accpinn.results.judged import judged
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
@@ -64,6 +66,12 @@ class Chosen:
     def report(self) -> StabilityReport:
         """The stability report on the parameters."""
         return stability_report(self.vehicles.parameters)
+
+    @property
+    def median_speed(self) -> MetresPerSecond:
+        """The vehicles' median speed in the recording, or that of parameters without one."""
+        stored = self.result.known_answer if self.result else None
+        return float(np.median(stored.speeds)) if stored else Sinusoid.speed
 
     @property
     def origin(self) -> str:
@@ -121,7 +129,8 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
         _edit_rows(workspace, f"{page}_rows")
     chosen = show.attempt(lambda: parameters_from(workspace, source, entries))
     if chosen and chosen.result:
-        about.caption(frame.segment_line(chosen.result.info, chosen.result.fit.case))
+        asked = chosen.result.analysis
+        about.caption(frame.segment_line(chosen.result.info, asked.case, asked.windows))
         show.not_acc(chosen.result.info)
     missing = unfinished(chosen.result.fit) if chosen and chosen.result else ""
     if chosen and missing:

@@ -31,6 +31,7 @@ from accpinn.results.messages.answer import (
     differing_windows,
     papers_estimate,
 )
+from accpinn.results.messages.stability import headline
 from accpinn.results.messages.summary import BAND, about_curves, conditional
 from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
@@ -38,8 +39,7 @@ from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
 from accpinn.segment.segment import SegmentInfo
-from accpinn.study.draws import MISSING, can_be_tree, to_netcdf
-from accpinn.study.result import Result
+from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, pick_follower, tabs
@@ -57,8 +57,9 @@ MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gr
 """Colour and icon of a check's answer: the icons differ in shape."""
 MOST_CARDS = 5
 """Followers beyond which the table alone states the answer."""
-BESIDE = 400
-"""Height in pixels of the chart beside the table."""
+BANDS = "Bands of α, β and τ: 90 % intervals by the evidence, which the training maximises."
+CURVES = 340
+"""Height in pixels of the chart below the answer."""
 
 
 def show_result(
@@ -71,13 +72,8 @@ def show_result(
 ) -> None:
     """The first screen of a result, and its tabs.
 
-    Args:
-        workspace: the session.
-        result: to be shown.
-        page: begins the keys of widgets.
-        snapshot: makes the result as a snapshot, once it is asked for.
-        next_step: draws what leads on.
-        more: further tabs by title.
+    ``snapshot`` makes the result as a snapshot, once it is asked for; ``next_step`` draws what
+    leads on; ``more`` are further tabs by title.
     """
     info, fit = result.info, result.fit
     truth = workspace.true_parameters if workspace.segment == result.segment else None
@@ -90,14 +86,9 @@ def show_result(
         _show_checks(result)
     if result.segments or result.parts.answer:
         show_answer(info, result.answer, fit.case)
-    left, right = st.columns((1.3, 1), gap="medium")
+    follower = pick_follower(info, f"{page}_follower", labelled=False)
+    _show_tracking(result, follower, f"{page}_tracking")
     table = _parameter_table(result)
-    with left:
-        show.table(tables.estimate_part(table))
-        st.caption(_about_estimates(result))
-    with right:
-        follower = pick_follower(info, f"{page}_follower", labelled=False)
-        _show_tracking(result, follower, f"{page}_tracking")
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
         views["Training"] = lambda: _show_history(result, history, truth, page)
@@ -113,8 +104,12 @@ def _show_cards(result: Result) -> None:
     """What is said first: the answer of each follower, and how far to trust it."""
     said = cards(result.info, result.answer, judged(result))
     if len(said) > MOST_CARDS:
+        if result.stability and result.is_finished:
+            chosen = tables.learned_parameters(result.info, result.fit)
+            text = headline(chosen, result.stability, result.uncertainty)
+            st.markdown(f"**{escape_markdown(text)}**")
         return
-    with st.container(border=True):
+    with st.container(border=True, gap="xxsmall"):
         for card in said:
             lead, trust = (escape_markdown(text) for text in card)
             st.markdown(f"**{lead}**  \n:small[{trust}]")
@@ -217,12 +212,9 @@ def _show_checks(result: Result) -> None:
 
 
 def _parameter_table(result: Result) -> Table:
-    info, fit, table = (
-        result.info,
-        result.fit,
-        tables.parameter_table(result, with_intervals=result.is_finished),
-    )
-    return table.coloured(vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case)))
+    table = tables.parameter_table(result, with_intervals=result.is_finished)
+    rows = tables.row_vehicles(result.info, result.fit.case)
+    return table.coloured(vehicle_colours(result.info.vehicles, rows))
 
 
 def _show_fit(result: Result, table: Table, follower: int) -> None:
@@ -231,15 +223,16 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
-    show.table(tables.error_part(table))
+    show.table(table)
     st.caption(
-        "Surrogate fit: error of the network's own curves, as in the paper's tables. Closed-loop"
-        " simulation: error of the simulation with the learned parameters, with only the leader's"
-        " speed given. MAE: mean absolute error of space-gap p and speed v."
-        f" {cost}{cache}"
+        f"{_about_estimates(result)} Surrogate fit: error of the network's own curves, as in the"
+        " paper's tables. Closed-loop simulation: error of the simulation with the learned"
+        " parameters, with only the leader's speed given. MAE: mean absolute error of space-gap p"
+        f" and speed v. {cost}{cache}"
     )
-    after = "The simulation continues, and the closed-loop errors include what follows."
-    show.messages(messages(result.evaluation.all_findings, info), "warning", "car_crash", after)
+    if events := messages(result.evaluation.all_findings, info):
+        show.warnings(events, "the closed-loop simulation")
+        st.caption("The simulation continues, and the closed-loop errors include what follows.")
     wide = weakly_identified(info, result.quality, uncertainty, fit.case)
     cure = narrower_intervals(info, uncertainty, wide, recording_duration(result))
     show.messages(messages((*wide, *cure), info), "warning")
@@ -292,7 +285,7 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
     own = "network" if fit.method == "pinn" else name_of(fit)
     figure = figures.tracking(
         segment or result.info, follower, fit.surrogate, result.simulated, own,
-        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=BESIDE,
+        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=CURVES,
     )  # fmt: skip
     show.chart(figure, key)
 
@@ -305,14 +298,16 @@ def _band(result: Result) -> GapBand | None:
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
     info, model = result.info, result.fit.model
     show.vehicle_key(info, bool(truth) and model in MODELS, info.shares(result.fit.case))
+    if history.deviations is not None:
+        st.caption(BANDS)
     show.charts([*figures.training_figures(history, info, model, truth).items()], page)
 
 
 def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[], Result]) -> None:
-    """The table with all of its columns, as it leaves, and all else in one file."""
+    """The table of the tab Fit, draws, and all else in one file."""
     stem = Path(result.info.source).stem
-    show.downloads(table, f"{stem}_parameters", page)
     with st.container(horizontal=True):
+        show.downloads(table, f"{stem}_parameters", page)
         st.download_button(
             "Download all", lambda: bundle(snapshot()), f"{stem}_accpinn.zip", "application/zip",
             key=f"{page}_all", on_click="ignore", icon=":material/folder_zip:",
@@ -321,13 +316,12 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
             " corner.",
         )  # fmt: skip
         st.download_button(
-            "Draws (.nc)", lambda: to_netcdf(result), f"{stem}_draws.nc", "application/x-netcdf",
+            "Draws (.nc)", result.to_netcdf, f"{stem}_draws.nc", "application/x-netcdf",
             key=f"{page}_draws", on_click="ignore", icon=":material/scatter_plot:",
-            disabled=not can_be_tree(),
+            disabled=not has_xarray(),
             help="The answer's posterior draws for xarray and ArviZ: typical value, further window"
-            " and each window alone." if can_be_tree() else MISSING,
+            " and each window alone." if has_xarray() else NO_XARRAY,
         )  # fmt: skip
-    show.table(table)
 
 
 def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case: Case) -> None:
@@ -351,6 +345,8 @@ def banner(workspace: Workspace) -> None:
         return
     if workspace.result is not restored:
         state = "the training is new, on the same window."
+    elif workspace.training and workspace.training.is_active:
+        state = "it stays until the training that runs has a result."
     elif workspace.recording:
         state = "its recording is open, so everything is complete."
     elif workspace.segment:

@@ -28,6 +28,8 @@ every chart has a legend of its own."""
 FLASH = "snapshots_flash"
 """The entry with the outcome of a click: kind, sentence, and when."""
 FLASH_FOR: Seconds = 20.0
+SHOWN = 3
+"""Warnings that are shown without being asked for."""
 INK = 0.78
 """Opacity of a chart's text, as of captions; Streamlit's own grey is too faint on white."""
 PNG_SCALE = 3
@@ -53,16 +55,22 @@ def messages(
     sentences: str | Sequence[str],
     kind: Literal["info", "success", "warning", "error"] = "info",
     icon: str = "",
-    after: str = "",
 ) -> None:
     """Sentences in a box, shown literally; nothing where there is none.
 
-    ``icon`` is a Material icon in place of the kind's own, ``after`` a text below a list.
+    ``icon`` is a Material icon in place of the kind's own.
     """
     if sentences:
         said = bullets((sentences,) if isinstance(sentences, str) else sentences)
-        said += f"\n\n{escape_markdown(after)}" if after else ""
         getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
+
+
+def warnings(sentences: Sequence[str], about: str) -> None:
+    """The first few openly, the rest on demand; ``about`` says what they are of."""
+    messages(sentences[:SHOWN], "warning")
+    if sentences[SHOWN:]:
+        with st.expander(f"{len(sentences) - SHOWN} more about {about}"):
+            st.markdown(bullets(sentences[SHOWN:]))
 
 
 def not_acc(about: Segment | SegmentInfo) -> None:
@@ -127,15 +135,15 @@ def table(table: Table, colours: Sequence[str] = ()) -> None:
 
 
 def downloads(table: Table, name: str, key: str) -> None:
-    """Buttons that save the table as CSV and LaTeX; marks in ``name`` become underscores."""
+    """A menu that saves the table as CSV or LaTeX; marks in ``name`` become underscores."""
     stem = re.sub(r"[^\w-]+", "_", name).strip("_")
     kinds = (("CSV", table.to_csv(), "csv", "text/csv"),
              ("LaTeX", table.to_latex(), "tex", "application/x-tex"))  # fmt: skip
-    with st.container(horizontal=True):
+    with st.popover("Save the table", icon=":material/download:", key=f"{key}_save"):
         for label, text, ending, mime in kinds:
             st.download_button(
                 label, text, f"{stem}.{ending}", mime, key=f"{key}_{ending}", on_click="ignore",
-                icon=":material/download:",
+                type="tertiary",
             )  # fmt: skip
 
 

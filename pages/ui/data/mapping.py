@@ -1,10 +1,15 @@
-"""What the columns of a table of one's own hold: a form that begins with likely answers."""
+"""What the columns of a table of one's own hold: a form that begins with likely answers.
+
+A guess takes both a column's name and its first numbers, and no column is guessed twice; where none
+is likely, the field asks.
+"""
 
 import re
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
 import streamlit as st
 from msgspec.structs import replace
 
@@ -25,6 +30,7 @@ from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.session.workspace import PendingFile
 
+CHOOSE = "choose…"
 NONE = "(none)"
 EVEN = "(even steps)"
 MOST_VEHICLES = 11
@@ -32,16 +38,24 @@ PREVIEWED = 12
 """Columns of a preview."""
 FASTEST = 45.0
 """m/s; a larger value is likely to be in km/h."""
+EVEN_WITHIN = 0.01
+"""Largest spread of the steps of time, as a share, in a column whose name does not say time."""
 LIKELY = {
     "time": ("time", "t", "timestamp", "stamp"),
     "speed": ("speed", "velocity", "vel", "v"),
-    "gap": ("gap", "ivs", "spacing", "distance", "dist", "range", "headway"),
+    "gap": ("gap", "ivs", "spacing", "distance", "dist", "range", "headway", "ahead"),
 }
 """Words that the names of columns hold."""
+LARGEST = {"speed": 300.0, "gap": 1000.0}
+"""Values beyond which a column holds something else, in any unit of speed, and in m."""
 
 
-def ask_for_columns(file: PendingFile, seen: Preview) -> CsvMapping:
-    """The table's beginning, and what its columns hold: by a form, or by a file in its place."""
+def ask_for_columns(file: PendingFile, seen: Preview) -> CsvMapping | None:
+    """The table's beginning, and what its columns hold: by a form, or by a file in its place.
+
+    Returns:
+        None, with a sentence on the page, while a column is to be chosen or is chosen twice.
+    """
     st.markdown(
         f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
         " files with the same columns."
@@ -73,15 +87,16 @@ def _uploaded() -> CsvMapping | None:
     return show.attempt(lambda: parse_mapping(upload.getvalue(), upload.name))
 
 
-def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
+def _form(names: Sequence[str], seen: Preview) -> CsvMapping | None:
     """A row of fields for each vehicle; they begin with what is remembered, else with guesses."""
+    asked = (CHOOSE, *names)
     begin = _guessed(names, seen)
     if known := seen.mapping:
         speeds = (*known.speeds, *begin.speeds[len(known.speeds) :])
         gaps = (*known.gaps, *begin.gaps[len(known.gaps) :])
         begin = replace(known, speeds=speeds, gaps=gaps)
-    guesses = len(_guess(names, "speed"))
-    usual = len(known.speeds) if known else min(max(2, guesses), MOST_VEHICLES)
+    guesses = sum(speed.column != CHOOSE for speed in begin.speeds)
+    usual = len(known.speeds) if known else max(2, guesses)
     columns = st.columns((1, 1.2, 0.8, 1.2), vertical_alignment="bottom")
     count = columns[0].number_input(
         "Vehicles", 2, MOST_VEHICLES, usual, key="data_map_vehicles",
@@ -95,10 +110,16 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
     chosen_speeds, chosen_gaps = list[SpeedColumn](), list[GapColumn]()
     for k, speed in enumerate(begin.speeds[: int(count)]):
         cells = st.columns((1.3, 0.7, 1, 1.3, 0.7, 0.8), vertical_alignment="bottom")
+        column = _pick(
+            "Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}", asked, speed.column,
+            cells[0], f"data_map_speed_{k}", "The column of the vehicle's own speed.",
+        )  # fmt: skip
+        before = st.session_state.get(f"data_map_unit_of_{k}", speed.column)
+        if column != before:  # the unit begins with what the numbers of the new column suggest
+            st.session_state[f"data_map_speed_unit_{k}"] = _speed_unit(seen, column)
+        st.session_state[f"data_map_unit_of_{k}"] = column
         chosen_speeds.append(SpeedColumn(
-            column=_pick("Leader's speed" if k == 0 else f"Speed of vehicle {k + 1}", names,
-                         speed.column, cells[0], f"data_map_speed_{k}",
-                         "The column of the vehicle's own speed."),
+            column=column,
             unit=_pick("Unit", [*SPEED_UNITS], speed.unit, cells[1],
                        f"data_map_speed_unit_{k}", "Of that column."),
             name=cells[2].text_input(
@@ -110,7 +131,7 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
             continue
         gap = begin.gaps[k - 1]
         chosen_gaps.append(GapColumn(
-            column=_pick("Space-gap ahead", names, gap.column, cells[3], f"data_map_gap_{k}",
+            column=_pick("Space-gap ahead", asked, gap.column, cells[3], f"data_map_gap_{k}",
                          "From bumper to bumper, to the vehicle ahead."),
             unit=_pick("Unit", [*GAP_UNITS], gap.unit, cells[4], f"data_map_gap_unit_{k}",
                        "Of that column."),
@@ -119,24 +140,38 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping:
                 help="Length of the vehicle ahead, where the column is a distance of positions.",
             ),
         ))  # fmt: skip
+    modes = _modes(names, seen, int(count))
+    held = [time.column] if time else []
+    held += [*(speed.column for speed in chosen_speeds), *(gap.column for gap in chosen_gaps)]
+    twice = sorted({name for name in held if held.count(name) > 1} - {CHOOSE})
+    if twice:
+        show.messages(f"{', '.join(twice)}: a column holds one thing; it is chosen twice.", "error")
+        return None
+    if CHOOSE in held:
+        show.messages("Choose the columns that their names do not tell.")
+        return None
     return CsvMapping(
         speeds=tuple(chosen_speeds),
         gaps=tuple(chosen_gaps),
         time=time,
         sample_time=sample_time,
-        modes=_modes(names, seen, int(count)),
+        modes=modes,
         trajectory=None if trajectory == NONE else trajectory,
     )
 
 
 def _guessed(names: Sequence[str], seen: Preview) -> CsvMapping:
-    """What the names of columns and the first numbers suggest, for the most vehicles."""
-    speeds, gaps, times = (_guess(names, what) for what in ("speed", "gap", "time"))
-    speeds += [names[0]] * (MOST_VEHICLES - len(speeds))
-    gaps += [names[-1]] * (MOST_VEHICLES - 1 - len(gaps))
+    """What names and first numbers suggest, for the most vehicles; `CHOOSE` where they do not."""
+    times = [name for name in names if _is_time(seen, name)]
+    times.sort(key=lambda name: not _is_named(name, "time"))
+    rest = [name for name in names if name not in times[:1]]
+    speeds = [name for name in rest if _is_likely(seen, name, "speed")]
+    gaps = [name for name in rest if name not in speeds and _is_likely(seen, name, "gap")]
+    speeds += [CHOOSE] * MOST_VEHICLES
+    gaps += [CHOOSE] * MOST_VEHICLES
     return CsvMapping(
-        speeds=tuple(SpeedColumn(name, _speed_unit(seen, name)) for name in speeds),
-        gaps=tuple(GapColumn(name) for name in gaps),
+        speeds=tuple(SpeedColumn(s, _speed_unit(seen, s)) for s in speeds[:MOST_VEHICLES]),
+        gaps=tuple(GapColumn(name) for name in gaps[: MOST_VEHICLES - 1]),
         time=TimeColumn(times[0], _time_unit(seen, times[0])) if times else None,
     )
 
@@ -201,14 +236,22 @@ def _pick(label: str, options: Sequence[str], default: str, place: Any, key: str
     return str(place.selectbox(label, options, index, key=key, help=help))
 
 
-def _guess(names: Sequence[str], what: str) -> list[str]:
-    """The columns whose names are likely, in their order."""
+def _is_named(name: str, what: str) -> bool:
+    """Whether a column's name says that it holds this."""
+    return any(word in LIKELY[what] for word in re.findall("[a-z]+", name.lower()))
 
-    def is_likely(name: str) -> bool:
-        words = re.findall("[a-z]+", name.lower())
-        return any(word in LIKELY[what] for word in words)
 
-    return [name for name in names if is_likely(name)]
+def _is_time(seen: Preview, name: str) -> bool:
+    """Whether the first numbers grow from row to row, and evenly where the name does not say so."""
+    steps = np.diff(_numbers(seen, name))
+    grows = len(steps) > 1 and bool((steps > 0).all())
+    return grows and (_is_named(name, "time") or bool(np.ptp(steps) < EVEN_WITHIN * steps.mean()))
+
+
+def _is_likely(seen: Preview, name: str, what: str) -> bool:
+    """Whether name and first numbers are those of speeds, or of gaps."""
+    values = _numbers(seen, name)
+    return _is_named(name, what) and all(0 <= value < LARGEST[what] for value in values)
 
 
 def _numbers(seen: Preview, name: str) -> list[float]:
@@ -221,6 +264,8 @@ def _numbers(seen: Preview, name: str) -> list[float]:
 
 
 def _cells(seen: Preview, name: str) -> list[str]:
+    if name == CHOOSE:
+        return []
     at = seen.layout.names.index(name)
     return [row[at].strip() for row in seen.layout.rows if at < len(row)]
 

@@ -171,25 +171,22 @@ def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[A
 
 
 def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any]) -> None:
-    start, length = float(workspace.window.start), float(workspace.window.duration)
-    longest = float(ceil(recording.duration))
+    def choose(start: float, length: float) -> None:
+        workspace.choose(window=Window(start, start + length))
 
     # The state, not a widget, has the other number: after a change elsewhere keys are new.
-    def begin_at(start: float) -> None:
-        workspace.choose(window=Window(start, start + workspace.window.duration))
-
-    def last(length: float) -> None:
-        workspace.choose(window=Window(workspace.window.start, workspace.window.start + length))
-
+    now = workspace.window
     fields = (
-        ("Window starts at [s]", "data_start", start, recording.duration, begin_at,
+        ("Window starts at [s]", "data_start", now.start, recording.duration,
+         lambda start: choose(start, workspace.window.duration),
          "In the recording's time, from its first sample."),
-        ("and lasts [s]", "data_length", length, longest, last,
+        ("and lasts [s]", "data_length", now.duration, float(ceil(recording.duration)),
+         lambda length: choose(workspace.window.start, length),
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
     for column, (label, key, value, most, moved, help_text) in zip(columns, fields, strict=True):
         column.number_input(
-            label, **bound(key, value, moved), min_value=0.0, max_value=max(most, value),
+            label, **bound(key, float(value), moved), min_value=0.0, max_value=max(most, value),
             step=10.0, format="%.1f", help=help_text,
         )  # fmt: skip
 
@@ -213,7 +210,7 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
         efficiency = information.efficiency(usable, suggestion.window) if usable else 0.0
         st.markdown(show.bullets(suggestion_reasons(suggestion, usable, efficiency)))
         st.button(
-            "This window is chosen" if taken else f"Take {suggestion.window}", type="primary",
+            "This window is chosen" if taken else f"Take {suggestion.window}",
             disabled=taken, key="data_suggested",
             on_click=lambda: workspace.choose(window=suggestion.window),
         )  # fmt: skip
@@ -240,6 +237,12 @@ def _show_overview(
                 help="One follower and the vehicle ahead of it; the others are faint.",
             )  # fmt: skip
         _vehicle_key(recording, workspace, leader)
+        st.button(
+            "Undo", icon=":material/undo:", type="tertiary", key="data_undo",
+            disabled=not workspace.steps, on_click=workspace.undo,
+            help="Takes back the last change of window, vehicles, Case or regimes, and shows the"
+            " result of before.",
+        )  # fmt: skip
 
     def dragged() -> None:
         if window := window_of(st.session_state[CHART], recording):

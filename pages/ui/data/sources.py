@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
 
 import streamlit as st
 from streamlit import config
@@ -77,7 +76,7 @@ def open_file(
         if st.session_state.get(ASK) and not asking:
             workspace.pending = _pending(source, name, known=True)
         elif asking and not trajectory:  # the table may hold several runs
-            if runs := files.trajectories(source, name, mapping=mapping):
+            if runs := files.opened(source, name, mapping).trajectories:
                 workspace.pending = PendingFile(name, source, runs, mapping)
         if not workspace.pending:
             workspace.open(files.read(source, name, trajectory=trajectory, mapping=mapping))
@@ -95,16 +94,10 @@ def _pending(source: bytes | Path, name: str, known: bool = False) -> PendingFil
     with suppress(AccpinnError):
         if known and preview(source, name).mapping:
             return PendingFile(name, source)
-        if runs := files.trajectories(source, name):
-            return PendingFile(name, source, runs)
-        if files.is_unknown(source, name):
-            return PendingFile(name, source)
+        file = files.opened(source, name)
+        if file.trajectories or file.is_unknown:
+            return PendingFile(name, source, file.trajectories)
     return None
-
-
-def ask_for_upload() -> None:
-    """Let the page Data begin with the field for a file of the user's own."""
-    st.session_state[OPENING] = True
 
 
 def choose_source(workspace: Workspace) -> None:
@@ -139,8 +132,9 @@ def _ask(workspace: Workspace, file: PendingFile) -> None:
         )  # fmt: skip
     elif seen := show.attempt(lambda: preview(file.source, file.name)):
         mapping = ask_for_columns(file, seen)
+    if mapping and not chosen:
         try:
-            runs = files.trajectories(file.source, file.name, mapping=mapping)
+            runs = files.opened(file.source, file.name, mapping).trajectories
             recording = files.read(
                 file.source, file.name, trajectory=runs[0][0] if runs else None, mapping=mapping,
                 is_kept=False,
@@ -219,15 +213,10 @@ def _choose_sample(workspace: Workspace) -> None:
     )
     about = show.attempt(lambda: load_truth(truth_path(path)).description)
     st.caption(escape_markdown(about or ""))
-    _open_button("Open this sample", workspace, open_sample, path)
-
-
-def _open_button(
-    label: str, workspace: Workspace, act: Callable[..., None], *file: Path | str
-) -> None:
-    """The primary button as long as nothing is open."""
-    kind: Literal["primary", "secondary"] = "secondary" if workspace.recording else "primary"
-    st.button(label, type=kind, on_click=act, args=(workspace, *file))
+    st.button(
+        "Open this sample", type="secondary" if workspace.recording else "primary",
+        on_click=open_sample, args=(workspace, path),
+    )  # fmt: skip
 
 
 def _choose_file(workspace: Workspace, root: Path) -> None:
@@ -241,13 +230,14 @@ def _choose_file(workspace: Workspace, root: Path) -> None:
         )
         return
     path = st.selectbox(
-        "Recording in the server's folder",
-        paths,
-        format_func=lambda path: str(path.relative_to(root)),
-        key="data_file",
+        "Recording in the server's folder", paths, index=None, key="data_file",
+        format_func=lambda path: str(path.relative_to(root)), placeholder="Search by name",
         help=f"The folder that `{variable('recordings')}` names, with its subfolders.",
-    )
-    _open_button("Open this recording", workspace, open_file, path, path.name)
+    )  # fmt: skip
+    if path:
+        st.button(
+            "Open this recording", on_click=open_file, args=(workspace, path, path.name)
+        )  # fmt: skip
 
 
 def _choose_published(workspace: Workspace, root: Path) -> None:
@@ -268,7 +258,9 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
         watch(task, lambda: _line_of(task))
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
-        _open_button("Open this run", workspace, open_file, run.path(root), run.file)
+        st.button(
+            "Open this run", on_click=open_file, args=(workspace, run.path(root), run.file)
+        )  # fmt: skip
     elif run is not None:
         latest = task.status if task and task.run == run else None
         if task and latest is Status.FAILED:

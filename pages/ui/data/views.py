@@ -1,6 +1,5 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import streamlit as st
@@ -32,8 +31,6 @@ from pages.ui.session.workspace import Workspace, first_window
 
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""
-SHOWN = 3
-"""Warnings that are shown without being asked for."""
 REGIMES = {
     "catching up": "The time gap, space-gap over speed, is above 2 s: the vehicle catches up or"
     " drives freely.",
@@ -67,16 +64,8 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
     )
     headways = headway_findings(segment.vehicles, estimate.parameters)
     findings = (*headways, *quality.findings, *estimate.findings)
-    _show_warnings(messages(findings, segment), "this window")
+    show.warnings(messages(findings, segment), "this window")
     show.downloads(table, f"{Path(segment.source).stem}_window", "data_window")
-
-
-def _show_warnings(warnings: Sequence[str], about: str) -> None:
-    """The first few openly, the rest on demand."""
-    show.messages(warnings[:SHOWN], "warning")
-    if warnings[SHOWN:]:
-        with st.expander(f"{len(warnings) - SHOWN} more about {about}"):
-            st.markdown(show.bullets(warnings[SHOWN:]))
 
 
 def show_changes(workspace: Workspace) -> None:

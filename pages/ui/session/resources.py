@@ -22,8 +22,8 @@ FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
     "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
     "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
-    "synthetic_paper_study": "The paper's synthetic study: one follower, with receiver noise",
-    "synthetic_paper_study_noise_free": "The paper's synthetic study: the same without noise",
+    "synthetic_paper_study": "The paper's study, noisy: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "The paper's study, noise-free: the same without noise",
 }
 
 

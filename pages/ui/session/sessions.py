@@ -33,6 +33,7 @@ from accpinn.errors import AccpinnError, ConfigError, SnapshotError
 from accpinn.serial import dump, restore
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
+from accpinn.study.store import Entry
 from accpinn.units import Seconds
 from pages.ui.session.resources import find_recording, find_sample, library, store, task_queue
 from pages.ui.session.workspace import Workspace
@@ -55,6 +56,8 @@ ADMINS_VARIABLE = "ACCPINN_ADMINS"
 """Environment variable that names, likewise, who may delete what others saved."""
 USER = "user"
 """The entry in Streamlit's session state."""
+RECENT = 3
+"""Other sessions that are offered to go on with."""
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -144,9 +147,7 @@ def may_delete(session: str, name: str) -> bool:
     On a server that only its own computer reaches everyone may, as all are one person; else whoever
     saved it, and an administrator.
     """
-    if not user().is_asked and not is_shared():
-        return True
-    return is_admin() or library().owner(name) == owner_mark(session)
+    return sees_all() or is_admin() or library().owner(name) == owner_mark(session)
 
 
 # Their workspaces
@@ -266,6 +267,32 @@ def keep(workspace: Workspace) -> None:
     if document != workspace.kept:
         workspace.kept = document
         store().keep_session(workspace.id, document)
+
+
+def sees_all() -> bool:
+    """Whether all sessions are this person's: nobody else reaches the server, or is asked for."""
+    return not user().is_asked and not is_shared()
+
+
+def recent_sessions(own: str) -> list[tuple[str, Shown]]:
+    """The person's other sessions, by name, the last changed first."""
+    if not (sees_all() or user().name):
+        return []
+    found = dict[str, tuple[str, Shown]]()
+    for name, document in store().sessions(mark(), 10 * RECENT):
+        with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
+            shown = restore(Shown, msgspec.json.decode(document), {})
+            if name != own:  # of equal ones the last
+                about = f"{shown.analysis.source.sha256} {shown.analysis.window}"
+                found.setdefault(about, (name, shown))
+    return list(found.values())[:RECENT]
+
+
+def runs_to_see(workspace: Workspace) -> tuple[Entry, ...]:
+    """The finished runs of this computer, or of the session where others use the server."""
+    if not sees_all():
+        return workspace.runs
+    return tuple(entry for entry in store().entries() if not entry.fault)
 
 
 def resume(workspace: Workspace, document: bytes) -> None:

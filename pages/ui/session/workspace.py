@@ -54,7 +54,9 @@ MODEL = "train_model"
 """The choice of the answer's model."""
 KEPT_RECORDINGS = 4
 KEPT_EARLIER = 3 * len(METHODS)
-"""Results of three comparisons."""
+"""Results of three comparisons, and as many changes of the segment that can be undone."""
+Step = tuple[tuple[tuple[int, ...], Window, Case, tuple[str, ...]], dict[str, Any], Result | None]
+"""Vehicles, window, Case and excluded regimes, which windows were chosen, and the result."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,8 @@ class Workspace:
     """What else was chosen, by the widget's key: a page switch or a reload loses none of it."""
     opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
+    steps: tuple[Step, ...] = ()
+    """What `undo` goes back to, the last one first."""
     kept: bytes = b""
     """What the store was last told of this session; see `pages.ui.session.sessions`."""
 
@@ -140,8 +144,8 @@ class Workspace:
         Raises:
             ConfigError: a setting outside its range, as one sentence.
         """
-        changes = self.settings.get(self.preset, {})
-        return PinnConfig.from_json(PRESETS[self.preset].to_json() | changes)
+        preset = PRESETS[self.preset].to_json()
+        return PinnConfig.from_json(preset | self.settings.get(self.preset, {}))
 
     @property
     def model(self) -> str:
@@ -202,18 +206,14 @@ class Workspace:
 
     @property
     def result(self) -> Result | None:
-        """The result of the training, or the one that was restored; None before there is one."""
-        training = self.training
-        if training and (training.is_active or training.result):
-            return training.result
-        return self.restored
+        """The training's, or until it has one, the result before it; None before there is any."""
+        return (self.training and self.training.result) or self.restored
 
     @property
     def info(self) -> SegmentInfo | None:
         """The segment; it is known also where a snapshot came without its data."""
-        if self.segment:
-            return self.segment.info
-        return self.restored.info if self.restored else None
+        known = self.segment or self.restored
+        return known.info if known else None
 
     @property
     def true_parameters(self) -> Parameters | None:
@@ -226,19 +226,20 @@ class Workspace:
     def compared(self) -> tuple[Result, ...]:
         """The results of the methods, as far as they were run."""
         if self.comparison:
-            order = list(METHODS)
             rows = results_among(self.comparison.results)
-            return tuple(sorted(rows, key=lambda row: order.index(row.analysis.method)))
+            return tuple(row for name in METHODS for row in rows if row.analysis.method == name)
         return self.restored.compared if self.restored else ()
 
     def compared_with_training(self) -> tuple[Result, ...]:
-        """The same, and the finished training where no method ran with its settings."""
+        """The same, and the training finished on the same window with settings of its own."""
         rows, result = self.compared, self.result
         if not rows or result is None or not METHODS[result.analysis.method].is_iterative:
             return rows
+        if result.analysis.windows != rows[0].analysis.windows or not result.is_finished:
+            return rows
         asked = (result.analysis.method, result.analysis.settings)
         known = any((row.analysis.method, row.analysis.settings) == asked for row in rows)
-        return rows if known or not result.is_finished else (*rows, result)
+        return rows if known else (*rows, result)
 
     @property
     def adequacy(self) -> Adequacy | None:
@@ -270,18 +271,20 @@ class Workspace:
     def open(self, recording: Recording, truth: Truth | None = None) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
 
-        If it is the one that the restored result was learned from, it completes that instead.
+        One that the restored result was learned from completes that; the open one changes nothing.
         """
         awaited, self.awaited = self.awaited, None
-        restored = self.restored
+        restored, now, self.refusal = self.restored, self.recording, ""
+        if now and (now.sha256, now.digest) == (recording.sha256, recording.digest):
+            return
         if restored and not self.recording and restored.found_in(recording).recording:
             self.restore(restored, recording, truth)
             return
         vehicles = default_vehicles(recording)
         self._leave()
         self.choices.pop(WINDOWS_OFF, None)
-        self.recording, self.truth, self.refusal = recording, truth, ""
-        self.validation = None
+        self.recording, self.truth = recording, truth
+        self.segment = self.validation = None
         self.remember(recording, truth)
         if awaited and awaited.source.sha256 == recording.sha256:
             self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
@@ -290,6 +293,7 @@ class Workspace:
             stretches = complete_windows(recording, vehicles)
             self.choose(vehicles, first_window(recording, stretches), DEFAULT_CASE, ())
             self.choices[ALL_WINDOWS] = True
+        self.steps = ()
 
     def remember(self, recording: Recording, truth: Truth | None = None) -> None:
         """Put a recording among those opened last."""
@@ -332,19 +336,26 @@ class Workspace:
         case: Case | None = None,
         excluded: tuple[str, ...] | None = None,
     ) -> None:
-        """Change the segment or the case; earlier results become rows.
+        """Change the segment or the case, if they differ; earlier results become rows.
 
         ``vehicles`` are numbers in the file, leader first; ``excluded`` names regimes left out.
         """
+        before = self.vehicles, self.window, self.case, self.excluded
+        chosen = (
+            tuple(vehicles or self.vehicles), window or self.window, case or self.case,
+            self.excluded if excluded is None else excluded,
+        )  # fmt: skip
+        if chosen == before and self.segment:
+            return
+        of_windows = (ALL_WINDOWS, WINDOWS_OFF)
+        choices = {key: value for key, value in self.choices.items() if key in of_windows}
+        self.steps = (*self.steps, (before, choices, self.result))[-KEPT_EARLIER:]
         self._leave()
-        self.restored = None
-        if window and window != self.window:
+        self.vehicles, self.window, self.case, self.excluded = chosen
+        if self.window != before[1]:
             self.choices[ALL_WINDOWS] = False
-        if vehicles and tuple(vehicles) != self.vehicles:
+        if self.vehicles != before[0]:
             self.choices.pop(WINDOWS_OFF, None)
-        self.vehicles = tuple(vehicles or self.vehicles)
-        self.window, self.case = window or self.window, case or self.case
-        self.excluded = self.excluded if excluded is None else excluded
         try:
             if self.recording:
                 asked = Analysis.of(
@@ -354,6 +365,13 @@ class Workspace:
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
+
+    def undo(self) -> None:
+        """Take back the last change of the segment; what was learned before it is shown again."""
+        *steps, (chosen, choices, result) = self.steps
+        self.choose(*chosen)
+        self.choices |= choices
+        self.restored, self.steps = result, tuple(steps)
 
     def train(self, config: PinnConfig, anew: bool = False) -> None:
         """Queue a training of the segment; ``anew``: from no checkpoint of an earlier one."""
@@ -366,17 +384,30 @@ class Workspace:
             task = training_task(self.id, asked, self.recording, store(), self._data)
             self.training = task_queue().submit(task, anew)
 
+    @property
+    def compared_segment(self) -> Segment | None:
+        """What the methods are compared on: the chosen window, or the first one of several."""
+        if self.several_windows and self.recording:
+            return first_segment(
+                self.recording, self.several_windows[0], self.vehicles, self.excluded
+            )
+        return self.segment
+
+    def _compared_analysis(self, config: PinnConfig) -> Analysis | None:
+        asked, several = self.analysis(config), self.several_windows
+        return replace(asked, windows=several[:1]) if asked and several else asked
+
     def compare(self) -> None:
-        """Queue all methods on the segment."""
-        asked = self.analysis(PinnConfig())
+        """Queue all methods on one window."""
+        asked = self._compared_analysis(PinnConfig())
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self._data)
             self.comparison = task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
-        """Queue a training of the segment from each of five initial values."""
-        asked = self.analysis(config)
+        """Queue a training on the same window from each of five initial values."""
+        asked = self._compared_analysis(config)
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, store(), self._data)
             self.starts = task_queue().submit(task)
@@ -388,9 +419,8 @@ class Workspace:
         Raises:
             SegmentError: where the chosen window is too short.
         """
-        if self.recording is None:
-            return ()
-        return judged_subjects(self.recording, self.vehicles, self.window)
+        now = self.recording
+        return judged_subjects(now, self.vehicles, self.window) if now else ()
 
     def judge_models(self, models: Sequence[str]) -> None:
         """Queue car-following models on the recording."""
@@ -411,7 +441,7 @@ class Workspace:
         source = self.chosen_source = self.parameter_source
         for task in self.tasks:
             task.stop()
-        self.training = self.comparison = self.starts = self.judgement = None
+        self.training = self.comparison = self.starts = self.judgement = self.restored = None
         if source == "fit":
             self.forget_vehicles()
 
@@ -463,6 +493,15 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
         windows = car_following(recording, vehicles)
         return windows if len(windows) > 1 else ()
     return ()
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def first_segment(
+    recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
+) -> Segment:
+    """The data of a window; it is cut once."""
+    (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
+    return segment
 
 
 @lru_cache(maxsize=KEPT_RECORDINGS)

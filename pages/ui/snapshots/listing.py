@@ -2,13 +2,16 @@
 
 import html
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from itertools import islice, zip_longest
 
 import numpy as np
 import streamlit as st
 
+from accpinn.errors import RecordingError
 from accpinn.results.figures.stability import bode
-from accpinn.results.figures.style import vehicle_colours
+from accpinn.results.figures.style import SERIES, vehicle_colours
+from accpinn.results.figures.training import tracking
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
@@ -22,10 +25,13 @@ from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.resources import find_sample
+from pages.ui.components.widgets import pick_follower
+from pages.ui.session.resources import find_recording, find_sample
 from pages.ui.session.sessions import result_of
 from pages.ui.session.workspace import Workspace
 
+SECOND = SERIES[1]
+"""Colour of the second result's curves; the first one's is that of every simulation."""
 LISTED = 20
 """Rows at most; a search finds the others."""
 WIDTHS = (3.2, 4.0, 2.6, 1.4)
@@ -41,12 +47,7 @@ def show_entries(
 ) -> None:
     """The rows, with a field to search them where they are many.
 
-    Args:
-        entries: the newest first.
-        key: begins the keys of widgets.
-        open_entry: called with the entry whose name is clicked on.
-        action: draws what else can be done with an entry.
-        help: what a click does.
+    A click on a name calls ``open_entry``; ``action`` draws what else can be done with an entry.
     """
     matching = entries
     if len(entries) > LISTED // 4:
@@ -94,7 +95,9 @@ def _lines(entry: Entry) -> tuple[str, ...]:
     if entry.fault:
         return "damaged", "–"
     first, last = (entry.vehicles[end] for end in (0, -1))
-    where = f"{entry.source}, {entry.window}, {first} to {last}"
+    windows = entry.window.split(", ")
+    when_driven = entry.window if len(windows) == 1 else f"{len(windows)} windows"
+    where = f"{entry.source}, {when_driven}, {first} to {last}"
     when = entry.created[:16].replace("T", " ")
     data = ", with data" if entry.with_data else ""
     method = TITLES.get(entry.method, entry.method)
@@ -136,6 +139,7 @@ def show_both(first: Result, second: Result) -> None:
     colours = [colour for colour in vehicle_colours(longer.vehicles)[1:] for _ in PARAMETER_COLUMNS]
     show.table(parameter_differences(first, second), colours)
     _show_responses(first, second)
+    _show_curves(first, second)
     if changes := what_differs(first, second):
         st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
     else:
@@ -214,6 +218,28 @@ def _show_responses(first: Result, second: Result) -> None:
     show.chart(chart, "snapshots_bode")
 
 
+def _show_curves(first: Result, second: Result) -> None:
+    """Both closed-loop simulations over the data; nothing where the data of either are not here."""
+    shorter = min(first.info, second.info, key=lambda info: info.followers)
+    same = first.analysis.source.sha256 == second.analysis.source.sha256
+    if not (same and first.segment and first.simulated and second.simulated):
+        return
+    follower = pick_follower(shorter, "beside_follower")
+    st.caption("Closed-loop simulation of both, behind the measured leader, and the data.")
+    chart = tracking(first.segment, follower, None, first.simulated, height=400)
+    added = tracking(second.info, follower, None, second.simulated, height=400)
+    chart.for_each_trace(
+        lambda trace: trace.update(name="first"), {"name": "closed-loop simulation"}
+    )
+    chart.add_traces(
+        [
+            trace.update(name="second", line={"color": SECOND, "dash": "dash"})
+            for trace in added.data
+        ]
+    )
+    show.chart(chart, "snapshots_curves")
+
+
 def what_differs(first: Result, second: Result) -> tuple[str, ...]:
     """What differs in data, settings and program, a few words each."""
     asked = differences(first.analysis, second.analysis)
@@ -239,22 +265,32 @@ def show_runs(workspace: Workspace) -> None:
             entries, "runs", lambda entry: restore_run(workspace, entry.id),
             help="Shows this run on every page again. The present result stays in this list.",
         )  # fmt: skip
-        if len(entries) > 1 and st.toggle("Show two side by side", key="runs_compare"):
-            first = choose_entry("Run", "runs_first", entries)
-            others = [entry for entry in entries if entry.id != first.id]
-            second = choose_entry("Beside", "runs_second", others)
-            with show.flashing():
-                show_both(result_of(first.id), result_of(second.id))
+        compare_two(workspace, entries, "runs")
         st.caption(
             "The last runs are kept on this server, without the recordings; your recording itself"
             " is not stored."
         )
 
 
+def compare_two(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
+    """Two runs beside each other, once that is asked for."""
+    if len(entries) > 1 and st.toggle("Show two side by side", key=f"{key}_compare"):
+        first = choose_entry("Run", f"{key}_first", entries)
+        others = [entry for entry in entries if entry.id != first.id]
+        second = choose_entry("Beside", f"{key}_second", others)
+        with show.flashing():
+            found = [result_of(run.id).found_in(workspace.recording) for run in (first, second)]
+            show_both(*found)
+
+
 def restore_run(workspace: Workspace, name: str) -> None:
-    """Show a training on every page, with its recording where that was open or is a sample."""
+    """Show a training on every page, with its recording where the session or server has it."""
     with show.flashing():
         result = result_of(name)
         source = result.analysis.source
         known = workspace.opened.get(source.sha256) or find_sample(source.name, source.sha256)
+        with suppress(RecordingError):
+            known = known or (
+                find_recording(source.name, source.sha256, source.trajectory, None), None
+            )  # fmt: skip
         workspace.restore(result, *(known or (None, None)))

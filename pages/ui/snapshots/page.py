@@ -1,16 +1,15 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
 from dataclasses import replace
+from functools import partial
 
 import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.recordings.recording import Recording
-from accpinn.results.messages.stability import headline
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import render_report
-from accpinn.results.tables.estimates import learned_parameters
 from accpinn.results.tables.verification import verification_table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, SUFFIX
@@ -187,16 +186,13 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
     _show_buttons(workspace, snapshot, recording, title)
     show.not_acc(info)
     show.messages(unfinished(snapshot.fit), "warning", "pause_circle")
-    if snapshot.stability and not unfinished(snapshot.fit):
-        chosen = learned_parameters(info, snapshot.fit)
-        said = headline(chosen, snapshot.stability, snapshot.uncertainty)
-        st.markdown(f"**{escape_markdown(said)}**")
-    _show_standing(snapshot, recording)
     whole = snapshot.found_in(recording)
-    show_result(workspace, whole, "snapshots", lambda: snapshot, more={
+    more = {
         "Verify": lambda: _show_verification(snapshot, recording),
-        "Beside another": lambda: _show_beside(snapshot),
-    })  # fmt: skip
+        "Beside another": lambda: _show_beside(whole, recording),
+    }
+    standing = partial(_show_standing, snapshot, recording)
+    show_result(workspace, whole, "snapshots", lambda: snapshot, standing, more)
 
 
 def _show_buttons(
@@ -278,8 +274,9 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
         show.messages(verification.sentence, "error")
         return
     own = Verification(tuple(check for check in verification.checks if not check.method))
-    with st.container(horizontal=True, vertical_alignment="center"):
-        st.caption(escape_markdown(own.sentence))
+    fresh = "" if is_again else "Not verified yet. "
+    with st.container(horizontal=True, vertical_alignment="center", width="content"):
+        st.caption(escape_markdown(fresh + own.sentence), width="content")
         whole = snapshot.found_in(recording)
         rows = (replace(row, segments=whole.segments) for row in whole.compared)
         seconds = sum(refit_seconds(row) for row in (whole, *rows))
@@ -301,11 +298,11 @@ def _show_verification(snapshot: Result, recording: Recording | None) -> None:
     show.table(verification_table(verification))
 
 
-def _show_beside(snapshot: Result) -> None:
+def _show_beside(snapshot: Result, recording: Recording | None) -> None:
     """The same beside another of the server's snapshots, which the user picks."""
     others = [entry for entry in library().readable() if entry.id != snapshot.id]
     if not others:
         st.caption("No other snapshot is kept on this server.")
         return
     other = choose_entry("The second snapshot", "snapshots_second", others)
-    show_both(snapshot, opened(other.id))
+    show_both(snapshot, opened(other.id).found_in(recording))

@@ -50,6 +50,9 @@ def test_estimates_intervals_and_truth_stand_where_they_belong(
     np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper.values[0])
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
     np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
+    beside = replace(row, ends=np.array([row.values - 1.0, row.values + 2.0]))
+    for trace in figures.estimates([beside], COLOUR, uncertainty, 0).data:
+        np.testing.assert_allclose([trace.error_x.arrayminus, trace.error_x.array], [[1.0], [2.0]])
     ends = uncertainty.upper.values.copy()
     ends[0, 2] = np.inf
     undetermined = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))

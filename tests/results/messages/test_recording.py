@@ -17,7 +17,7 @@ from tests.support.samples import FOLDER, NOISY
         (Suggestion(Window(330, 630), (1, 2), 0.963, None, 190, 300.0),
          ["330–630 s", "190 complete windows of 300 s", "96 %"]),
         (Suggestion(Window(32.4, 44.4), (1, 2), 0.62, 0.05, 1, 300.0), ["5 %", "300 s are usual"]),
-        (Suggestion(Window(0, 300), (1, 2), 1.0, 0.0, 1, 300.0), ["100 %"]),
+        (Suggestion(Window(0, 300), (1, 2), 1.0, 0.0, 1, 300.0), ["all the time"]),
     ],
     ids=["modes not known", "short", "all well"],
 )  # fmt: skip

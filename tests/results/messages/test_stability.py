@@ -1,6 +1,7 @@
 """String stability and simulated platoons in sentences: counts, probabilities, reasons."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,11 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from accpinn.inference.gain_check import GainCheck
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import AFTER_COLLISION, simulate_platoon
 from accpinn.results.messages.stability import (
+    against_measured,
     amplification,
     criteria_differ,
     disturbance,
@@ -87,6 +90,15 @@ def test_verdicts_of_several_vehicles_are_counted() -> None:
     each = probabilities(chosen, posterior(0.0, 1.0, math.nan))
     for part in ("under 1 %", "over 99 %", "not determined"):
         assert part in each
+
+
+def test_vehicles_without_a_comparison_are_named_in_one_sentence() -> None:
+    checks = [GainCheck(2, 9, rms=1.5), GainCheck(3, 0), GainCheck(4, 2)]
+    vehicles = replace(named(LOUD, CALM, LOUD), vehicles=(1, 2, 3, 4))
+    first, others = against_measured(checks, vehicles)
+    assert first == checks[0].sentence(vehicles)
+    assert all(vehicles.label(number) in others for number in (3, 4))
+    assert against_measured(checks[:2], vehicles) == tuple(c.sentence(vehicles) for c in checks[:2])
 
 
 def reasons(of: VehicleStability | StabilityReport) -> dict[str, str]:

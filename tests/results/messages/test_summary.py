@@ -1,6 +1,5 @@
 """A result in a few sentences: its numbers, their uncertainty, and what goes wrong."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,11 +7,12 @@ import numpy as np
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
+from accpinn.results.judged import judged
+from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import (
     about_data,
     cautions,
     conditional,
-    headway_interval,
     outside_intervals,
     setting,
     summary,
@@ -21,10 +21,6 @@ from accpinn.results.messages.summary import (
 from accpinn.results.tables.estimates import name_of
 from accpinn.study.result import Result
 from tests.support.snapshots import altered, delayed, small, whole
-
-
-def said(snapshot: Result) -> str:
-    return " ".join(summary(snapshot))
 
 
 def colliding(snapshot: Result, vehicle: int, time: float) -> Result:
@@ -38,44 +34,21 @@ def test_title_agrees_in_number() -> None:
     assert "follows the vehicle ahead" in title(replace(small(), name=""))
 
 
-def test_summary_gives_headways_with_their_interval_and_a_verdict() -> None:
-    text, values = said(whole()), whole().fit.parameters.values
-    headways = values[:, 2]
-    [ends] = re.findall(r"time headways τ ([\d.]+) to ([\d.]+) s", text)
-    np.testing.assert_allclose(np.array(ends, float), [headways.min(), headways.max()], atol=0.005)
-    assert "All four vehicles amplify" in text
-    known = small().uncertainty
-    low, high = known.lower.tau[0], known.upper.tau[0]
-    assert f"(90 % interval: {low:.2f} to {high:.2f} s)" in said(small())
-    shared = altered(whole(), fit=replace(whole().fit, case="I"))
-    assert "4 vehicles as one set: time headway" in said(shared)
-
-    def unknown(rows: list[int]) -> str:
-        lost = values.copy()
-        lost[rows, 2] = np.nan
-        fit = replace(whole().fit, parameters=Parameters.of(lost))
-        return said(altered(whole(), fit=fit))
-
-    assert "τ not determined" in unknown([0, 1, 2, 3])
-    assert f"(not determined for {whole().info.labels[2]})" in unknown([1])
+def test_summary_is_the_answer_of_each_follower() -> None:
+    for result in (small(), whole()):
+        said = cards(result.info, result.answer, judged(result))
+        assert summary(result) == tuple(" ".join(card) for card in said)
+        assert len(said) == result.info.followers
 
 
-def test_undetermined_headways_are_called_so() -> None:
-    uncertainty = small().uncertainty
-
-    def words(low: float, high: float) -> str:
-        ends = Parameters.of([[0.1, 0.1, low]]), Parameters.of([[0.1, 0.1, high]])
-        return headway_interval(replace(uncertainty, lower=ends[0], upper=ends[1]), 0)
-
-    assert words(1.0, np.inf) == "90 % interval: 1.00 s or more"
-    assert words(0.0, np.inf) == "not determined by the data"
-    assert words(np.nan, np.nan) == headway_interval(None, 0) == ""
+def test_without_an_answer_the_fit_has_a_verdict() -> None:
+    bare = altered(replace(whole(), segments=()), answer=None, gain_checks=())
+    (only,) = summary(bare)
+    assert "All four vehicles amplify" in only
 
 
-def test_collisions_are_counted_and_told() -> None:
-    assert "collide" not in said(whole())
-    assert "1 of 4 vehicles collides" in said(colliding(whole(), 3, 12.34))
-    assert "the follower collides" in said(colliding(small(), 2, 22.6))
+def test_collisions_are_cautions() -> None:
+    assert not cautions(whole())["closed_loop"]
     assert len(cautions(colliding(whole(), 3, 12.34))["closed_loop"]) == 1
 
 
@@ -107,16 +80,7 @@ def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
 
 def test_a_stopped_training_is_called_so_first() -> None:
     fit = replace(whole().fit, outcome=Outcome.STOPPED, iterations=12)
-    first = summary(altered(whole(), fit=fit))[0]
-    assert "stopped at 12 of 20 iterations" in first
-    assert "amplify" not in said(altered(whole(), fit=fit)), "no verdict"
-
-
-def test_stable_vehicles_are_called_so() -> None:
-    stable = Parameters.of([[0.05, 0.6, 3.0]])
-    drawn = Parameters.of([stable.values] * 20)
-    answer = replace(small().answer, parameters=stable, typical=drawn, further=drawn)
-    assert "is L₂ string stable" in said(altered(small(), answer=answer, gain_checks=()))
+    assert "stopped at 12 of 20 iterations" in summary(altered(whole(), fit=fit))[0]
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:

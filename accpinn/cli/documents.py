@@ -1,0 +1,282 @@
+"""The JSON documents of `fit`, `compare` and `starts`; a result is described once for all three."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from accpinn.channels import by_key
+from accpinn.cli.output import fields
+from accpinn.evaluation.closed_loop import (
+    TrackingErrors,
+    closed_loop,
+    closed_loop_errors,
+    closed_loop_findings,
+    surrogate_errors,
+)
+from accpinn.findings import Finding
+from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
+from accpinn.inference.intervals import LEVEL, Uncertainty
+from accpinn.inference.model_adequacy import ModelForm
+from accpinn.methods.fit import Fit
+from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.model.cthp import Parameters
+from accpinn.model.models import PAPER
+from accpinn.results.export import answer_document, check_document
+from accpinn.results.messages import messages
+from accpinn.results.tables.estimates import columns_of
+from accpinn.segment.quality import assess_quality
+from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.study.comparison import Refused, Spread
+from accpinn.study.result import Result
+from accpinn.units import Seconds
+
+WHITENESS = {
+    "deviation": "deviation",
+    "correlation": "correlation",
+    "memory": "memory",
+    "independent_samples": "independent",
+    "probability_white": "probability",
+}
+"""Keys of the document, and the attributes they hold."""
+
+
+def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
+    """The result as the command-line contract has it; with intervals, and what lies outside.
+
+    Over several windows, samples and durations are sums, errors and time gaps are means.
+    """
+    fit, info = result.fit, result.info
+    samples = [part.samples for part in result.infos]
+    gaps = [assess_quality(segment).mean_time_gap for segment in result.segments]
+    duration = round(sum(part.window.duration for part in result.infos), 6)
+    document = {
+        **_described(result, with_intervals),
+        "segment": _segment(info) | {"duration": duration, "samples": sum(samples)},
+        "answer": answer_document(info, result.answer),
+        "measured_gain": [check_document(check, info) for check in result.gain_checks],
+        "unconstrained": _parameters(info, fit.unconstrained),
+        "active_bounds": fit.active_bounds,
+        "mae": _mean_errors(result, surrogate_errors),
+        "closed_loop_mae": _mean_errors(result, closed_loop_errors),
+        "incidents": incidents(result),
+        "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
+        "outcome_sentence": fit.outcome.value,
+        "notes": notes(result, with_intervals),
+    }
+    pairs = zip(result.windows, result.fits, strict=True)
+    windows = [_window(*pair) for pair in pairs] if result.windows else []
+    return document | ({"windows": windows} if windows else {})
+
+
+def describe_comparison(
+    results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
+) -> dict[str, Any]:
+    """The comparison as the command-line contract has it."""
+    first, info = results[0], results[0].info
+    return {
+        "segment": _segment(info),
+        "answer": answer_document(info, first.answer),
+        "rows": [_row(result) for result in results],
+        "refused": [{"method": row.method, "reason": str(row.fault)} for row in refused],
+        "warnings": warnings(first, duration),
+        "forms": [
+            _form(form, vehicle, k)
+            for form in first.adequacy.forms
+            for k, vehicle in enumerate(info.vehicles[1:])
+        ],
+    }
+
+
+def describe_starts(results: Sequence[Result], spread: Spread) -> dict[str, Any]:
+    """Trainings from several initial values."""
+    info = results[0].info
+    surrogates = [result.evaluation.surrogate for result in results]
+    return {
+        "segment": _segment(info),
+        "trials": [
+            _described(result, False)
+            | {
+                "initial": result.fit.config["initial"],
+                "surrogate_gap_mae": errors and errors.gap_mae.tolist(),
+            }
+            for result, errors in zip(results, surrogates, strict=True)
+        ],
+        "spread_percent": _of_followers(info, map(by_key, spread.percent.tolist())),
+        "notes": messages(spread.findings, info),
+    }
+
+
+def _described(result: Result, with_intervals: bool) -> dict[str, Any]:
+    """What every document says of a result."""
+    fit, info = result.fit, result.info
+    uncertainty = result.uncertainty if with_intervals else None
+    return {
+        **fields(fit, "method", "case", "model", "loss", "network_weights", "iterations"),
+        **fields(fit, "seconds", "cached"),
+        **{name: fit.config.get(name) for name in ("preset", "seed")},
+        "parameters": _parameters(info, fit.parameters, fit.model),
+        "intervals": uncertainty and _intervals(info, uncertainty, fit.model),
+        "level": uncertainty and uncertainty.level,
+        "outcome": fit.outcome.name.lower(),
+    }
+
+
+def _window(window: Result, together: Fit) -> dict[str, Any]:
+    """What one of several windows says by itself, and the errors of what all say together."""
+    (segment,) = window.segments
+    return {
+        **_described(window, with_intervals=True),
+        **fields(segment.window, "start", "duration"),
+        **fields(segment, "source", "samples"),
+        "log_likelihood": window.fit.loss.get("log_likelihood"),
+        "closed_loop_mae": _errors(closed_loop_errors(segment, together)),
+        "incidents": _incidents(segment, together),
+    }
+
+
+def _row(result: Result) -> dict[str, Any]:
+    """One method of a comparison."""
+    info, evaluation = result.info, result.evaluation
+    return {
+        **_described(result, with_intervals=True),
+        "surrogate_mae": _errors(evaluation.surrogate),
+        "closed_loop_mae": _errors(evaluation.closed_loop),
+        "collisions": evaluation.collision_times(info.vehicles).tolist(),
+        "incidents": messages(evaluation.all_findings, info),
+        "holdout_mae": _errors(evaluation.holdout),
+        "blocks_mae": [
+            {
+                **fields(block.window, "start", "duration"),
+                "mae": _errors(block.errors),
+                "incidents": messages(block.findings, info),
+            }
+            for block in evaluation.blocks
+        ],
+        "unseen_mae": _errors(evaluation.out_of_window),
+        "unseen_seconds": evaluation.out_of_window_seconds,
+        "whiteness": [
+            {key: getattr(evaluation.whiteness, name)[k] for key, name in WHITENESS.items()}
+            for k in range(info.followers)
+        ],
+        "notes": messages((*result.fit.findings, *result.uncertainty.findings), info),
+    }
+
+
+def _form(form: ModelForm, vehicle: int, k: int) -> dict[str, Any]:
+    """One form of the model for one follower."""
+    low, high = (_values(part, form.form)[k] for part in (form.lower, form.upper))
+    return {
+        "form": form.form,
+        "vehicle": vehicle,
+        **_values(form.parameters, form.form)[k],
+        "aic": form.aic[k],
+        "log_likelihood_ratio": form.likelihood_ratio[k],
+        "holdout": form.holdout[k],
+        "intervals": {name: [low[name], high[name]] for name in low} | {"level": LEVEL},
+    }
+
+
+# Parts of a document
+
+
+def _segment(info: SegmentInfo) -> dict[str, Any]:
+    """Which data a result rests on."""
+    return {
+        **fields(info.window, "start", "duration"),
+        **fields(info, "source", "samples", "vehicles", "names"),
+        "left_out": {"regimes": info.excluded_regimes, "share": info.excluded_share},
+    }
+
+
+def _of_followers(info: SegmentInfo, rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """One entry a follower: its number and name, then what its row has."""
+    named = zip(info.vehicles[1:], info.names[1:], rows, strict=True)
+    return [{"vehicle": vehicle, "name": name, **row} for vehicle, name, row in named]
+
+
+def _values(parameters: Parameters, model: str) -> list[dict[str, float]]:
+    """The parameters of each follower by name.
+
+    A model that is no CTHP has its own parameters, and α, β and τ of its linearisation.
+    """
+    columns = [(column.key, at) for at, column in columns_of(model)]
+    return [{name: row[at] for name, at in columns} for row in parameters.everything.tolist()]
+
+
+def _parameters(
+    info: SegmentInfo, parameters: Parameters | None, model: str = PAPER
+) -> list[dict[str, Any]]:
+    """One entry a follower; none without parameters."""
+    return _of_followers(info, _values(parameters, model)) if parameters else []
+
+
+def _intervals(info: SegmentInfo, uncertainty: Uncertainty, model: str) -> list[dict[str, Any]]:
+    """Both ends of the parameters and of what follows from them, one entry a follower."""
+    gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
+    lower, upper = (_values(part, model) for part in (uncertainty.lower, uncertainty.upper))
+    return _of_followers(
+        info,
+        (
+            {
+                **{name: [low[name], high[name]] for name in low},
+                "probability_l2": uncertainty.probability_l2[k],
+                "probability_linf": uncertainty.probability_linf[k],
+                **{name: [gain.lower[k], gain.upper[k]] for name, gain in gains.items()},
+            }
+            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
+        ),
+    )
+
+
+def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
+    """Mean absolute errors of speeds (M+1) in m/s and gaps (M) in m."""
+    return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()} if errors else None
+
+
+def _mean_errors(
+    result: Result, errors_of: Callable[[Segment, Fit], TrackingErrors | None]
+) -> dict[str, list[float]] | None:
+    """Mean absolute errors over the samples of all windows; None where a window has none."""
+    errors = [_errors(errors_of(*pair)) for pair in zip(result.segments, result.fits, strict=True)]
+    known = [row for row in errors if row]
+    if len(known) < len(errors):
+        return None
+    samples = [info.samples for info in result.infos]
+    return {
+        key: np.average([row[key] for row in known], axis=0, weights=samples).tolist()
+        for key in known[0]
+    }
+
+
+# Sentences of a document, and of the text in its place
+
+
+def incidents(result: Result) -> list[str]:
+    """Sentences on collisions, reversing and divergence in the closed-loop simulation."""
+    pairs = zip(result.segments, result.fits, strict=True)
+    return [sentence for pair in pairs for sentence in _incidents(*pair)]
+
+
+def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
+    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
+
+
+def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:
+    """What was done to the data, each sentence once, then what the estimate shows."""
+    fit = result.fit
+    done = [said for info in result.infos for said in messages(info.findings, info)]
+    findings: list[Finding] = [] if result.windows else [*result.quality.findings]
+    findings += fit.findings
+    findings += () if result.windows else disturbance_sizes(result.info.vehicles, fit)
+    findings += result.uncertainty.findings if with_intervals else ()
+    findings += [*result.answer.findings, *result.gain_checks]
+    return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
+
+
+def warnings(result: Result, duration: Seconds) -> tuple[str, ...]:
+    """On identifiability, and what would improve it; the same for all methods."""
+    (segment,) = result.segments
+    weak = identifiability_warnings(segment, result.uncertainty, result.fit.case)
+    cure = narrower_intervals(segment.info, result.uncertainty, weak, duration)
+    return messages((*weak, *cure), segment)
