@@ -440,6 +440,23 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
     assert "PiNN (fast preset): **the paper's estimate, biased if disturbances last**" in shown
 
 
+def test_a_training_of_another_model_shows_its_own_parameters() -> None:
+    session = with_sample()
+    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session.choices[MODEL], session.preset = "idm", "fast"
+    page = open_page(TRAIN, session)
+    page.press("Start training")
+    assert session.training.wait(WAIT)
+    page.sound()
+    assert session.result.fit.model == "idm"
+    shown = page.plain()
+    assert "IDM's parameters by PiNN" in shown
+    assert "the paper's estimate" not in shown.partition("IDM's parameters")[2]
+    figures = page.open_tab("train_tabs", "Training").figures()
+    titles = [figure["layout"]["yaxis"]["title"]["text"] for figure in figures]
+    assert titles[-5:] == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]
+
+
 @pytest.mark.parametrize("outcome", [Outcome.STOPPED, Outcome.DIVERGED])
 def test_an_unfinished_training_has_neither_intervals_nor_probabilities(outcome: Outcome) -> None:
     page = open_page(TRAIN, fitted(Window(0.0, 60.0), outcome=outcome))
@@ -588,7 +605,7 @@ def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
 def test_an_answer_by_another_model_needs_no_second_training_and_holds_at_a_speed() -> None:
     session = with_sample()
     session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
-    session.preset, session.settings["fast"] = "fast", {"iterations": 20}
+    assert session.preset == "calibrated", "which estimates a CTHP whatever the answer's model"
     open_page(TRAIN, session).press("Start training")
     assert session.training.wait(WAIT)
     weights = session.result.fit.arrays
