@@ -39,8 +39,8 @@ from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
-EVERY = 2
-"""Draws of the typical value of which one is kept."""
+THINNING = 2
+"""One of so many draws of the typical value is kept."""
 SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 """Speeds at which the time gap is stated, beside the median speed."""
 SIGNIFICANCE = 0.05
@@ -252,7 +252,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
 
 
 def known_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """`interval_ends` of the draws (n, ..) that are known, where that are half of them at least."""
+    """`interval_ends` of the finite draws (n, ..); nan where fewer than half are finite."""
     known = np.isfinite(values).mean(axis=0) >= 0.5
     kept = np.where(known & np.isfinite(values), values, np.where(known, np.nan, 0.0))
     lower, upper = np.nanquantile(kept, ((1.0 - level) / 2.0, (1.0 + level) / 2.0), axis=0)
@@ -287,16 +287,17 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
-    size, count = CHAINS * KEPT // EVERY, count_of(model)
+    size, count = CHAINS * KEPT // THINNING, count_of(model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
     free, prior = free_of(model, held), log_prior(model, drawn)
     sampled = sampled_population(drawn[..., free], prior, population_of(model, count).of(free))
     value, further = np.tile(drawn[0, 0], (2, size, 1))
-    value[:, free], further[:, free] = sampled.value[::EVERY], sampled.further[::EVERY]
+    value[:, free], further[:, free] = sampled.value[::THINNING], sampled.further[::THINNING]
     covariance = np.zeros((size, count, count))
-    covariance[:, np.outer(free, free)] = WITHIN**2 * sampled.covariance[::EVERY].reshape(size, -1)
+    scales = sampled.covariance[::THINNING].reshape(size, -1)
+    covariance[:, np.outer(free, free)] = WITHIN**2 * scales
     return Car(middle_of(value), value, further, covariance)
 
 

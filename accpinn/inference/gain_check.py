@@ -29,7 +29,7 @@ COHERENT = 0.8
 """Least coherence at which a measured gain is compared."""
 FASTEST: RadiansPerSecond = 1.0
 """Highest frequency at which it is compared."""
-LEAST = 4
+LEAST = 5
 """Fewer frequencies than these say nothing about a model."""
 APART = 1 / 3
 """Share of the frequencies beyond which bands that lie apart contradict the model."""

@@ -46,7 +46,8 @@ in the few cars at hand, and typical values of simulated cars were covered too s
 TAILS = 4.0
 """κ: further windows are more probable with it than under a normal one (docs/validation.md)."""
 UNLEARNED = 0.4
-"""About the mean deviation between windows that was learned of the IDM, in deviations of priors."""
+"""Deviation between windows, in deviations of the priors, of a model without learned values; the
+mean of what was learned of the IDM is about this."""
 WITHIN = 1.1416
 """Deviation within which 68 % of that t lie, over the root of its scale."""
 

@@ -180,7 +180,8 @@ class FileContents:
     known: KnownFile
     """What a study keeps of it."""
     reasons: tuple[str, ...]
-    """Why these could not, recordings have no window, and windows could not be cut."""
+    """One sentence for each trajectory that was not read, recording without a window, and window
+    that was not cut."""
     windows: tuple[WindowData, ...]
 
 
@@ -220,7 +221,7 @@ def read_file(path: Path, request: Request, mapping: str) -> FileContents:
 
 
 @dataclass(frozen=True)
-class Answer:
+class WindowRows:
     """What came of one analysis."""
 
     analysis: Analysis
@@ -234,22 +235,22 @@ class Answer:
     """Whether it would fail again."""
 
 
-def answer_all(window: WindowData, analyses: Sequence[Analysis]) -> list[Answer]:
+def answer_all(window: WindowData, analyses: Sequence[Analysis]) -> list[WindowRows]:
     """Answer analyses of one window; one that fails does not stop the others."""
     return [_answer(window, analysis) for analysis in analyses]
 
 
-def _answer(window: WindowData, analysis: Analysis) -> Answer:
+def _answer(window: WindowData, analysis: Analysis) -> WindowRows:
     segment = replace(window.segment)  # arrays of its own: those received may lie anyhow in memory
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
         posterior = window_posterior(segment, analysis.case, analysis.model)
         rows = rows_of(result, posterior, window.recording, window.modes)
-        return Answer(analysis, rows, posterior.drawn)
+        return WindowRows(analysis, rows, posterior.drawn)
     except AccpinnError as fault:
-        return Answer(analysis, [], reason=str(fault))
+        return WindowRows(analysis, [], reason=str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time
-        return Answer(analysis, [], reason=sentence_of(fault), is_final=False)
+        return WindowRows(analysis, [], reason=sentence_of(fault), is_final=False)
 
 
 # In the caller's process
@@ -393,17 +394,17 @@ class _Batch:
         file: Path,
         fraction: float,
         asked: tuple[Analysis, ...],
-        answers: list[Answer] | None,
+        answers: list[WindowRows] | None,
         fault: str,
     ) -> None:
         """Write what came of a window, which is a fraction of what was left of its file."""
         self._advance(file, fraction)
         self._computed += fraction * self._weights[file]
         self._counts["finished"] += 1
-        for answer in answers or [Answer(a, [], reason=fault, is_final=False) for a in asked]:
+        for answer in answers or [WindowRows(a, [], reason=fault, is_final=False) for a in asked]:
             self._keep(answer, file.name)
 
-    def _keep(self, answer: Answer, file: str) -> None:
+    def _keep(self, answer: WindowRows, file: str) -> None:
         """Write what came of an analysis."""
         analysis = answer.analysis
         if answer.rows:

@@ -28,7 +28,7 @@ from scipy.stats import multivariate_normal
 
 from accpinn.errors import ConfigError
 from accpinn.inference.answer import (
-    EVERY,
+    THINNING,
     Car,
     Span,
     car_of,
@@ -65,7 +65,7 @@ KEPT_CARS = 1024
 
 @dataclass(frozen=True)
 class Share:
-    """A share of a group's vehicles, 0 to 1; nan where nothing is known."""
+    """A value of a group with the ends of its range; nan where nothing is known."""
 
     value: float
     low: float
@@ -308,7 +308,7 @@ def _together(cars: Sequence[Car], model: str) -> Car:
         .reshape(values.shape[:2])
     )
     sampled = sampled_population(values, prior, population.of_cars)
-    value, covariance, further = (part[::EVERY] for part in sampled)
+    value, covariance, further = (part[::THINNING] for part in sampled)
     each = np.arange(len(value))
     deviations = np.array([car.further - car.value for car in cars])
     further = further + deviations[each % len(cars), each]

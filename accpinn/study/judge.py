@@ -9,7 +9,7 @@ ln(x_k / y_k) has mean d and standard error s over the windows, and one is said 
 
 A second judge is the measured gain: in stretches of at least `STRETCH` seconds, |H| of the model,
 fitted to all windows and linearised at the stretch's median speed, is compared with Welch's
-estimate where the coherence is at least `COHERENT`; the error is the rms difference in dB.
+estimate (see `inference.gain_check`); the error is the rms difference in dB.
 
 Where a recording has fewer than three windows, blocks of them are left out in turn.
 """
@@ -24,6 +24,7 @@ from scipy.special import stdtrit
 
 from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled
+from accpinn.inference.gain_check import LEAST, compared
 from accpinn.methods.fit import Undetermined
 from accpinn.methods.following import Drives, Estimate, estimate
 from accpinn.model.registry import following_model
@@ -33,7 +34,7 @@ from accpinn.segment.segment import Segment
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following
-from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, RadiansPerSecond, Seconds
+from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds
 
 LONGEST: Seconds = 150.0
 """Longest window of car-following that is left out."""
@@ -43,13 +44,10 @@ STRETCH: Seconds = 250.0
 """Shortest stretch whose gain is measured."""
 LONGEST_STRETCH: Seconds = 700.0
 """Longer stretches are cut, as their setting may change."""
-FASTEST: RadiansPerSecond = 1.0
-COHERENT = 0.8
-LEAST_FREQUENCIES = 5
-"""Highest frequency, least coherence and least number of such frequencies of a measured gain."""
 SLOW: MetresPerSecond = 5.0
+"""Least measured speed at which the time gap has an error."""
 LARGEST: Metres = 100.0
-"""Error of the gap with which a follower counts that diverges, or collides and goes astray."""
+"""Errors of the gap are clipped to this; a simulation that diverges gets it."""
 TOUCH: Metres = 0.1
 """Depth to which a gap may fall below zero without a collision: the CTHP stops at gap 0."""
 CONFIDENCE = 0.95
@@ -129,7 +127,7 @@ class Subject:
                 near = estimated.model.linearised(estimated.theta, speed)
             except ParameterError:
                 continue
-            if len(omega) >= LEAST_FREQUENCIES:
+            if len(omega) >= LEAST:
                 with np.errstate(all="ignore"):
                     ratio = 20.0 * np.log10(np.abs(frequency_response(near[None], omega)[0]) / gain)
                 errors.append(float(np.sqrt(np.mean(ratio**2))))
@@ -145,7 +143,7 @@ class Subject:
             except SegmentError:
                 gains.append((np.empty(0), np.empty(0)))
                 continue
-            kept = (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
+            kept = compared(measured)
             gains.append((measured.omega[kept], measured.gain[kept]))
         return gains
 

@@ -8,9 +8,9 @@ A follower qualifies at an instant where
     3.5 s, so that a long distance setting counts as car-following and catching up does not.
 
 Departures of up to 10 s from the last of these, as behind a car that cuts in, do not interrupt a
-stretch. Stretches in which all followers of a chain qualify are taken together; what a follower has
-beyond them it has alone, behind the vehicle ahead. Stretches are cut into windows of the asked
-length from their start on; the rest of a stretch is a window where it lasts for a minute.
+stretch. Stretches in which all followers of a chain qualify are taken together; where only one
+follower qualifies, its window holds it and the vehicle ahead. Stretches are cut into windows of the
+asked length from their start on; the rest of a stretch is a window where it lasts for a minute.
 
 How long a batch takes is estimated from files at even steps among all of them, sorted by size,
 which are read; the others count by their bytes.
@@ -61,7 +61,7 @@ TYPICAL: Seconds = 300.0
 WITHOUT_BLOCKS = 1 / 3
 """Share of a method's typical seconds that is left where no blocks are held out."""
 AUTO = "auto"
-"""Names these windows where windows are asked for."""
+"""The value of ``windows`` that asks for all windows in car-following."""
 ACC_FLAG = 1
 ENDINGS = (".csv", ".txt")
 Sources = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]

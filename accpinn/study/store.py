@@ -1,10 +1,10 @@
 """Results on disk: a shelf of files that can be searched, and the cache of results, which is one.
 
 A `Shelf` is a folder of files in the snapshot's format beside one SQLite file, made again from the
-files where it is missing. The `Store` keeps results by the keys of their analyses and drops what
-was not used for the longest time once it exceeds its cap; it also holds the checkpoints of
-trainings, and what each session of the app shows. The library of
-snapshots is the other shelf (`snapshot_library.py`).
+files where it is missing. The `Store` keeps each result by its analysis' `fit_key`, so that another
+model of the answer does not fit again, and drops what was not used for the longest time once it
+exceeds its cap; it also holds the checkpoints of trainings, and what each session of the app shows.
+The library of snapshots is the other shelf (`snapshot_library.py`).
 """
 
 import io
@@ -368,8 +368,8 @@ class Store(Shelf):
                 " order by used desc limit ?", (len(prefix), prefix, most),
             ))  # fmt: skip
 
-    def show(self, session: str, result: Result) -> None:
-        """Enter a result among those that a session has shown, with the parts known by now."""
+    def record_shown(self, session: str, result: Result) -> None:
+        """Keep a result with the parts known by now, and record that a session has shown it."""
         self.keep(result)
         with self.index() as index:
             index.execute(

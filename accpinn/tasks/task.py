@@ -388,7 +388,7 @@ def training_task(
         result = run(analysis, recording, segments=segments, store=store, context=context)
         _ = result.answer, result.quality, result.uncertainty, result.evaluation
         if store and result.is_finished:
-            store.show(owner, result)
+            store.record_shown(owner, result)
         return result
 
     def steps(context: TaskContext) -> Iterator[Result]:

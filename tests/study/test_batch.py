@@ -36,7 +36,7 @@ from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results
 from accpinn.study.analysis import Analysis
-from accpinn.study.batch import Answer, WindowData, batch
+from accpinn.study.batch import WindowData, WindowRows, batch
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import FILE, read_failures
 from tests.support.command import ROOT, Capture, strict
@@ -192,7 +192,7 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> Non
     assert unique(table(study))
 
 
-def killed(window: WindowData, _: Sequence[Analysis]) -> list[Answer]:
+def killed(window: WindowData, _: Sequence[Analysis]) -> list[WindowRows]:
     """A job as the scheduler reports it after its workers have died."""
     if window.recording["file"] == "run2.csv":
         raise KilledWorker("run2", SimpleNamespace(address="tcp://away"), 1)
@@ -217,12 +217,12 @@ def test_a_window_at_which_workers_die_is_told_and_tried_again(
     assert not [one for one in read_failures(study) if one.start == 0]
 
 
-def dying(_: WindowData, analyses: Sequence[Analysis]) -> list[Answer]:
+def dying(_: WindowData, analyses: Sequence[Analysis]) -> list[WindowRows]:
     """The first job ends its worker, once."""
     with suppress(FileExistsError):
         Path(os.environ["ACCPINN_TEST_DEATH"]).touch(exist_ok=False)
         os._exit(1)
-    return [Answer(analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
+    return [WindowRows(analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
 
 
 def test_a_worker_that_dies_is_replaced(

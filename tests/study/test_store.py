@@ -79,8 +79,8 @@ class TestStore:
         self, store: Store, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         store.keep_session("ann", b"open")
-        store.show("ann", numbered(1))
-        store.show("bob", numbered(2))
+        store.record_shown("ann", numbered(1))
+        store.record_shown("bob", numbered(2))
         assert (store.session("ann"), store.session("eve")) == (b"open", None)
         assert [entry.id for entry in store.entries(session="ann")] == [
             numbered(1).analysis.fit_key

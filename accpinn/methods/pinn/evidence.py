@@ -14,11 +14,10 @@ and the data, one sample each half second, add A = ⊕ ΦᵀΦ/σ². So w is int
     log p(y | z) = -½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - ½ log|Λ + A| + ½ log|Λ| - Σ log σ√(2π)
 
 which is the evidence. An intercept s₀ is taken from the measured gaps.
-A loss has its first two terms alone. What the loss lacks is above all
-log|Λ|: its slope with respect to ατ + β tends to half the duration, and without it the estimate
-of the parameters is biased. With features that resolve the motion the evidence is the Kalman
-filter's likelihood of the same model, so the search for its maximum is that of `likelihood`, with
-the filter's expected information as the curvature to begin with.
+The loss Ψ has only the first two terms. It lacks ½ log|Λ|, and that biases the estimate: the slope
+of log|Λ| with respect to ατ + β tends to half the duration. With features that resolve the motion
+the evidence is the Kalman filter's likelihood of the same model, so the search for its maximum is
+that of `likelihood`, with the filter's expected information as the curvature to begin with.
 
 Φ are B-splines here, so that Λ and A are banded and a value takes two banded factorisations.
 
