@@ -100,10 +100,11 @@ def fit(
         model: of `result.answer`, by default "cthp-s0-delay", and of the fit where its method can
             estimate it, by default "cthp". Others are "cthp-s0", "idm" and "fvdm".
         hold: terms of that model that keep their values, as {"s0": 4.0}.
-        method: a key of `METHODS`, by default "pinn", or "simulation" for a model that is no CTHP;
-            with "maximum-likelihood" samples may be missing.
-        preset: "calibrated", "fast" or "paper", for a method with presets; the latter two are the
-            paper's estimates, which are biased if disturbances last.
+        method: a key of `METHODS`, by default "pinn", or "simulation" for a model that the preset
+            cannot estimate; with "maximum-likelihood" samples may be missing.
+        preset: "calibrated", "fast" or "paper", for a method with presets; the latter two minimise
+            the paper's loss, also with the residual of "idm" and "fvdm", and are biased if
+            disturbances last.
         seed: seed of a method with presets.
         exclude: regimes whose instants do not count, as "catching-up" or ["catching up"].
         store: where results and checkpoints are kept; None keeps nothing.

@@ -12,6 +12,8 @@ parameters stand still; that is the optimum for the untrained hidden layers. The
 `CYCLE` Adam iterations, each followed by exact solves, train the hidden layers. A cycle that moves
 no parameter is the last one, and one that does not lower Ψ is taken back. Each exact round at the
 start and each Adam iteration counts as one iteration.
+
+`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
 """
 
 from abc import abstractmethod

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn.methods.following import bounds_of
 from accpinn.methods.method import Law
-from accpinn.methods.pinn.config import FAST, PAPER
-from accpinn.methods.pinn.following import FollowingFast
+from accpinn.methods.pinn.config import FAST, PAPER, STARTS
+from accpinn.methods.pinn.following import FollowingFast, initial_scores, values_of
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
 from tests.methods.test_following import TRUTHS
 from tests.support.driving import MIXED
@@ -39,6 +41,15 @@ def test_the_cthp_is_a_special_case(case: str, monkeypatch: pytest.MonkeyPatch) 
         training.advance()
     exact = train(segment, case).parameters.values
     np.testing.assert_allclose(training.learned().parameters.values, exact, rtol=1e-3)
+
+
+@pytest.mark.parametrize("initial", STARTS)
+def test_a_cthp_with_s0_begins_at_the_users_values(initial: Parameters) -> None:
+    model = FOLLOWING["cthp-s0"]
+    z = initial_scores(model, replace(PAPER, initial=initial), bounds_of(model))
+    begun = values_of(model, z[None], 2)
+    expected = [*np.maximum(initial.values, [p.lower for p in model.parameters[:3]]), 5.0]
+    np.testing.assert_allclose(begun, np.column_stack([expected] * 2))
 
 
 def test_paper_moves_from_typical_values_and_keeps_what_is_held() -> None:
