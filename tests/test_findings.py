@@ -66,7 +66,7 @@ SAID = [
     (fit.FilterDiverged(), ["run.csv"]),
     (fit.SimulatedSeparately(), []),
     (fit.SimulatedInStretches(10.0), ["10 s"]),
-    (fit.HiddenLayersGain(1.0, 0.5), ["1.000", "0.5000", "-50 %"]),
+    (fit.HiddenLayersGain(1.0, 0.5), ["1.000", "0.5000", "-50.0 %"]),
     (fit.IterationsExhausted(3000), ["3,000"]),
     (fit.HoldoutLoss(12, 0.1, 0.2), ["12", "0.1000", "0.2000"]),
     (fit.Continued(1200), ["1,200"]),

@@ -140,8 +140,6 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 
 def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray]:
     """The seconds of a segment, and the residuals (M, K) in m/s² of a fit's model."""
-    from scipy.signal import lfilter  # takes a second to import, which few need
-
     steps, parameters = one_second_means(segment), fit.parameters
     gaps, speeds = segment.gaps, segment.speeds
     if parameters.own.size:
@@ -154,9 +152,15 @@ def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray
     reached = np.asarray(command, float).copy()
     for k, (lag, delay) in enumerate(parameters.complete[:, 4:]):
         late = np.interp(segment.time - delay, segment.time, command[:, k])
-        keep = np.exp(-segment.sample_time / lag) if lag > 0 else 0.0
-        reached[:, k] = lfilter([1 - keep], [1, -keep], late, zi=[keep * late[0]])[0]
+        reached[:, k] = _lagged(late, np.exp(-segment.sample_time / lag)) if lag > 0 else late
     return steps, steps.rates - steps.means(reached)
+
+
+def _lagged(command: FloatArray, keep: float) -> FloatArray:
+    """(N,) what a first-order lag makes of a command that was constant before."""
+    from scipy.signal import lfilter  # takes a second to import, which few need
+
+    return np.asarray(lfilter([1 - keep], [1, -keep], command, zi=[keep * command[0]])[0])
 
 
 @dataclass(frozen=True, eq=False)

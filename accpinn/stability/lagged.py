@@ -20,6 +20,7 @@ compare them, as to numerical integration of |h|. H(jω) and its attenuation hav
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,12 +147,19 @@ def _derived(coefficients: FloatArray) -> FloatArray:
     return coefficients[:, 1:] * np.arange(1, coefficients.shape[1])
 
 
-def _value(coefficients: FloatArray, x: FloatArray) -> FloatArray:
-    """(V, K) the polynomials (V, n) at (V, K)."""
+def _value(coefficients: FloatArray, x: NDArray[Any]) -> NDArray[Any]:
+    """(V, K) the polynomials (V, n) at (V, K), real or complex."""
     result = np.zeros_like(x)
     for coefficient in coefficients.T[::-1]:
         result = result * x + coefficient[:, None]
     return np.asarray(result)
+
+
+def _square_at(coefficients: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(V, K) |P(jω)|² of the polynomials at (V, K), and its derivative by ω²."""
+    s = 1j * omega
+    value, slope = _value(coefficients, s), _value(_derived(coefficients), s)
+    return np.abs(value) ** 2, (value.conj() * 1j * slope).real / omega
 
 
 def _positive(roots: NDArray[np.complex128]) -> FloatArray:
@@ -190,14 +198,14 @@ def attenuation(parameters: Parameters) -> Callable[[FloatArray], tuple[FloatArr
 
     It is kept exact near 0 and near a resonance.
     """
-    above, below = (_squared(part) for part in polynomials(parameters))
-    parts = above, below, _derived(above), _derived(below), (below - above)[:, 1:]
+    upper, lower = polynomials(parameters)
+    rest = (_squared(lower) - _squared(upper))[:, 1:]
 
     def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         all_at = np.broadcast_to(x, (len(x), len(parameters))).T
-        n, m, slope_n, slope_m, rest = (_value(part, all_at) for part in parts)
+        (n, slope_n), (m, slope_m) = (_square_at(part, np.sqrt(all_at)) for part in (upper, lower))
         # The difference from 1 is exact where both are nearly equal.
-        excess = rest * all_at / n
+        excess = _value(rest, all_at) * all_at / n
         lost = np.where(excess < -0.5, np.log(m / n), np.log1p(np.maximum(excess, -0.5)))
         return lost.T, (slope_m / m - slope_n / n).T
 
