@@ -33,7 +33,7 @@ from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
-    "fast": "A second, or ten with IDM and FVDM: the minimum of the paper's loss, biased if"
+    "fast": "A second, or a few with IDM and FVDM: the minimum of the paper's loss, biased if"
     " disturbances last.",
     "paper": "Many minutes by gradient, flat curves for thousands of iterations: the paper's"
     " training, biased if disturbances last.",
