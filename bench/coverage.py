@@ -206,6 +206,7 @@ def main(arguments: list[str] | None = None) -> int:
         ("deviation", "standard deviation of the disturbance in m/s²"),
         ("memory", "its correlation time in s"),
         ("lag", "time constant of the actuator in s"),
+        ("delay", "delay in s"),
         ("standstill", "standstill distance in m"),
         ("slope", "mean of the disturbance in m/s²"),
     ):
@@ -216,7 +217,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="one JSON document")
     given = parser.parse_args(arguments)
     disturbance = Disturbance(
-        given.deviation, given.memory, given.lag, given.standstill, given.slope
+        given.deviation, given.memory, given.lag, given.delay, given.standstill, given.slope
     )
     asked = (given.recordings, disturbance, given.duration, given.workers)
     study = (
