@@ -170,15 +170,15 @@ class FollowingFast(ProjectedTraining[FloatArray]):
             first = 1 + unknowns * (k if self.case == "II" else 0)
             columns = [0, *range(first, first + unknowns)]
             places = (speed_columns[k + 1], gap_columns[k], speed_columns[k])
-            by_gap, by_own, by_ahead = slopes[:3, :, k, None]
-            design = np.stack([-by_own * seen[:, 0], -by_gap * seen[:, 0], -by_ahead * seen[:, 0]])
-            design[0] += seen[:, 1]
-            slope = np.stack([by_own, by_gap, by_ahead], axis=1)[..., 0]
+            slope = slopes[[1, 0, 2], :, k].T  # by own speed, gap and speed ahead
+            design = -slope[:, :, None] * seen[:, :1]
+            design[:, 0] += seen[:, 1]
             constant = value[:, k] - (slope * near[:, places]).sum(axis=1)
             beside = np.column_stack([constant, slopes[3:, :, k].T])
-            flat = design.transpose(1, 0, 2).reshape(count, -1)
             if self.mask is not None:
-                flat, beside = (part * self.mask[:, k, None] for part in (flat, beside))
+                design *= self.mask[:, k, None, None]
+                beside *= self.mask[:, k, None]
+            flat = design.reshape(count, -1)
             squares = weight * (flat.T @ flat).reshape(3, size, 3, size)
             blocks.append(kinematic + squares.swapaxes(1, 2))
             moments = weight * (flat.T @ beside).reshape(3, size, -1)

@@ -62,6 +62,8 @@ MOST_BYTES = 1.4e9
 _PER_FEATURE, _MASKED = (48, 3), (60, 5)
 """Bytes per instant and input feature that `fast` takes at its peak, and for each follower;
 measured, without a mask and with one."""
+_OTHER_MODEL = (115, 22)
+"""The same for a model whose derivatives differ from instant to instant."""
 _PER_INSTANT = 5_000
 """Bytes per instant that `paper` takes at its peak; measured."""
 MOST_FEATURES = 20_000
@@ -161,7 +163,7 @@ def _trained(
 ) -> tuple[Fit, Learned]:
     """Train on a segment, or draw it with the parameters of several ``together``."""
     threads = _default(config.preset) if context.threads is None else _allowed(context.threads)
-    require_memory(segment, config)
+    require_memory(segment, config, law.model)
     start_loading()
 
     def begin() -> tuple[Training, Recorder]:
@@ -352,7 +354,7 @@ def _allowed(threads: int) -> int:
     return threads
 
 
-def require_memory(segment: Segment, config: PinnConfig) -> None:
+def require_memory(segment: Segment, config: PinnConfig, model: str = models.PAPER) -> None:
     """Refuse a window whose training would not fit.
 
     Raises:
@@ -364,6 +366,8 @@ def require_memory(segment: Segment, config: PinnConfig) -> None:
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
     else:
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
+        if config.preset == "fast" and model != models.PAPER:
+            common, own = _OTHER_MODEL
         each = common + own * segment.followers
         features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
         needed = each * segment.samples * features

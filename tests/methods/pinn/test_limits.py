@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.methods.pinn.config import PinnConfig, preset
+from accpinn.methods.method import Law
+from accpinn.methods.pinn.config import FAST, PinnConfig, preset
 from accpinn.methods.pinn.training import require_memory
+from accpinn.methods.registry import METHODS
 from accpinn.segment.segment import Segment
 from tests.support.driving import segment_of
 from tests.support.methods import train
@@ -28,16 +30,22 @@ def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segme
     "config",
     [preset("fast"), preset("fast", highest_frequency=2.0), preset("calibrated"), preset("paper")],
 )
-def test_the_longest_window_named_is_allowed(config: PinnConfig, step: float, masked: bool) -> None:
+@pytest.mark.parametrize("model", ["cthp", "idm"])
+def test_the_longest_window_named_is_allowed(
+    config: PinnConfig, step: float, masked: bool, model: str
+) -> None:
     with pytest.raises(SegmentError, match="GB of memory") as caught:
-        require_memory(of_length(200_000, step, masked), config)
+        require_memory(of_length(200_000, step, masked), config, model)
     (longest,) = re.findall(r"at most ([\d,]+) s", str(caught.value))
     seconds = float(longest.replace(",", ""))
-    require_memory(of_length(seconds, step, masked), config)
+    require_memory(of_length(seconds, step, masked), config, model)
     with pytest.raises(SegmentError):
-        require_memory(of_length(1.05 * seconds, step, masked), config)
+        require_memory(of_length(1.05 * seconds, step, masked), config, model)
 
 
 def test_a_training_is_refused_before_its_work() -> None:
     with pytest.raises(SegmentError, match="take at most"):
         train(of_length(15_000))
+    require_memory(of_length(2_000), FAST)
+    with pytest.raises(SegmentError, match="take at most"):
+        METHODS["pinn"].fit(of_length(2_000), settings=FAST, law=Law("idm"))
