@@ -721,3 +721,18 @@ def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
     assert page.workspace() is session
     assert session.result is not None
     page.sound()
+
+
+def test_after_a_fault_of_a_widget_s_callback_the_page_says_so_once_and_shows_what_was_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    session = fitted(Window(0.0, 60.0))
+    page = open_page(TRAIN, session)
+    shown = [written.value for written in (*page.title, *page.markdown, *page.caption)]
+    with monkeypatch.context() as broken:
+        broken.setattr(Workspace, "train", lambda *_: 1 / 0)
+        page.press("train_start")
+    assert "what was open stays open" in page.boxes("error")[0]
+    assert page.workspace() is session
+    assert shown == [written.value for written in (*page.title, *page.markdown, *page.caption)]
+    assert not page.sound().error
