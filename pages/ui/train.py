@@ -39,8 +39,7 @@ from pages.ui.snapshots.listing import show_runs
 PRESET_LINES = {
     "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
     "fast": "A second: the paper's estimate, solved exactly; biased if disturbances last.",
-    "paper": "Many minutes by gradient, flat curves for thousands of iterations: the paper's"
-    " estimate, biased if disturbances last.",
+    "paper": "Many minutes: the paper's estimate by gradient; biased if disturbances last.",
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""

@@ -360,7 +360,10 @@ def banner(workspace: Workspace) -> None:
         state = "it came without its data."
     kind = "From the snapshot" if restored.id else "An earlier run"
     name = escape_markdown(title_of(restored))
-    st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
+    if workspace.training and workspace.training.is_active:
+        st.caption(f"{kind} **{name}**; {state}")
+    else:
+        st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
 
     def keep() -> None:
         with show.flashing():
