@@ -14,7 +14,8 @@ simulation begins with the measured gaps and speeds and with a disturbance drawn
 distribution; where the leader's speed is missing for long, it begins anew.
 
 The model has no collisions: a simulated gap may fall below zero. Such simulations continue and are
-part of the band, as in `evaluation.closed_loop`; their share is stated.
+part of the band, as in `evaluation.closed_loop`; their share is stated. A lag or a delay of the
+draws is left out, and of a model that is no CTHP its linearisation is simulated.
 """
 
 from dataclasses import dataclass
