@@ -36,8 +36,10 @@ from accpinn.evaluation.closed_loop import (
 from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
+from accpinn.model.models import MODELS
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
+from accpinn.segment.quality import CAR_FOLLOWING, time_gaps
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -165,11 +167,26 @@ def _out_of_window(
     events: list[ClosedLoopFinding] = []
     for window in _outside(segment, recording):
         piece = cut(recording, window.start, window.duration, segment.vehicles)
+        if fit.model not in MODELS:
+            piece = from_following(piece)
         errors = closed_loop_errors(piece, fit)
         if errors is not None:
             parts.append((piece.window.duration, errors))
             events.extend(closed_loop_findings(piece, closed_loop(piece, fit)))
     return parts, events
+
+
+def from_following(segment: Segment) -> Segment:
+    """The segment from the first instant on at which every follower is in car-following.
+
+    A model that is no CTHP may have a gap at standstill, below which it would drive backwards. The
+    segment stays as it is where too little would be left.
+    """
+    close = (time_gaps(segment) <= CAR_FOLLOWING).all(axis=1)
+    left = segment.samples - int(close.argmax())
+    if not close.any() or left * segment.sample_time < MINIMUM_DURATION:
+        return segment
+    return part(segment, segment.samples - left, segment.samples)
 
 
 def without(segment: Segment, first: int, end: int) -> Segment:

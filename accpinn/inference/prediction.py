@@ -14,7 +14,8 @@ simulation begins with the measured gaps and speeds and with a disturbance drawn
 distribution; where the leader's speed is missing for long, it begins anew.
 
 The model has no collisions: a simulated gap may fall below zero. Such simulations continue and are
-part of the band, as in `evaluation.closed_loop`; their share is stated.
+part of the band, as in `evaluation.closed_loop`; their share is stated. A lag or a delay of the
+draws is left out, and of a model that is no CTHP its linearisation is simulated.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from functools import lru_cache
 import numpy as np
 
 from accpinn.evaluation.closed_loop import simulable
-from accpinn.findings import Finding, Labelled, Words, percent
+from accpinn.findings import Finding, Labelled, Words, percent, probability
 from accpinn.inference.intervals import Uncertainty, interval_ends
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
@@ -69,7 +70,7 @@ class BandCoverage(Finding, frozen=True):
         verdict = f"in keeping with {percent(self.level)}"
         if self.share < TOO_FEW:
             verdict = "too little for a model that holds with the same parameters throughout"
-        collisions = f" The follower collides in {percent(self.colliding)} of the simulations."
+        collisions = f" The follower collides in {probability(self.colliding)} of the simulations."
         return {"verdict": verdict, "collisions": collisions if self.colliding else ""}
 
 

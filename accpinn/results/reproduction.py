@@ -19,7 +19,7 @@ from accpinn.model.published import (
     VICOLUNGO_ALIKE,
     ParameterSet,
 )
-from accpinn.recordings.recording import Window
+from accpinn.recordings.recording import Recording, Window
 from accpinn.stability.report import StabilityReport, stability_report
 
 
@@ -66,6 +66,10 @@ class PrintedRun:
         vehicles = f"vehicles {self.vehicles[0]}–{self.vehicles[-1]}"
         case = f", Case {self.case}" if len(self.vehicles) > 2 else ""
         return f"OpenACC {self.campaign}, {self.file}, {self.window}, {vehicles}{case}"
+
+    def is_of(self, recording: Recording) -> bool:
+        """Whether that recording is the one that the paper took."""
+        return recording.source == self.file and recording.campaign == self.campaign
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,7 @@ CASALE_RUN = PrintedRun("Casale", "part7.csv", Window(0.0, 300.0), (1, 2))
 ASTAZERO_RUN = PrintedRun(
     "AstaZero", "ASta_040719_platoon5.csv", Window(320.0, 620.0), (1, 2, 3, 4, 5)
 )
+RUNS = (CASALE_RUN, ASTAZERO_RUN)
 _SYNTHETIC, _ASTAZERO = "synthetic_paper_study", "synthetic_astazero_like"
 
 ITEMS = (

@@ -33,10 +33,8 @@ from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
-    "fast": "A second, or a few with IDM and FVDM: the minimum of the paper's loss, biased if"
-    " disturbances last.",
-    "paper": "Many minutes by gradient, flat curves for thousands of iterations: the paper's"
-    " training, biased if disturbances last.",
+    "fast": "Seconds: the minimum of the paper's loss, solved exactly; biased if disturbances last.",
+    "paper": "Many minutes: the paper's training by gradient; biased if disturbances last.",
 }
 POINTS = 300
 """Points a line of the live charts, which are drawn anew again and again."""

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from accpinn.evaluation.evaluation import (
     Block,
     cross_validate,
     evaluate,
+    from_following,
     part,
     pooled_holdout_errors,
     without,
@@ -21,6 +23,8 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis
+from accpinn.study.run import run
 from tests.support.driving import MIXED, driven
 from tests.support.methods import RIVALS
 from tests.support.samples import FOLDER
@@ -106,3 +110,28 @@ def test_an_evaluation_holds_what_it_is_given_data_for() -> None:
     assert full.out_of_window_seconds > 100.0
     assert len(full.blocks) == 3
     assert full.findings == full.out_of_window_findings == ()
+
+
+def test_a_stretch_begins_where_every_follower_is_in_car_following() -> None:
+    segment = cut(read(FOLDER / "synthetic_paper_study.csv"), 20.0, 60.0)
+    speeds, gaps = segment.speeds.copy(), segment.gaps.copy()
+    speeds[:100], gaps[:100] = 0.0, 1.0  # a queue
+    gaps[100:120] = 4.0 * speeds[100:120, 1:]
+    piece = from_following(replace(segment, speeds=speeds, gaps=gaps))
+    assert piece.start == pytest.approx(segment.start + segment.time[120])
+    np.testing.assert_array_equal(piece.gaps, gaps[120:])
+    assert from_following(segment).samples == segment.samples
+    never = replace(segment, gaps=4.0 * segment.speeds[:, 1:])
+    assert from_following(never) is never
+
+
+def test_the_idm_starts_outside_its_window_from_no_queue(openacc_dir: Path) -> None:
+    recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
+    asked = Analysis.of(
+        recording, (Window(320.0, 620.0),), (1, 2, 3), model="idm", method="simulation"
+    )
+    result = run(asked, recording)
+    assert result.fit.model == "idm"
+    before = [event for event in result.evaluation.out_of_window_findings if event.time < 320.0]
+    assert not before
+    assert result.evaluation.out_of_window_seconds > 800.0

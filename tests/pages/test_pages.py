@@ -15,7 +15,7 @@ from accpinn.model.models import BEST
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
-from accpinn.results.reproduction import CASALE_RUN
+from accpinn.results.reproduction import ASTAZERO_RUN, CASALE_RUN, PrintedRun
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.table import supported_digits
 from accpinn.tasks.task import Status, training_task
@@ -175,6 +175,22 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
 
 
 # Data
+
+
+@pytest.mark.parametrize("run", [CASALE_RUN, ASTAZERO_RUN])
+def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
+    openacc_dir: Path, run: PrintedRun
+) -> None:
+    content = (openacc_dir / run.campaign / run.file).read_bytes()
+    page = open_page(DATA).upload(run.file, content)
+    session = page.workspace()
+    session.choose(vehicles=session.vehicles[:2], window=Window(100.0, 200.0))
+    page.sound().press("data_papers")
+    assert (session.vehicles, session.window) == (run.vehicles, run.window)
+    assert page.button(key="data_papers").disabled
+    page = open_page(DATA).upload("part7.csv", csv(platoon()))
+    assert page.workspace().recording.source == "part7.csv"
+    assert "data_papers" not in {button.key for button in page.button}, "another's content"
 
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
@@ -738,3 +754,18 @@ def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
     assert page.workspace() is session
     assert session.result is not None
     page.sound()
+
+
+def test_after_a_fault_of_a_widget_s_callback_the_page_says_so_once_and_shows_what_was_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    session = fitted(Window(0.0, 60.0))
+    page = open_page(TRAIN, session)
+    shown = [written.value for written in (*page.title, *page.markdown, *page.caption)]
+    with monkeypatch.context() as broken:
+        broken.setattr(Workspace, "train", lambda *_: 1 / 0)
+        page.press("train_start")
+    assert "what was open stays open" in page.boxes("error")[0]
+    assert page.workspace() is session
+    assert shown == [written.value for written in (*page.title, *page.markdown, *page.caption)]
+    assert not page.sound().error

@@ -10,6 +10,7 @@ import streamlit as st
 from streamlit import config
 
 from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Window
 from pages.ui.session import sessions
@@ -22,6 +23,7 @@ from tests.support.apptest import (
     SNAPSHOTS,
     STABILITY,
     TRAIN,
+    WAIT,
     Page,
     answer,
     fitted,
@@ -270,6 +272,23 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
         assert again.awaited is None
         assert (again.window, again.vehicles, again.case) == (Window(20.0, 70.0), (2, 3), "I")
         place.unlink(missing_ok=True)
+
+
+def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() -> None:
+    raw = FIRST_SAMPLE.read_bytes()
+    session = open_page(DATA).upload("mine.csv", raw).workspace()
+    assert len(session.several_windows) > 1
+    session.train(CALIBRATED)
+    assert session.training.wait(WAIT)
+    said = [written.value for written in open_page(TRAIN, session).markdown]
+    sessions.workspaces.clear()
+    page = open_page(DATA, session=session.id).upload("mine.csv", raw)
+    again = page.workspace()
+    assert again is not session
+    assert again.result.analysis == session.result.analysis
+    assert again.several_windows == session.several_windows
+    assert again.result.recording is again.recording
+    assert [written.value for written in open_page(TRAIN, again).markdown] == said
 
 
 def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:

@@ -56,7 +56,7 @@ def forest(grouped: Groups) -> go.Figure:
     """The typical time gap, α and β of each group with their intervals; the shortest gap on top.
 
     A marker's size tells the number of windows; the thin line of the time gap is the interval for a
-    further window.
+    further window. An arrowhead ends an interval that goes on beyond the axis.
     """
     speed = SPEEDS[-1]
     largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
@@ -98,6 +98,7 @@ def forest(grouped: Groups) -> go.Figure:
                 " %{customdata[5]}), %{customdata[6]} windows<extra></extra>"
             ),
         })  # fmt: skip
+        traces.append(_cut_ends(part if quantity is gap else part[:, :3], places, low, high) | at)
         scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
         title = f"{quantity.name} [s]" if quantity is gap else quantity.heading
         axes[at["xaxis"]] = style.titled(title) | scale
@@ -109,6 +110,18 @@ def forest(grouped: Groups) -> go.Figure:
     return style.composed(
         traces, height, "forest", axes, every, style.row(3, 0.025), hovermode="closest"
     )
+
+
+def _cut_ends(spans: FloatArray, places: NDArray[np.intp], low: float, high: float) -> style.Part:
+    """Arrowheads where intervals (K, 3) or (K, 5) go on beyond an axis."""
+    left, right = (spans[:, 1:] < low).any(axis=1), (spans[:, 1:] > high).any(axis=1)
+    symbols = ["triangle-left"] * left.sum() + ["triangle-right"] * right.sum()
+    return {
+        "x": np.repeat([low, high], [left.sum(), right.sum()]),
+        "y": np.append(places[left], places[right]), "mode": "markers", "hoverinfo": "skip",
+        "showlegend": False, "cliponaxis": False,
+        "marker": {"color": style.FOLLOWERS[0], "size": 8, "symbol": symbols},
+    }  # fmt: skip
 
 
 def _size(windows: int) -> float:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from accpinn.findings import percent
+from accpinn.findings import percent, probability
 from accpinn.inference.answer import SPEEDS
 from accpinn.model.registry import TITLES
 from accpinn.results.tables.table import between
@@ -29,11 +29,12 @@ def headline(whole: Group) -> str:
     if not math.isfinite(share.value):
         return "Nothing is known of string stability."
     if count == 1:
-        return f"L₂ string stable with a probability of {100 * share.value:.0f} %."
-    value, low, high = (f"{100 * part:.0f}" for part in (share.value, share.low, share.high))
+        return f"L₂ string stable with a probability of {probability(share.value)}."
+    low, high = (f"{100 * part:.0f}" for part in (share.low, share.high))
+    said = probability(share.value)
     return (
-        f"{value} % of the {count} vehicles are L₂ string stable ({percent(whole.level)} interval"
-        f" {low} to {high} %)."
+        f"{said[0].upper()}{said[1:]} of the {count} vehicles are L₂ string stable; of all such"
+        f" vehicles {low} to {high} % ({percent(whole.level)} interval)."
     )
 
 

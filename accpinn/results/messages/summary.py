@@ -11,6 +11,8 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.model.models import MODELS, terms_of
+from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
@@ -20,11 +22,35 @@ from accpinn.results.tables.estimates import name_of
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
 
-BAND = (
-    "Band: the space-gaps that the model predicts from the leader's speed alone, with posterior"
-    " samples of the parameters and random disturbances of the estimated size."
-)
-"""What a predictive band is."""
+
+def about_band(result: Result) -> str:
+    """What a predictive band is, and where it is not that of the answer's model."""
+    model, answer = result.fit.model, result.known_answer
+    simulated = "CTHP with intercept s₀" if "s0" in terms_of(model) else "CTHP"
+    if model not in MODELS:
+        simulated = f"linearisation of the {TITLES[model]}"
+    said = (
+        f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
+        " posterior samples of the parameters and random disturbances of the estimated size."
+    )
+    if {"lag", "delay"}.intersection(model.split("-")):
+        said += f" The lag or delay of the {TITLES[model]} is not part of it."
+    if answer and answer.model != model:
+        said += f" The answer's model is another one: {TITLES[answer.model]}."
+    return said
+
+
+def equation(model: str) -> tuple[str, str]:
+    """A model's equation of motion and its symbols; of one that is no CTHP name and parameters."""
+    if model not in MODELS:
+        parameters = FOLLOWING[model].parameters
+        return TITLES[model], joined([f"{p.symbol} [{p.unit}]" for p in parameters])
+    terms = terms_of(model)
+    gap = "p − s₀ − τ v" if "s0" in terms else "p − τ v"
+    left = "λ d²v/dt² + dv/dt" if "lag" in terms else "dv/dt"
+    later = ", a time d later" if "delay" in terms else ""
+    symbols = "p space-gap, v speed, Δv speed of the vehicle ahead minus own"
+    return f"{left} = α ({gap}) + β Δv{later}", symbols
 
 
 def title(snapshot: Result) -> str:

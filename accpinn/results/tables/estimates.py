@@ -184,8 +184,8 @@ def _estimate_cells(
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
     """The probability of string stability by both norms."""
-    yield Column("L₂", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_l2)
-    yield Column("L∞", "%", 0, PROBABILITY), percent_cells(uncertainty.probability_linf)
+    yield Column.chance("L₂", PROBABILITY), percent_cells(uncertainty.probability_l2)
+    yield Column.chance("L∞", PROBABILITY), percent_cells(uncertainty.probability_linf)
 
 
 def comparison_table(

@@ -32,6 +32,7 @@ HEADINGS = {
     "date": "Date",
 }
 FASTEST = SPEEDS[-1]
+GAP = "Time gap"
 NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
 """Parameters in a table of 100 characters, with their decimals; else a model's first three."""
 
@@ -60,20 +61,22 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
             (Column("Time gap", "s", 2), gaps(FASTEST)),
             *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
               for name, count in digits.items()),
-            (Column("L₂", "%", 0), [100 * group.l2_stable.value for group in groups]),
+            (Column.chance("L₂"), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
         columns = [filled for filled in columns if filled[0].title != "Vehicles"]
         return Table.of(f"{caption}; t{fastest[1:]}; L₂: stable", columns)
     columns += [
-        (Column(fastest, "s", 2), gaps(FASTEST)),
-        (Column(fastest, "s", 2, "Further window"),
+        *((Column(f"at {speed * 3.6:.0f} km/h", "s", 2, GAP, key=_gap_key(speed)), gaps(speed))
+          for speed in (FASTEST, SPEEDS[0])),
+        (Column(f"Further window, at {FASTEST * 3.6:.0f} km/h", "s", 2, GAP,
+                key=f"further_window_{_gap_key(FASTEST)}"),
          [_further(group.time_gap(FASTEST)) for group in groups]),
-        (Column(f"Time gap at {SPEEDS[0] * 3.6:.0f} km/h", "s", 2), gaps(SPEEDS[0])),
+        (Column("Mean, measured", "s", 2, GAP, key="mean_time_gap_s"),
+         [group.mean_time_gap.value for group in groups]),
         *((replace(column, key=name), [_estimate(group.span(name)) for group in groups])
           for name, column in own.items()),
-        (Column("Mean time gap", "s", 2), [group.mean_time_gap.value for group in groups]),
-        (Column("L₂ stable", "%", 0), [_share(group.l2_stable, group) for group in groups]),
-        (Column("L∞ stable", "%", 0), [_share(group.linf_stable, group) for group in groups]),
+        (Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]),
+        (Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]),
     ]  # fmt: skip
     return Table.of(caption, columns)
 
@@ -104,6 +107,11 @@ def spread_table(grouped: Groups) -> Table:
             cells = [_spread(spreads(group).get(name), factor) for group in groups]
             columns.append((replace(column, group=title, key=""), cells))
     return Table.of(f"Standard deviations, {100 * grouped.level:g} % intervals", columns)
+
+
+def _gap_key(speed: MetresPerSecond) -> str:
+    """The name of a time gap in CSV files."""
+    return f"time_gap_at_{speed * 3.6:.0f}_km_h_s"
 
 
 def _heads(grouped: Groups) -> list[Filled]:

@@ -141,7 +141,7 @@ def _posterior(
 ) -> Iterator[Filled]:
     """The probability of string stability, and what it amounts to; marked where contradicted."""
     if shares is not None:
-        yield Column(PROBABILITY, "%", 0, group), percent_cells(shares)
+        yield Column.chance(PROBABILITY, group), percent_cells(shares)
         words: list[Cell] = [WORDS[assessment(share)] for share in shares]
         for k, why in enumerate(against):
             words[k] = Marked(str(words[k]), why) if why else words[k]

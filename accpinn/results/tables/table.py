@@ -18,6 +18,7 @@ import numpy as np
 from markupsafe import Markup
 
 from accpinn.channels import Quantity
+from accpinn.findings import probability
 from accpinn.results.glossary import meaning_of
 from accpinn.units import FloatArray
 
@@ -117,6 +118,8 @@ class Column:
     """A heading shared with the neighbouring columns of the same group."""
     least: bool = False
     """Whether a cell above zero that the digits would show as zero says "< 0.01" instead."""
+    is_chance: bool = False
+    """Whether its numbers are probabilities in percent, said as `findings.probability` does."""
     prose: bool = False
     """Whether its texts may go on in further lines."""
     key: str = ""
@@ -126,6 +129,11 @@ class Column:
     def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
         """The column of a quantity, under its symbol."""
         return cls(quantity.symbol, quantity.unit, quantity.digits, group, key=key)
+
+    @classmethod
+    def chance(cls, title: str, group: str = "") -> "Column":
+        """The column of a probability or of a share of vehicles, in percent."""
+        return cls(title, "%", 0, group, is_chance=True)
 
     @property
     def heading(self) -> str:
@@ -156,6 +164,8 @@ class Column:
             return ABSENT
         if isinstance(cell, str | Marked):
             return str(cell)
+        if self.is_chance:
+            return probability(cell / 100).removesuffix(" %")
         digits = self.digits or 0
         shown = f"{cell:.{digits}f}"
         if self.least and cell > 0 and float(shown) == 0:
@@ -175,8 +185,8 @@ class Column:
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
         """As "0.0147" and "0.0095–0.0198"."""
         column = replace(self, digits=supported_digits(cell.low, cell.high, self.digits or 0))
-        ends = column.shown(Range(cell.low, cell.high)).replace(" to ", "–")
-        return column.shown(cell.value), ends
+        ends = replace(column, is_chance=False)._range(Range(cell.low, cell.high))
+        return column.shown(cell.value), ends.replace(" to ", "–")
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)

@@ -1,5 +1,6 @@
 """What every page begins with: who may use it, its title, links to pages, the session's state."""
 
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -7,6 +8,7 @@ from pathlib import Path
 import pandas  # noqa: F401
 import streamlit as st
 from streamlit.errors import StreamlitAuthError
+from streamlit.runtime.state.session_state import WStates
 
 from accpinn.recordings.recording import Window
 from accpinn.results.glossary import GROUPS
@@ -37,6 +39,9 @@ _ICONS = {
 
 SIDEBAR = 230
 """Width in pixels: what stands there must not take room from tables."""
+
+CALLBACK_FAILED = "frame_callback_failed"
+"""The entry in Streamlit's session state that is set when a widget's callback has failed."""
 
 _STYLE = """<style>
 .stMainBlockContainer { padding: 2.6rem 2.5rem 3rem; max-width: 92rem; }
@@ -97,6 +102,8 @@ def begin(title: str) -> Workspace:
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
+    if st.session_state.pop(CALLBACK_FAILED, False):
+        _say_failed("at this step", workspace)
     return workspace
 
 
@@ -106,9 +113,32 @@ def guarded(show_page: Callable[[], None]) -> None:
         show_page()
     except Exception:
         st.html("<style>[data-testid=stException] { display: none; }</style>")
-        show.messages("The program failed on this page; what was open stays open.", "error")
-        link(HOME, "Back to Home", current())
+        _say_failed("on this page", current())
         raise  # the server's log has it
+
+
+def _say_failed(where: str, workspace: Workspace) -> None:
+    show.messages(f"The program failed {where}; what was open stays open.", "error")
+    link(HOME, "Back to Home", workspace)
+
+
+def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], None]:
+    """Calls a widget's callback; after a fault of the program the page is drawn all the same.
+
+    Streamlit would draw nothing of the page, and calls callbacks before any script runs.
+    """
+
+    def call_callback(states: WStates, widget: str) -> None:
+        try:
+            call(states, widget)
+        except Exception:
+            logging.getLogger(__name__).exception("A widget's callback failed.")
+            st.session_state[CALLBACK_FAILED] = True
+
+    return call_callback
+
+
+WStates.call_callback = _guarded(WStates.call_callback)  # type: ignore[assignment,method-assign]
 
 
 def _chart_menu(workspace: Workspace) -> None:

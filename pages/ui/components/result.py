@@ -32,7 +32,7 @@ from accpinn.results.messages.answer import (
     papers_estimate,
 )
 from accpinn.results.messages.stability import headline
-from accpinn.results.messages.summary import BAND, about_curves, conditional
+from accpinn.results.messages.summary import about_band, about_curves, conditional
 from accpinn.results.report import bundle
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table, own_windows_table
@@ -238,7 +238,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     show.messages(messages((*wide, *cure), info), "warning")
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     band = _band(result)
-    if said := ((BAND,) if band else ()) + about_curves(info, fit, follower, band):
+    if said := ((about_band(result),) if band else ()) + about_curves(info, fit, follower, band):
         st.caption(escape_markdown(" ".join(said)))
 
 
@@ -355,7 +355,10 @@ def banner(workspace: Workspace) -> None:
         state = "it came without its data."
     kind = "From the snapshot" if restored.id else "An earlier run"
     name = escape_markdown(title_of(restored))
-    st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
+    if workspace.training and workspace.training.is_active:
+        st.caption(f"{kind} **{name}**; {state}")
+    else:
+        st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
 
     def keep() -> None:
         with show.flashing():

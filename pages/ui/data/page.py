@@ -24,6 +24,7 @@ from accpinn.results.messages.recording import (
     rating_reasons,
     suggestion_reasons,
 )
+from accpinn.results.reproduction import RUNS
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
 from accpinn.segment.quality import Grade, Regimes, assess_quality, label_regimes, rate
 from accpinn.segment.segment import Segment
@@ -237,6 +238,7 @@ def _show_overview(
                 help="One follower and the vehicle ahead of it; the others are faint.",
             )  # fmt: skip
         _vehicle_key(recording, workspace, leader)
+        _offer_papers_window(workspace, recording)
         st.button(
             "Undo", icon=":material/undo:", type="tertiary", key="data_undo",
             disabled=not workspace.steps, on_click=workspace.undo,
@@ -260,6 +262,17 @@ def _show_overview(
             show.key(figures.driver_key(), title="Upper bars, driver:")
         bars = "Lower bars" if drivers else "Bars"
         show.key(figures.regime_key(regimes), title=f"{bars}, regime:")
+
+
+def _offer_papers_window(workspace: Workspace, recording: Recording) -> None:
+    """The window and vehicles that the paper took, where the recording is one of the paper's."""
+    for run in (run for run in RUNS if run.is_of(recording)):
+        taken = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        st.button(
+            f"The paper's window: {run.window}", icon=":material/article:", key="data_papers",
+            disabled=taken, on_click=workspace.choose, args=(run.vehicles, run.window),
+            help=f"{'Chosen' if taken else 'Chooses what the paper took'}: {run}.",
+        )  # fmt: skip
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:

@@ -57,7 +57,7 @@ COLUMNS: dict[str, Any] = {
     "tau_high": _number("τ to", format="%.2f"),
     "alpha": _number("α [1/s²]", format="%.3f"),
     "beta": _number("β [1/s]", format="%.3f"),
-    "mean_time_gap": _number("Time gap [s]", format="%.2f"),
+    "mean_time_gap": _number("Mean time gap [s]", format="%.2f"),
     "mean_speed": _number("Speed [m/s]", format="%.1f"),
     "p_l2_stable": _number("P(L₂)", format="%.2f"),
 }
@@ -239,7 +239,8 @@ def _show_forest(selected: ShownRows, about: str) -> None:
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
         f"Typical value of each group with its {level:.0f} % interval; thin: the time gap in a"
-        f" further window; a larger dot stands for more windows.{near}{more} {about}"
+        " further window; an arrowhead: the interval goes on; a larger dot stands for more"
+        f" windows.{near}{more} {about}"
     )
 
 
@@ -317,8 +318,9 @@ def _asked() -> dict[str, tuple[str, ...]]:
 def _show_groups(selected: ShownRows, name: str) -> None:
     show.table(group_table(selected.groups))
     st.caption(
-        "In brackets: intervals of the typical value; of several vehicles, of the share that is"
-        " string stable, too."
+        "In brackets: intervals of the typical value. String stable: of one vehicle the"
+        " probability; of several their share, and in brackets that of all such vehicles. Measured:"
+        " the median of the windows' mean time gaps."
     )
     show.downloads(group_table(selected.groups), name, "database_groups")
 
@@ -410,8 +412,8 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
     )  # fmt: skip
     st.caption(
         f"{len(selected.rows):,} rows. {whose} P(L₂): probability of L₂ string stability under the"
-        " answer's model. Click on a heading to sort, on the magnifier to search, on the left edge"
-        " of a row to choose it."
+        " answer's model; 0.00 stands for under 1 %, 1.00 for over 99 %. Click on a heading to"
+        " sort, on the magnifier to search, on the left edge of a row to choose it."
     )
     _show_chosen(workspace, rows, selected)
     st.download_button(

@@ -21,7 +21,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -257,7 +257,7 @@ def keep(workspace: Workspace) -> None:
     if recording is None and workspace.training is None:
         return  # a snapshot alone is named by the address, and following a link writes nothing
     with suppress(ConfigError):  # the page shows what is wrong with a setting
-        asked = workspace.analysis()
+        asked = workspace.training_analysis(workspace.config)
     asked = asked or (result.analysis if result else None)
     if asked is None:
         return
@@ -300,9 +300,11 @@ def resume(workspace: Workspace, document: bytes) -> None:
     with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
         shown = restore(Shown, msgspec.json.decode(document), {})
         asked = shown.analysis
-        workspace.take_settings(asked)
         with suppress(SnapshotError):
-            workspace.restore(result_of(shown.result or asked.fit_key).under(asked))
+            found = result_of(shown.result or asked.fit_key)
+            same = replace(found.analysis, model=asked.model, held=asked.held)
+            workspace.restore(found.under(same))
+        workspace.take_settings(asked)
         workspace.awaited = asked
         source, campaign = asked.source, shown.campaign or None
         if known := find_sample(source.name, source.sha256):

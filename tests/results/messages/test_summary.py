@@ -3,16 +3,21 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
+from accpinn.model.models import MODELS, terms_of
+from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.results.judged import judged
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import (
+    about_band,
     about_data,
     cautions,
     conditional,
+    equation,
     outside_intervals,
     setting,
     summary,
@@ -92,3 +97,24 @@ def test_facts_of_the_data_are_terms_and_descriptions() -> None:
     assert "Distance setting" not in rows
     assert rows["Excluded"].startswith("manual from the model's equation: 25 % of")
     assert (setting([1.0, 0.5]), setting("fast")) == ("1, 0.5", "fast")
+
+
+def test_a_band_says_whose_it_is_where_the_answer_s_model_is_another() -> None:
+    answered = TITLES[small().answer.model]
+    assert answered in about_band(small())
+    same = small().under(replace(small().analysis, model="cthp"))
+    assert "answer" not in about_band(same)
+    lagged = about_band(altered(small(), fit=replace(small().fit, model="idm-lag")))
+    assert f"linearisation of the {TITLES['idm-lag']}" in lagged
+    assert "is not part of it" in lagged
+
+
+@pytest.mark.parametrize("model", FOLLOWING)
+def test_an_equation_has_every_parameter_of_its_model_and_no_other(model: str) -> None:
+    said = " ".join(equation(model))
+    assert all(parameter.symbol in said for parameter in FOLLOWING[model].parameters)
+    if model not in MODELS:
+        assert TITLES[model] in said
+        assert not {"α", "β", "τ"} & {*said}
+    for name, symbol in (("s0", "s₀"), ("lag", "λ d²v"), ("delay", "time d")):
+        assert (symbol in said) is (name in terms_of(model)) or model not in MODELS

@@ -10,7 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accpinn.results.tables.table import ABSENT, Column, Estimate, Range, Table, between, latex
+from accpinn.findings import probability
+from accpinn.results.tables.table import (
+    ABSENT,
+    Column,
+    Estimate,
+    Range,
+    Table,
+    between,
+    latex,
+    percent_cells,
+)
 
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
 INF, NAN = float("inf"), float("nan")
@@ -191,3 +201,16 @@ class TestHtml:
         table = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",)))
         assert table.to_html().count(" title=") == 1
         assert 'title="A &#34;very&#34; long name of a vehicle"' in table.to_html()
+
+
+def test_a_probability_is_said_as_in_sentences_and_exact_in_csv() -> None:
+    shares = (0.0, 0.004, 0.5, 0.99, 1.0)
+    table = Table.of(
+        "", [(Column("Name"), "abcde"), (Column.chance("Stable"), percent_cells(shares))]
+    )
+    cells = [row.split(maxsplit=1)[1] for row in table.to_text().splitlines()[1:]]
+    assert [f"{cell} %" for cell in cells] == [probability(share) for share in shares]
+    assert [float(row.split(",")[1]) for row in table.to_csv().splitlines()[1:]] == [
+        100 * share for share in shares
+    ]
+    assert Column.chance("Stable").shown(Estimate(0.0, 0.0, 57.0)) == "under 1 (0–57)"
