@@ -27,12 +27,8 @@ from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, store, task_queue
-from pages.ui.session.workspace import (
-    ALL_WINDOWS,
-    MODEL,
-    Workspace,
-    windows_in_car_following,
-)
+from pages.ui.session.windows import windows_in_car_following
+from pages.ui.session.workspace import ALL_WINDOWS, MODEL, Workspace
 from tests.support.apptest import (
     COMPARE,
     DATA,

@@ -27,7 +27,8 @@ from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
-from pages.ui.session.workspace import Workspace, first_window
+from pages.ui.session.windows import first_window
+from pages.ui.session.workspace import Workspace
 
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
@@ -22,8 +21,7 @@ from accpinn.segment.cut import DURATION, complete_windows, default_vehicles
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import Refused, results_among
-from accpinn.study.judge import Judgement, Subject, subjects_of
-from accpinn.study.plan import car_following
+from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.snapshot import named
 from accpinn.study.store import Entry
@@ -36,6 +34,13 @@ from accpinn.tasks.task import (
 )
 from accpinn.units import Seconds
 from pages.ui.session.resources import store, task_queue
+from pages.ui.session.windows import (
+    KEPT_RECORDINGS,
+    first_segment,
+    first_window,
+    judged_subjects,
+    windows_in_car_following,
+)  # fmt: skip
 
 DEFAULT_CASE: Case = "II"
 """Each follower with parameters of its own, as different cars have."""
@@ -52,7 +57,6 @@ WINDOWS_OFF = "windows_off"
 """The starts of those that are left out."""
 MODEL = "train_model"
 """The choice of the answer's model."""
-KEPT_RECORDINGS = 4
 KEPT_EARLIER = 3 * len(METHODS)
 """Results of three comparisons, and as many changes of the segment that can be undone."""
 Step = tuple[tuple[tuple[int, ...], Window, Case, tuple[str, ...]], dict[str, Any], Result | None]
@@ -484,41 +488,3 @@ class Workspace:
 def recording_duration(result: Result) -> Seconds | None:
     """The duration of the recording that a result was learned from, where it is known."""
     return result.recording.duration if result.recording else result.facts.get("duration")
-
-
-@lru_cache(maxsize=KEPT_RECORDINGS)
-def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
-    """The windows in which all followers are in car-following; empty for fewer than two."""
-    with suppress(SegmentError):
-        windows = car_following(recording, vehicles)
-        return windows if len(windows) > 1 else ()
-    return ()
-
-
-@lru_cache(maxsize=KEPT_RECORDINGS)
-def first_segment(
-    recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
-) -> Segment:
-    """The data of a window; it is cut once."""
-    (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
-    return segment
-
-
-@lru_cache(maxsize=KEPT_RECORDINGS)
-def judged_subjects(
-    recording: Recording, vehicles: tuple[int, ...], window: Window
-) -> tuple[Subject, ...]:
-    """Followers in their windows in car-following; in blocks of ``window`` where there is none."""
-    with suppress(SegmentError):
-        return subjects_of(recording, vehicles)
-    return subjects_of(recording, vehicles, [window])
-
-
-def first_window(
-    recording: Recording, stretches: Sequence[Window], length: Seconds = DURATION
-) -> Window:
-    """The first complete stretch that is long enough, else the longest one."""
-    length = min(length, recording.duration)
-    usual = Window(0.0, min(length, DURATION))
-    best = max(stretches, key=lambda window: min(window.duration, length), default=usual)
-    return Window(best.start, min(best.end, best.start + length))
