@@ -33,7 +33,7 @@ from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
     "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
-    "fast": "Seconds: the paper's loss, solved exactly; biased if disturbances last.",
+    "fast": "Seconds: minimum of the paper's loss, solved exactly; biased if disturbances last.",
     "paper": "Many minutes: the paper's training by gradient; biased if disturbances last.",
 }
 POINTS = 300

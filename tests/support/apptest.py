@@ -171,5 +171,5 @@ def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
     session.restored, session.training = None, task
     if result.is_finished:
         _ = result.quality, result.uncertainty, result.evaluation
-        store().show(session.id, result)
+        store().record_shown(session.id, result)
     return result
