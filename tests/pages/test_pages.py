@@ -183,6 +183,10 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
     session.choose(vehicles=session.vehicles[:2], window=Window(100.0, 200.0))
     page.sound().press("data_papers")
     assert (session.vehicles, session.window) == (run.vehicles, run.window)
+    session.choices[ALL_WINDOWS] = True
+    assert session.several_windows
+    page.sound().press("data_papers")
+    assert not session.several_windows
     assert page.button(key="data_papers").disabled
     page = open_page(DATA).upload("part7.csv", csv(platoon()))
     assert page.workspace().recording.source == "part7.csv"

@@ -24,7 +24,7 @@ from accpinn.results.messages.recording import (
     rating_reasons,
     suggestion_reasons,
 )
-from accpinn.results.reproduction import RUNS
+from accpinn.results.reproduction import RUNS, PrintedRun
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
 from accpinn.segment.quality import Grade, Regimes, assess_quality, label_regimes, rate
 from accpinn.segment.segment import Segment
@@ -239,7 +239,6 @@ def _show_overview(
                 help="One follower and the vehicle ahead of it; the others are faint.",
             )  # fmt: skip
         _vehicle_key(recording, workspace, leader)
-        _offer_papers_window(workspace, recording)
         st.button(
             "Undo", icon=":material/undo:", type="tertiary", key="data_undo",
             disabled=not workspace.steps, on_click=workspace.undo,
@@ -258,20 +257,27 @@ def _show_overview(
     )
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
     _handles(workspace, recording)
-    with st.container(horizontal=True, gap="large"):
+    with st.container(horizontal=True, vertical_alignment="center", gap="large"):
         if drivers:
             show.key(figures.driver_key(), title="Upper bars, driver:")
         bars = "Lower bars" if drivers else "Bars"
         show.key(figures.regime_key(regimes), title=f"{bars}, regime:")
+        _offer_papers_window(workspace, recording)
 
 
 def _offer_papers_window(workspace: Workspace, recording: Recording) -> None:
     """The window and vehicles that the paper took, where the recording is one of the paper's."""
+
+    def choose(run: PrintedRun) -> None:
+        workspace.choose(run.vehicles, run.window)
+        workspace.choices[ALL_WINDOWS] = False
+
     for run in (run for run in RUNS if run.is_of(recording)):
-        taken = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        same = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        taken = same and not workspace.several_windows
         st.button(
             f"The paper's window: {run.window}", icon=":material/article:", key="data_papers",
-            disabled=taken, on_click=workspace.choose, args=(run.vehicles, run.window),
+            disabled=taken, on_click=choose, args=(run,),
             help=f"{'Chosen' if taken else 'Chooses what the paper took'}: {run}.",
         )  # fmt: skip
 
