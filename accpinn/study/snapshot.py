@@ -479,6 +479,18 @@ def _check_parts(result: Result, is_complete: bool) -> None:
     _check_shapes(parts, info)
     if parts.uncertainty:
         _require(0 < parts.uncertainty.level < 1, "the intervals' level is not between 0 and 1")
+    if parts.answer:
+        _check_answer(parts.answer)
+
+
+def _check_answer(answer: Answer) -> None:
+    """Refuse parameter sets that string stability cannot be computed of."""
+    width, known = answer.parameters.own.shape[-1], ~np.isnan(answer.parameters.alpha)
+    _require(width in (0, len(answer.names)), "its answer has other parameters than its model")
+    for sets in (answer.parameters[None], answer.typical):
+        _require(sets.own.shape[-1] == width, "its answer's sets have different parameters")
+        if known.any():
+            checked(sets[:, known])
 
 
 def _check_shapes(value: Any, info: SegmentInfo) -> None:
