@@ -26,6 +26,7 @@ from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
 from accpinn.model.models import BEST
+from accpinn.model.registry import FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.storage import reason_of, reported, write_whole, written_whole
 from accpinn.study.analysis import Analysis
@@ -393,7 +394,10 @@ def _failures(database: sqlite3.Connection) -> Iterator[Failure]:
 
 def _request(database: sqlite3.Connection) -> Request | None:
     row = database.execute("select document from request").fetchone()
-    return msgspec.json.decode(row[0], type=Request) if row else None
+    request = msgspec.json.decode(row[0], type=Request) if row else None
+    if request and request.model not in FOLLOWING:
+        raise ValueError(f"its model {request.model[:40]} is not known")
+    return request
 
 
 @contextmanager
