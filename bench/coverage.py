@@ -28,9 +28,8 @@ from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import MODELS
 from accpinn.model.published import ASTAZERO, CASALE, VICOLUNGO
-from accpinn.model.registry import time_gap
+from accpinn.model.registry import CTHPS, time_gap
 from accpinn.units import FloatArray, Seconds
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Figures, Measurement, measured
@@ -211,9 +210,7 @@ def main(arguments: list[str] | None = None) -> int:
         ("slope", "mean of the disturbance in m/s²"),
     ):
         parser.add_argument(f"--{name}", type=float, default=getattr(Disturbance, name), help=what)
-    parser.add_argument(
-        "--model", choices=tuple(MODELS), help="one window's own intervals under it"
-    )
+    parser.add_argument("--model", choices=tuple(CTHPS), help="one window's own intervals under it")
     parser.add_argument("--json", action="store_true", help="one JSON document")
     given = parser.parse_args(arguments)
     disturbance = Disturbance(

@@ -18,8 +18,7 @@ from accpinn.errors import AccpinnError
 from accpinn.inference.coordinates import count_of, log_prior
 from accpinn.inference.population import Population, sampled_population
 from accpinn.inference.window_posterior import window_posterior
-from accpinn.model.models import MODELS, terms_of
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.recordings.files import read
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -58,8 +57,8 @@ def windows_of(
 
 def learn(cars: Sequence[FloatArray], model: str, rounds: int = ROUNDS) -> Population:
     """The population of cars, each of which is known by draws (K, n, p)."""
-    cthp = [*START[0], *(START[1][term] for term in terms_of(model))]
-    between = np.diag(cthp if model in MODELS else count_of(model) * [START_OTHERS]) ** 2
+    cthp = [*START[0], *(START[1][term] for term in FOLLOWING[model].terms)]
+    between = np.diag(cthp if model in CTHPS else count_of(model) * [START_OTHERS]) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)
     weights = np.array([len(drawn) - 1.0 for drawn in cars])

@@ -35,15 +35,15 @@ from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Parameters, simulate
-from accpinn.model.models import BEST, MODELS, PAPER, Model, terms_of
+from accpinn.model.registry import BEST, CTHPS, FOLLOWING, PAPER
 from accpinn.segment.segment import Segment
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import FloatArray, Metres
 from bench.population import Car, learn, windows_of
 
-JOINT: tuple[Model, ...] = ("cthp", "cthp-s0", "cthp-s0-lag", "cthp-s0-delay")
-ANSWERS: tuple[Model, ...] = ("cthp", "cthp-s0", "cthp-s0-delay")
+JOINT: tuple[str, ...] = ("cthp", "cthp-s0", "cthp-s0-lag", "cthp-s0-delay")
+ANSWERS: tuple[str, ...] = ("cthp", "cthp-s0", "cthp-s0-delay")
 ONE, ANSWER = f"{PAPER}, one other window", f"answer, {BEST}"
 FASTEST, COHERENT, LEAST = 1.0, 0.8, 5
 ROUNDS, WORKERS = 5, 2
@@ -80,7 +80,7 @@ def rmse(parameters: Parameters, segment: Segment) -> Metres:
     return rms(driven.gaps - gaps)
 
 
-def estimate(segments: Sequence[Segment], model: Model) -> tuple[Parameters, Maximum]:
+def estimate(segments: Sequence[Segment], model: str) -> tuple[Parameters, Maximum]:
     """The parameters of greatest likelihood in all of some windows together."""
     (maximum,) = joint_maxima(tuple(segments), "II", model)
     values = np.append(maximum.theta, maximum.values[3:])
@@ -133,7 +133,7 @@ def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, F
         return np.array([rms(gain - reference), gain.max() - reference.max(), likelihood])
 
     yield "least squares", compared(least_squares(stretch).parameters)
-    for model in MODELS:
+    for model in CTHPS:
         parameters, maximum = estimate([stretch], model)
         cthp = estimate([stretch], PAPER)[1]
         yield model, compared(parameters, maximum.log_likelihood - cthp.log_likelihood)
@@ -167,7 +167,7 @@ def features_of(values: FloatArray) -> FloatArray:
     """(p,) features of the best model from complete parameters (6,); a gain of 0 counts as 1e-9."""
     parameters = Parameters.of(values)
     shape = [parameters.alpha, parameters.beta, float(parameters.time_gap(AT_SPEED))]
-    terms = [getattr(parameters, term) for term in terms_of(BEST)]
+    terms = [getattr(parameters, term) for term in FOLLOWING[BEST].terms]
     return np.append(np.log(np.maximum(shape, 1e-9)), terms)
 
 
@@ -209,7 +209,7 @@ def main() -> None:
         print(f"| {row} | {len(rows)} | {error:.2f} | {peak:+.1f} | {likelihood:+.0f} |")
     print("\n| further windows | inside [%] | with the estimate's error [%] |")
     shares = 100.0 * np.nanmean([inside for _, inside in judged], axis=0)
-    for name, *share in zip(("ln α", "ln β", "ln G", *terms_of(BEST)), *shares, strict=True):
+    for name, *share in zip(("ln α", "ln β", "ln G", *FOLLOWING[BEST].terms), *shares, strict=True):
         print(f"| {name} | {share[0]:.0f} | {share[1]:.0f} |")
 
 

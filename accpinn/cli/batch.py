@@ -14,8 +14,7 @@ from accpinn.cli.output import fields, interruptible, print_json, show, show_res
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
-from accpinn.model.models import BEST
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.export import groups_document
 from accpinn.results.messages.database import summary_line

@@ -21,7 +21,7 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import PAPER
+from accpinn.model.registry import PAPER
 from accpinn.results.export import answer_document, check_document
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import columns_of

@@ -37,9 +37,8 @@ from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, pr
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import MODELS, PAPER
 from accpinn.model.published import ParameterSet
-from accpinn.model.registry import following_model
+from accpinn.model.registry import CTHPS, PAPER, following_model
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
@@ -151,7 +150,7 @@ def _settings(options: argparse.Namespace) -> PinnConfig | None:
 def _initial(text: str, model: str | None) -> Parameters:
     """Initial α, β, τ, or the own parameters of a model that is no CTHP."""
     chosen = following_model(model or PAPER)
-    is_cthp = chosen.key in MODELS
+    is_cthp = chosen.key in CTHPS
     names = ("α", "β", "τ") if is_cthp else chosen.names
     try:
         values = [float(part) for _, part in zip(names, text.split(","), strict=True)]

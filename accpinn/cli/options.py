@@ -7,8 +7,7 @@ from typing import Any
 from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS
-from accpinn.model.models import BEST, PAPER
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import BEST, FOLLOWING, PAPER
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes

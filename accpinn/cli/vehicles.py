@@ -8,8 +8,7 @@ from accpinn.cli.output import fields, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import Uncertainty
-from accpinn.model.cthp import Parameters
-from accpinn.model.models import TERMS
+from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon

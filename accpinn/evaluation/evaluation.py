@@ -36,7 +36,7 @@ from accpinn.evaluation.closed_loop import (
 from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
-from accpinn.model.models import MODELS
+from accpinn.model.registry import CTHPS
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
 from accpinn.segment.quality import CAR_FOLLOWING, time_gaps
@@ -167,7 +167,7 @@ def _out_of_window(
     events: list[ClosedLoopFinding] = []
     for window in _outside(segment, recording):
         piece = cut(recording, window.start, window.duration, segment.vehicles)
-        if fit.model not in MODELS:
+        if fit.model not in CTHPS:
             piece = from_following(piece)
         errors = closed_loop_errors(piece, fit)
         if errors is not None:

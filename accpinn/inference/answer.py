@@ -34,8 +34,7 @@ from accpinn.inference.window_posterior import JUDGED, window_posterior
 from accpinn.methods.method import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, MODELS, Held, terms_of
-from accpinn.model.registry import FOLLOWING, time_gap, value_of
+from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -183,8 +182,10 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
     Raises:
         ConfigError: for a term that the model does not have, or a value outside its range.
     """
-    if model in MODELS:
-        ranges: dict[str, tuple[float, float]] = {n: EXTRA[n].bounds for n in terms_of(model)}
+    if model in CTHPS:
+        ranges: dict[str, tuple[float, float]] = {
+            n: EXTRA[n].bounds for n in FOLLOWING[model].terms
+        }
     else:
         ranges = {p.name: (p.lower, p.upper) for p in FOLLOWING[model].parameters}
     for name, value in held.items():
@@ -210,7 +211,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     alone = parameters_of(model, np.moveaxis(drawn, 2, 0), speeds)
     lower, upper = interval_ends(alone.everything, LEVEL)
     estimates = Parameters.of(np.array([window.estimates for window in windows]))
-    if model not in MODELS:
+    if model not in CTHPS:
         estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
     cars = [car_of(drawn[:, k], model, held) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])

@@ -9,9 +9,8 @@ the vehicle's median speed.
 import numpy as np
 
 from accpinn.inference.posterior import AT_SPEED, log_prior_of_features
-from accpinn.model.cthp import Parameters
-from accpinn.model.models import MODELS, TERMS, Held, model_of, terms_of
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.cthp import TERMS, Parameters
+from accpinn.model.registry import CTHPS, FOLLOWING, Held
 from accpinn.units import FloatArray, Mask
 
 
@@ -28,8 +27,8 @@ def free_of(model: str, held: Held) -> Mask:
 
 def log_prior(model: str, phi: FloatArray) -> FloatArray:
     """(..) log density of the prior of a window's own posterior at (.., p), up to a constant."""
-    if model in MODELS:
-        return log_prior_of_features(model_of(model), phi)
+    if model in CTHPS:
+        return log_prior_of_features(model, phi)
     return np.asarray(-0.5 * (phi**2).sum(axis=-1))
 
 
@@ -41,11 +40,11 @@ def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Par
         phi: (.., p)
         speed: (..) of the linearisation, in m/s; a CTHP is the same at every speed.
     """
-    if model not in MODELS:
+    if model not in CTHPS:
         return FOLLOWING[model].linearisations(own_of(model, phi), speed)
     complete = np.zeros((*phi.shape[:-1], 6))
     complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])
-    for at, term in enumerate(terms_of(model), 3):
+    for at, term in enumerate(FOLLOWING[model].terms, 3):
         least = -np.inf if term == "s0" else 0.0
         complete[..., 3 + TERMS.index(term)] = np.maximum(phi[..., at], least)
     complete[..., 2] = np.maximum(np.exp(phi[..., 2]) - complete[..., 3] / AT_SPEED, 0.0)
@@ -63,7 +62,7 @@ def possible(model: str, phi: FloatArray, speed: float) -> FloatArray:
 
     A vehicle kept that speed, so it had one. Where none has, all draws are returned.
     """
-    if model in MODELS or not np.isfinite(phi).all():
+    if model in CTHPS or not np.isfinite(phi).all():
         return phi
     gaps = FOLLOWING[model].equilibrium_gaps(own_of(model, phi), speed)
     kept = np.flatnonzero(np.isfinite(gaps))

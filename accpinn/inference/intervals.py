@@ -31,7 +31,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import Law, one_thread
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import MODELS, Held, Model, model_of
+from accpinn.model.registry import CTHPS, Held
 from accpinn.segment.segment import Segment
 from accpinn.stability.criteria import (
     crossovers,
@@ -294,11 +294,11 @@ def _shared(
     segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    if model not in MODELS:
+    if model not in CTHPS:
         posterior = simulated_posterior(segments, case, Law(model, held))
         drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
         return from_draws(Parameters.of(posterior.estimates), drawn, level)
-    return from_draws(*_sample(segments, case, draws, model_of(model), held), level)
+    return from_draws(*_sample(segments, case, draws, model, held), level)
 
 
 def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertainty:
@@ -333,7 +333,7 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
 
 
 def _sample(
-    segments: tuple[Segment, ...], case: Case, count: int, model: Model, held: Held
+    segments: tuple[Segment, ...], case: Case, count: int, model: str, held: Held
 ) -> tuple[Parameters, Parameters]:
     """The estimate (M,), and draws (count, M); the same for all followers in Case I."""
     centre = np.full((segments[0].followers, 6), np.nan)

@@ -1,7 +1,7 @@
 """Model adequacy: how the estimates depend on the model, and whether the CTHP holds.
 
 The CTHP, and models with an intercept s₀, a lag, a delay, and with s₀ and a delay (see
-`model.models`), have the same exact likelihood.
+`model.following`), have the same exact likelihood.
 
 They are compared by their likelihoods, by Akaike's criterion, AIC = 2k - 2 log L with k unknowns,
 and by the density that each, estimated from the first two thirds of the time, gives to the
@@ -30,8 +30,7 @@ from accpinn.methods.method import one_thread
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import complete, coordinates
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import Model, terms_of
-from accpinn.model.registry import TITLES
+from accpinn.model.registry import FOLLOWING, TITLES
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
@@ -40,7 +39,7 @@ LEARNED = 2 / 3
 masked instants lie between several stretches, it is a share of the longest stretch."""
 BETTER = 4.0
 """Decrease of the AIC that makes a form better, if held-out time is more probable, too."""
-FORMS: tuple[Model, ...] = ("cthp", "cthp-s0", "cthp-lag", "cthp-delay", "cthp-s0-delay")
+FORMS: tuple[str, ...] = ("cthp", "cthp-s0", "cthp-lag", "cthp-delay", "cthp-s0-delay")
 """The models that are compared."""
 
 
@@ -54,7 +53,7 @@ class BetterForm(Finding, frozen=True, kw_only=True):
 
     vehicle: int
     """0 for all followers together."""
-    form: Model
+    form: str
     aic: float
     """AIC of the form minus that of the CTHP."""
     holdout: float
@@ -100,7 +99,7 @@ AdequacyFinding = BetterForm | Inadequate
 class ModelForm:
     """One model, estimated for each of M followers."""
 
-    form: Model
+    form: str
     parameters: Parameters
     """(M,) the maximum-likelihood estimate, further terms included."""
     lower: Parameters
@@ -115,7 +114,7 @@ class ModelForm:
     @property
     def likelihood_ratio(self) -> FloatArray:
         """(M,) log L minus that of the CTHP."""
-        return len(terms_of(self.form)) - self.aic / 2.0
+        return len(FOLLOWING[self.form].terms) - self.aic / 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +182,7 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
 
 
-def _estimate_and_ends(form: Model, maximum: Maximum, posterior: Posterior) -> FloatArray:
+def _estimate_and_ends(form: str, maximum: Maximum, posterior: Posterior) -> FloatArray:
     """(3, 6) estimate, lower and upper end of the complete parameters under a model."""
     estimate = complete(form, maximum.values)
     lower, upper = interval_ends(complete(form, natural(form, posterior.all_evenly(DRAWS))), LEVEL)
@@ -207,7 +206,7 @@ def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> 
     return better
 
 
-def _held_out_density(series: Series, maxima: Sequence[Maximum], form: Model) -> FloatArray:
+def _held_out_density(series: Series, maxima: Sequence[Maximum], form: str) -> FloatArray:
     """(G,) log density of the last third, under parameters estimated from the time before."""
     learned = maximise(
         series.until(LEARNED), form, near=[maximum.coordinates for maximum in maxima]

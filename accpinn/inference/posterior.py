@@ -29,7 +29,7 @@ from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, sear
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
-from accpinn.model.models import Held, terms_of
+from accpinn.model.registry import FOLLOWING, Held
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)
@@ -105,7 +105,7 @@ def features(form: Form, z: FloatArray) -> FloatArray:
     """
     values = natural(form, z)
     gap = values[..., 1] / values[..., 0]
-    if "s0" in terms_of(form):
+    if "s0" in FOLLOWING[form].terms:
         gap = gap + values[..., 9] / AT_SPEED
     shape = np.log(np.stack([values[..., 0], values[..., 2], np.maximum(gap, LEAST_GAP)], axis=-1))
     return np.concatenate([shape, values[..., 9:]], axis=-1)
@@ -124,7 +124,7 @@ def log_prior_of_theta(form: Form, z: FloatArray) -> FloatArray:
 
 def log_prior_of_features(form: Form, phi: FloatArray) -> FloatArray:
     """(..) log density of the whole prior of the parameters over `features` (.., p)."""
-    terms = [EXTRA[term] for term in terms_of(form)]
+    terms = [EXTRA[term] for term in FOLLOWING[form].terms]
     centre = np.append(np.log(TYPICAL.values), [term.start for term in terms])
     spread = np.append(PRIOR_SPREAD, [term.spread or np.inf for term in terms])
     return np.asarray(-0.5 * (((phi - centre) / spread) ** 2).sum(axis=-1))
@@ -183,7 +183,7 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
     A form with a curved posterior has one part for each of several values of its lag or delay.
     """
     is_free = criterion.lower[-1] < criterion.upper[-1]
-    if not is_free or not {"lag", "delay"} & set(terms_of(criterion.form)):
+    if not is_free or not {"lag", "delay"} & set(FOLLOWING[criterion.form].terms):
         return [[maximum] for maximum in maxima]
     rows = np.array([np.append(m.coordinates[:-1], lag) for lag in GRID for m in maxima])
     parts = search(criterion, rows, np.arange(len(rows)) % len(maxima), is_last_held=True)

@@ -18,7 +18,7 @@ from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import Case
-from accpinn.model.models import MODELS, Held, Model, model_of
+from accpinn.model.registry import CTHPS, Held
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.units import FloatArray
@@ -60,9 +60,9 @@ class WindowPosterior:
 @one_thread
 def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) -> WindowPosterior:
     """The posterior of each follower of one window under a model, with some terms held."""
-    if model not in MODELS:
+    if model not in CTHPS:
         return simulated_posterior((segment,), case, Law(model, held))
-    form, followers = model_of(model), segment.followers
+    form, followers = model, segment.followers
     estimates = np.full((followers, 6), np.nan)
     drawn = np.full((followers, DRAWS, count_of(model)), np.nan)
     log_likelihood = np.full((followers, DRAWS), np.nan)
@@ -74,7 +74,7 @@ def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) 
 
 
 def sampled(
-    segments: tuple[Segment, ...], case: Case, model: Model, held: Held, stages: Sequence[int]
+    segments: tuple[Segment, ...], case: Case, model: str, held: Held, stages: Sequence[int]
 ) -> Iterator[tuple[list[int], Maximum, Posterior]]:
     """The determined followers, each or in Case I all, with their maximum and posterior."""
     known = determined_followers(segments, case)

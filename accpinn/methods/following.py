@@ -35,8 +35,7 @@ from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
-from accpinn.model.models import Held
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import FOLLOWING, Held
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -85,7 +84,7 @@ class Drives:
         Raises:
             SegmentError: where a window is shorter than a block.
         """
-        step = STEP / 2 if model.terms else STEP
+        step = STEP / 2 if model.is_late else STEP
         parts = []
         for segment in segments:
             if segment.window.duration < BLOCK:

@@ -25,7 +25,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.method import PAPERS, Law, direct
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.models import PAPER
+from accpinn.model.registry import PAPER
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.models import PAPER, Held
+from accpinn.model.registry import PAPER, Held
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 

@@ -14,7 +14,7 @@ from accpinn.methods import (
 )
 from accpinn.methods.method import Method
 from accpinn.methods.pinn import training as pinn
-from accpinn.model.models import MODELS
+from accpinn.model.registry import CTHPS
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import IncompleteWindow, cut
 from accpinn.segment.segment import Segment
@@ -38,7 +38,7 @@ METHODS: dict[str, Method] = {
 
 def usual_method(model: str | None, preset: str | None = None) -> str:
     """The method by which a model is estimated unless another is named: a preset may be."""
-    by_network = model in MODELS or model in pinn.METHOD.models({"preset": preset})
+    by_network = model in CTHPS or model in pinn.METHOD.models({"preset": preset})
     return "pinn" if model is None or by_network else simulation.METHOD.key
 
 

@@ -12,8 +12,8 @@ model, and so is the noise of the receivers:
     du = a dt,  da = -a/3 dt + .. dW                  speed ahead u [m/s], acceleration's deviation
     y  = (p, v, u) + white noise                      measured at even steps; samples may be missing
 
-Other models add terms (see `model.models`): an intercept s₀, which shifts the measured gaps, and a
-lag or a delay (Padé, second order) between the command and the acceleration, the disturbance
+Other CTHPs add terms (see `model.following`): an intercept s₀, which shifts the measured gaps, and
+a lag or a delay (Padé, second order) between the command and the acceleration, the disturbance
 being added behind it.
 
 The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Control 23, 1978).
@@ -22,20 +22,19 @@ Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TYPICAL, Parameters
-from accpinn.model.models import TERMS, Model, Term, terms_of
+from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TERMS, TYPICAL, Parameters, Term
+from accpinn.model.registry import FOLLOWING
 from accpinn.units import FloatArray, Seconds
 
 Columns = slice | NDArray[np.int64]
 """Some of the models, which lie on the last axis."""
-Form = Model | Literal["unbounded"]
-"""A model, or the CTHP without the rational driving constraints."""
+Form = str
+"""Key of a CTHP, or "unbounded": the paper's model without the rational driving constraints."""
 OBSERVED = (0, 1, 2)
 """The states p, v, u, which are measured."""
 LEADER_MEMORY: Seconds = 3.0
@@ -102,14 +101,14 @@ def coordinates(form: Form) -> tuple[Coordinate, ...]:
     if form == "unbounded":
         theta = [replace(c, lower=-c.upper, logarithmic=False) for c in COMMON[:3]]
         return (*theta, *COMMON[3:])
-    return (*COMMON, *(EXTRA[term] for term in terms_of(form)))
+    return (*COMMON, *(EXTRA[term] for term in FOLLOWING[form].terms))
 
 
-def complete(form: Model, values: FloatArray) -> FloatArray:
+def complete(form: str, values: FloatArray) -> FloatArray:
     """(.., 6) the complete parameters, as `Parameters` holds them, from the unknowns (.., P)."""
     result = np.zeros((*values.shape[:-1], 6))
     result[..., :3] = Parameters.from_theta(values[..., :3]).values
-    for at, term in enumerate(terms_of(form), len(COMMON)):
+    for at, term in enumerate(FOLLOWING[form].terms, len(COMMON)):
         result[..., 3 + TERMS.index(term)] = values[..., at]
     return result
 
@@ -147,7 +146,8 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
         step: between samples in s.
     """
     alpha, alpha_tau, beta, deviation, memory, rise, gap, speed, leader = values[:, :9].T
-    terms = dict(zip(terms_of(form), values[:, 9:].T, strict=True))
+    further = coordinates(form)[len(COMMON) :]
+    terms = {term.name: column for term, column in zip(further, values[:, 9:].T, strict=True)}
     count = len(values)
     size = 6 + ("lag" in terms) + 2 * ("delay" in terms)
     rates, density, covariance = (np.zeros((count, size, size)) for _ in range(3))
@@ -186,7 +186,7 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
 
 
 def _add_command(
-    terms: Mapping[Term, FloatArray],
+    terms: Mapping[str, FloatArray],
     rates: FloatArray,
     command: FloatArray,
     covariance: FloatArray,

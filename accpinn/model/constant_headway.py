@@ -1,5 +1,8 @@
 """The CTHP as an entry of the registry: f = α (p - s₀ - τv) + β (u - v).
 
+s₀ [m] is an intercept: the gap in equilibrium is s₀ + τv. It need not be the gap that is kept at
+standstill, as recordings on motorways determine s₀ + τv at their speeds and neither term alone.
+
 Its exact solutions are in `model.cthp`; tests compare those of every model with them.
 """
 
@@ -26,10 +29,12 @@ def acceleration_with_intercept(p: Any, v: Any, u: Any, theta: Sequence[Any], xp
     return acceleration(p - theta[3], v, u, theta, xp)
 
 
-CTHP = FollowingModel("cthp", "CTHP", (_ALPHA, _BETA, _TAU), acceleration)
+CTHP = FollowingModel("cthp", "CTHP", (_ALPHA, _BETA, _TAU), acceleration, is_cthp=True)
 CTHP_S0 = FollowingModel(
     "cthp-s0",
     "CTHP with intercept s₀",
     (_ALPHA, _BETA, _TAU_BESIDE_S0, _S0),
     acceleration_with_intercept,
+    terms=("s0",),
+    is_cthp=True,
 )

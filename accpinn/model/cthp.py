@@ -13,19 +13,31 @@ Source: Apostolakis and Ampountolas, IEEE Transactions on Vehicular Technology, 
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accpinn.model.models import TERMS
 from accpinn.units import FloatArray, Seconds, frozen
 
 Case = Literal["I", "II"]
 """Case I: one parameter set for the platoon. Case II: one per follower."""
 
+Term = Literal["s0", "lag", "delay"]
+TERMS: tuple[Term, ...] = get_args(Term)
+"""The terms that may stand beside α, β, τ, in the order of `Parameters.complete`."""
 LINEAR_NAMES = ("α", "ατ", "β")
 """The components of θ, in which the model is linear, in the order of every θ in this package."""
+
+
+def _column(index: int, text: str) -> Any:
+    """The property that is one column of `Parameters.everything`."""
+
+    def of(self: "Parameters") -> Any:
+        values = self.everything[..., index]
+        return float(values) if values.ndim == 0 else values
+
+    return property(of, doc=text)
 
 
 class Parameters:
@@ -52,7 +64,7 @@ class Parameters:
 
         Args:
             alpha: gain on the spacing error p - s₀ - τv in 1/s²; any shape.
-            beta: gain on the relative speed Δv in 1/s; broadcast against the others.
+            beta: gain on the relative speed Δv in 1/s; all are broadcast against one another.
             tau: desired time headway in s.
             s0: intercept of the desired gap in m.
             lag: time constant between command and acceleration in s.
@@ -110,22 +122,14 @@ class Parameters:
     @property
     def values(self) -> FloatArray:
         """(.., 3) α, β, τ."""
-        return self.complete[..., :3]
+        return self.everything[..., :3]
 
-    @property
-    def s0(self) -> Any:
-        """(..) in m; a plain float for one vehicle."""
-        return _scalar(self.complete[..., 3])
-
-    @property
-    def lag(self) -> Any:
-        """(..) in s; a plain float for one vehicle."""
-        return _scalar(self.complete[..., 4])
-
-    @property
-    def delay(self) -> Any:
-        """(..) in s; a plain float for one vehicle."""
-        return _scalar(self.complete[..., 5])
+    alpha = _column(0, "(..) in 1/s²; a plain float for one vehicle.")
+    beta = _column(1, "(..) in 1/s; a plain float for one vehicle.")
+    tau = _column(2, "(..) in s; a plain float for one vehicle.")
+    s0 = _column(3, "(..) in m; a plain float for one vehicle.")
+    lag = _column(4, "(..) in s; a plain float for one vehicle.")
+    delay = _column(5, "(..) in s; a plain float for one vehicle.")
 
     def time_gap(self, speed: ArrayLike) -> FloatArray:
         """(..) τ + s₀/v in s: the time gap in equilibrium at a speed v > 0 in m/s."""
@@ -136,21 +140,6 @@ class Parameters:
         """(.., 3): θ = (α, ατ, β); ατ = 0 where α = 0."""
         alpha, beta, tau = np.moveaxis(self.values, -1, 0)
         return np.stack([alpha, np.where(alpha == 0, 0.0, alpha * tau), beta], axis=-1)
-
-    @property
-    def alpha(self) -> Any:
-        """(..) in 1/s²; a plain float for one vehicle."""
-        return _scalar(self.values[..., 0])
-
-    @property
-    def beta(self) -> Any:
-        """(..) in 1/s; a plain float for one vehicle."""
-        return _scalar(self.values[..., 1])
-
-    @property
-    def tau(self) -> Any:
-        """(..) in s; a plain float for one vehicle."""
-        return _scalar(self.values[..., 2])
 
     def __len__(self) -> int:
         """The number of vehicles along the first axis."""
@@ -176,14 +165,10 @@ class Parameters:
 
     def __repr__(self) -> str:
         """The values by name."""
-        terms = {name: getattr(self, name) for name in TERMS if self.complete[..., 3:].any()}
-        named = {"alpha": self.alpha, "beta": self.beta, "tau": self.tau} | terms
-        own = f", own={self.own}" if self.own.size else ""
-        return f"Parameters({', '.join(f'{name}={value}' for name, value in named.items())}{own})"
-
-
-def _scalar(values: FloatArray) -> Any:
-    return float(values) if values.ndim == 0 else values
+        names = ["alpha", "beta", "tau"]
+        names += TERMS if self.complete[..., 3:].any() else ()
+        names += ["own"] if self.own.size else ()
+        return f"Parameters({', '.join(f'{name}={getattr(self, name)}' for name in names)})"
 
 
 TYPICAL = Parameters(0.08, 0.2, 1.4)
@@ -292,7 +277,7 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
     """(K, K+1): d/dt of (p_1 - s₀, v_1, .., v_M, further states) from these and the leader's speed.
 
     A lag has one further state, the acceleration that is reached; a delay has the two of its Padé
-    approximant (see `models`). As the system is linear, the same matrix moves deviations from an
+    approximant (see `following`). As the system is linear, the same matrix moves deviations from an
     equilibrium.
     """
     size = 2 * len(parameters)

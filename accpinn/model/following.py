@@ -9,8 +9,14 @@ ahead u [m/s], with names, units, bounds and typical values of its parameters θ
 
 That is a CTHP with α = f_p, β = f_u and τ = -(f_v + f_u) / f_p, so whatever is known of the CTHP's
 string stability holds for every model at a stated speed. Derivatives are exact: by the complex step
-f(x + ih) = f(x) + ih f'(x) with h = 1e-30 nothing cancels. A lag or a delay may stand between f and
-the acceleration, as `model.models` has it; the delay is its Padé approximant in simulations.
+f(x + ih) = f(x) + ih f'(x) with h = 1e-30 nothing cancels.
+
+A term may stand between the command c = f and the acceleration dv/dt:
+
+    lag λ [s]      λ d²v/dt² + dv/dt = c
+    delay d [s]    dv/dt = c a time d ago; where states are needed, its Padé approximant
+                   e^(-ds) ≈ (1 - ds/2 + d²s²/12) / (1 + ds/2 + d²s²/12),
+                   whose phase is right within 1 % up to ωd = 2
 
 Simulations integrate f by the classical Runge-Kutta method with a fixed step. Complex parameters
 give exact derivatives of a simulation by the same integration.
@@ -27,8 +33,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.models import MODELS, Term
+from accpinn.model.cthp import Parameters, Term, Trajectories
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 Acceleration = Callable[[Any, Any, Any, Any, ModuleType | Any], Any]
@@ -94,7 +99,9 @@ class FollowingModel:
     acceleration: Acceleration
     """See `Acceleration`; it is given the whole θ."""
     terms: tuple[Term, ...] = ()
-    """Which of "lag" and "delay" stands between f and the acceleration."""
+    """Terms beside the CTHP's α, β, τ; a lag or a delay between f and the acceleration is last."""
+    is_cthp: bool = False
+    """Whether it has the CTHP's exact solutions, and its parameters are those of `Parameters`."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,6 +112,11 @@ class FollowingModel:
     def typical(self) -> FloatArray:
         """(n,) θ at its typical values."""
         return np.array([parameter.typical for parameter in self.parameters])
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a lag or a delay stands between f and the acceleration."""
+        return self.terms[-1:] in (("lag",), ("delay",))
 
     def behind_a(self, term: Term) -> "FollowingModel":
         """The model with a lag or a delay between f and the acceleration."""
@@ -165,7 +177,7 @@ class FollowingModel:
             by_gap, by_speed, by_ahead = slopes
             tau = -(by_speed + by_ahead) / by_gap
         terms = (self.term(theta, "lag"), self.term(theta, "delay"))
-        own = () if self.key in MODELS else theta
+        own = () if self.is_cthp else theta
         return Parameters(by_gap, by_ahead, tau, gap - tau * speed, *terms, *own)
 
     def linearised(self, theta: Values, speed: MetresPerSecond) -> Parameters:

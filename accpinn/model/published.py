@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import PAPER
+from accpinn.model.registry import PAPER
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""All car-following models: a further one is a file with its acceleration, and a line here."""
+"""All car-following models: a further one is a file with its acceleration, and a line here.
+
+A model's key names its terms: "cthp-s0-delay".
+"""
 
 from collections.abc import Mapping
 
@@ -25,6 +28,15 @@ FOLLOWING: Mapping[str, FollowingModel] = {
     for model in (base, base.behind_a("lag"), base.behind_a("delay"))
 }
 """Every model by its key, each also behind a lag or a delay."""
+CTHPS = tuple(key for key, model in FOLLOWING.items() if model.is_cthp)
+"""The paper's model, and those with terms beside it."""
+PAPER = CTHP.key
+"""The paper's model."""
+BEST = "cthp-s0-delay"
+"""The model of answers: none predicts the gap in other windows better in the mean over the cars of
+the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
+Held = tuple[tuple[str, float], ...]
+"""Names of parameters that keep their values, with these."""
 TITLES: Mapping[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""
 JUDGED = tuple(base.key for base in BASES)

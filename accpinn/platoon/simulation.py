@@ -34,8 +34,7 @@ from accpinn.errors import ParameterError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
-from accpinn.model.models import PAPER
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.stability.criteria import checked, response, slowest_rate
 from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen

@@ -36,7 +36,7 @@ from accpinn.inference.trust import Trust
 from accpinn.methods.following import LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.idm import IDM
-from accpinn.model.models import PAPER
+from accpinn.model.registry import PAPER
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.segment.segment import SegmentInfo

@@ -58,8 +58,7 @@ import numpy as np
 
 from accpinn.channels import COMPUTABLE, PARAMETERS
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters, motion_matrix
-from accpinn.model.models import TERMS
+from accpinn.model.cthp import TERMS, Parameters, motion_matrix
 from accpinn.stability.lagged import (
     frequency_response,
     is_lagged,

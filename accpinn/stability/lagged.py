@@ -3,7 +3,7 @@
     H(s) = e^(-ds) (βs + α) q(s) / D(s),   D(s) = s² (1 + λs) q(s) + q(-s) ((ατ+β)s + α)
     q(s) = 1 + ds/2 + d²s²/12
 
-q(-s)/q(s) is the Padé approximant of the delay inside the loop (see `model.models`). The factor
+q(-s)/q(s) is the Padé approximant of the delay inside the loop (see `model.following`). The factor
 e^(-ds) shifts the response in time and changes neither |H| nor ‖h‖₁, so it needs no approximation.
 s₀ shifts gaps alone and does not appear.
 

@@ -18,8 +18,7 @@ from accpinn.inference.answer import checked_held
 from accpinn.methods.method import PAPERS, Law
 from accpinn.methods.registry import METHODS, method_of, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST, PAPER, Held
-from accpinn.model.registry import following_model
+from accpinn.model.registry import BEST, PAPER, Held, following_model
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes

@@ -26,8 +26,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST
-from accpinn.model.registry import following_model
+from accpinn.model.registry import BEST, following_model
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping, write_mapping

@@ -27,7 +27,7 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS, segment_for
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import MODELS, PAPER
+from accpinn.model.registry import CTHPS, PAPER
 from accpinn.recordings.recording import Recording
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -218,7 +218,7 @@ def starts(
         seeds: by default that of the analysis alone.
     """
     config: PinnConfig = analysis.config
-    if analysis.fitted not in MODELS:
+    if analysis.fitted not in CTHPS:
         analysis = replace(analysis, fitted=PAPER)
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:

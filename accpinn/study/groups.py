@@ -41,8 +41,7 @@ from accpinn.inference.population import WITHIN, population_of, sampled_populati
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.window_posterior import DRAWS, JUDGED
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import BEST, MODELS, terms_of
-from accpinn.model.registry import FOLLOWING, time_gap, value_of
+from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
 from accpinn.segment.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
@@ -177,8 +176,8 @@ class Group:
     def _spread(self, variances: FloatArray) -> dict[str, Spread]:
         names = self.names
         deviations = np.sqrt(variances)
-        if self.model in MODELS:
-            names = ("alpha", "beta", "time_gap", *terms_of(self.model))
+        if self.model in CTHPS:
+            names = ("alpha", "beta", "time_gap", *FOLLOWING[self.model].terms)
         else:
             deviations = deviations * [p.spread for p in FOLLOWING[self.model].parameters]
         low, high = interval_ends(deviations, self.level)

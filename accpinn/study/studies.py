@@ -25,8 +25,7 @@ import numpy as np
 from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.storage import reason_of, reported, write_whole, written_whole
 from accpinn.study.analysis import Analysis

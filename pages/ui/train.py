@@ -13,8 +13,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, MODELS, PAPER
-from accpinn.model.registry import TITLES
+from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES
 from accpinn.results.figures.training import thinned_history, tracking, training_figures
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
@@ -157,7 +156,7 @@ def _show_live(
         return
     asked = training.analysis
     model = asked.law.model if asked else PAPER
-    is_cthp = model in MODELS
+    is_cthp = model in CTHPS
     show.vehicle_key(segment, bool(truth) and is_cthp, segment.shares(case), with_solved=is_cthp)
     if history.deviations is not None:
         st.caption(BANDS)

@@ -11,7 +11,7 @@ from accpinn.inference.posterior import features, log_prior_of_features, log_pri
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import Model, terms_of
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
@@ -41,10 +41,10 @@ def usual() -> Answer:
     ("model", "departure"),
     [("cthp-s0", {}), ("cthp-s0-lag", {"lag": 0.5}), ("cthp-s0-delay", {"delay": 0.7})],
 )
-def test_the_truth_lies_in_the_intervals(model: Model, departure: dict[str, float]) -> None:
+def test_the_truth_lies_in_the_intervals(model: str, departure: dict[str, float]) -> None:
     """Four windows of 120 s; 90 % intervals, and seeds with which all hold."""
     given = answer(windows(range(20, 24), **departure), model=model)
-    assert given.names == ("alpha", "beta", "tau", *terms_of(model))
+    assert given.names == ("alpha", "beta", "tau", *FOLLOWING[model].terms)
     gap = given.time_gap(28.0, 0)
     spans = given.span("alpha", 0), given.span("beta", 0), gap
     for span, true in zip(spans, (ALPHA, BETA, TAU + S0 / 28.0), strict=True):
@@ -86,7 +86,7 @@ def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
 @pytest.mark.parametrize("held", [{"s0": 4.0}, {"delay": 0.5}, {"s0": -3.0, "delay": 1.3}])
 def test_a_held_term_keeps_its_value_exactly(held: dict[str, float]) -> None:
     given = answer(windows(range(2), duration=60.0), model="cthp-s0-delay", held=held)
-    for name in terms_of("cthp-s0-delay"):
+    for name in FOLLOWING["cthp-s0-delay"].terms:
         for part in (given.parameters, given.typical, given.further, given.windows):
             assert (getattr(part, name) == held.get(name)).all() == (name in held)
     (name, value), *_ = held.items()
@@ -104,7 +104,7 @@ def test_a_held_term_keeps_its_value_exactly(held: dict[str, float]) -> None:
         ("cthp-s0", "s0", np.nan, "s0 = nan is not allowed; choose -30 to 60"),
     ],
 )
-def test_what_cannot_be_held_is_refused(model: Model, name: str, value: float, fault: str) -> None:
+def test_what_cannot_be_held_is_refused(model: str, name: str, value: float, fault: str) -> None:
     with pytest.raises(ConfigError, match=f"^hold: {fault}\\.$"):
         answer([], model=model, held={name: value})
 
@@ -149,7 +149,7 @@ def test_windows_that_are_equal_have_any_probability() -> None:
 
 @pytest.mark.parametrize("model", ["cthp", "cthp-s0", "cthp-s0-delay"])
 def test_the_prior_of_a_window_is_the_density_over_features_that_is_divided_by(
-    model: Model,
+    model: str,
 ) -> None:
     """It differs by the Jacobian's determinant, here from central differences; 1e-5."""
     criterion = Criterion(series_of([standing_still()], "II"), model)

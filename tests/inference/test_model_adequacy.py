@@ -12,7 +12,7 @@ from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import coordinates, state_space
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import terms_of
+from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.estimates import model_form_table
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
@@ -161,7 +161,7 @@ def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> N
     for row, form in zip(table.rows, found.forms, strict=True):
         extras = {name: row[names.index(name)] for name in ("s₀", "λ", "d")}
         given = [value.value for value in extras.values() if value is not None]
-        assert given == [getattr(form.parameters[0], term) for term in terms_of(form.form)]
+        assert given == [getattr(form.parameters[0], term) for term in FOLLOWING[form.form].terms]
         assert row[1] == pytest.approx(
             [form.parameters[0].alpha, form.lower[0].alpha, form.upper[0].alpha]
         )

@@ -8,7 +8,7 @@ from accpinn.methods import likelihood
 from accpinn.methods.kalman import innovations, log_likelihood, smooth
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, state_space
-from accpinn.model.models import MODELS
+from accpinn.model.registry import CTHPS
 from tests.support.driving import MIXED, driven
 
 STEP = 0.5
@@ -71,7 +71,7 @@ def with_holes(measured, rng):
     return measured
 
 
-@pytest.mark.parametrize("form", MODELS)
+@pytest.mark.parametrize("form", CTHPS)
 @pytest.mark.parametrize("holes", [False, True])
 def test_the_likelihood_is_that_of_a_textbook_filter(form, holes):
     rng = np.random.default_rng(7)
@@ -115,7 +115,7 @@ def reference(model: StateSpace, measured, b):
     return other
 
 
-@pytest.mark.parametrize("form", MODELS)
+@pytest.mark.parametrize("form", CTHPS)
 def test_likelihood_and_smoothed_states_agree_with_statsmodels(form):
     rng = np.random.default_rng(10)
     model = state_space(form, random_values(form, 2, rng), STEP)

@@ -11,8 +11,7 @@ from accpinn.model import cthp
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
 from accpinn.model.idm import IDM
-from accpinn.model.models import MODELS
-from accpinn.model.registry import FOLLOWING, JUDGED, following_model
+from accpinn.model.registry import CTHPS, FOLLOWING, JUDGED, following_model
 from accpinn.stability.criteria import response
 from tests.support.command import ROOT
 from tests.support.following import driven
@@ -38,7 +37,7 @@ def test_the_linearised_response_is_the_gain_of_a_small_sinusoid(model: Followin
         assert np.hypot(sine, cosine) / 0.01 == pytest.approx(linear, rel=0.01)
 
 
-@pytest.mark.parametrize("key", MODELS)
+@pytest.mark.parametrize("key", CTHPS)
 def test_the_cthp_is_its_closed_form(key: str) -> None:
     model = FOLLOWING[key]
     theta = model.typical
@@ -48,7 +47,7 @@ def test_the_cthp_is_its_closed_form(key: str) -> None:
     assert near.s0 == pytest.approx(stated.get("s0", 0.0), abs=1e-11)
     starts = np.array([23.0, 25.0]), np.array([36.0, 41.0])
     exact = cthp.simulate(Parameters.of([near.complete] * 2), TIME, DRIVE, *starts)
-    run = model.simulate(theta, TIME, DRIVE, *starts, substeps=16 if model.terms else 4)
+    run = model.simulate(theta, TIME, DRIVE, *starts, substeps=16 if model.is_late else 4)
     assert run.gaps == pytest.approx(exact.gaps, abs=1e-8)
     assert run.speeds == pytest.approx(exact.speeds, abs=1e-8)
 
@@ -73,7 +72,7 @@ def test_the_fixed_step_agrees_with_an_adaptive_solver(key: str) -> None:
         return model._rates(theta, x[:, None], np.interp(t, TIME, DRIVE))[:, 0]
 
     start = [36.0, 23.0, *[model._command(theta, np.array([[36.0], [23.0]]), DRIVE[0])[0]]]
-    size = 2 + len(model.terms)
+    size = 2 + model.is_late
     ends = {"rtol": 1e-9, "atol": 1e-9, "max_step": 0.1, "t_eval": TIME}
     exact = solve_ivp(rates, (0.0, TIME[-1]), start[:size], **ends)
     assert run.gaps[:, 0] == pytest.approx(exact.y[0], abs=1e-4)

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from accpinn.errors import ConfigError
-from accpinn.model.cthp import Parameters, simulate
-from accpinn.model.models import MODELS, TERMS, model_of, terms_of
+from accpinn.model.cthp import TERMS, Parameters, simulate
+from accpinn.model.registry import CTHPS, FOLLOWING, following_model
 from accpinn.serial import dump, restore
 from accpinn.units import FloatArray
 
@@ -22,18 +22,17 @@ BARE = Parameters(PLATOON.alpha, PLATOON.beta, PLATOON.tau)
 
 
 def test_a_key_names_the_terms_in_the_order_of_the_complete_parameters() -> None:
-    assert [terms_of(model) for model in MODELS] == [
-        (), ("s0",), ("lag",), ("delay",), ("s0", "lag"), ("s0", "delay"),
-    ]  # fmt: skip
-    assert [model_of(model) for model in MODELS] == list(MODELS)
+    assert {model: FOLLOWING[model].terms for model in CTHPS} == {
+        model: tuple(model.split("-")[1:]) for model in CTHPS
+    }
     for at, term in enumerate(TERMS, 3):
         np.testing.assert_array_equal(getattr(PLATOON, term), PLATOON.complete[:, at])
 
 
-@pytest.mark.parametrize("key", ["", "CTHP", "s0", "cthp-delay-s0", "cthp-lag-delay", "idm"])
+@pytest.mark.parametrize("key", ["", "CTHP", "s0", "cthp-delay-s0", "cthp-lag-delay"])
 def test_another_key_is_refused_with_the_choices(key: str) -> None:
-    with pytest.raises(ConfigError, match=rf"^model: {key} is not known; choose cthp, cthp-s0, "):
-        model_of(key)
+    with pytest.raises(ConfigError, match=rf"^model: {key} is not known; choose from cthp, "):
+        following_model(key)
 
 
 @pytest.mark.parametrize("parameters", [PLATOON, PLATOON[1], BARE, PLATOON[[3, 3]]])

@@ -11,8 +11,8 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model import registry
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.models import BEST
 from accpinn.model.published import ASTAZERO_ALIKE
+from accpinn.model.registry import BEST
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import ASTAZERO_RUN, CASALE_RUN, PrintedRun

@@ -27,7 +27,7 @@ from accpinn.inference.window_posterior import DRAWS, WindowPosterior
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import Held
+from accpinn.model.registry import Held
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
 from accpinn.segment.cut import cut

@@ -10,7 +10,7 @@ from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.inference.answer import car_of
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.model.models import BEST
+from accpinn.model.registry import BEST
 from accpinn.results.tables.groups import group_table
 from accpinn.study.groups import POSTERIOR, group, read_study, share
 from tests.support.command import Capture, document, refused

@@ -16,9 +16,8 @@ from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.methods.registry import METHODS
-from accpinn.model.models import MODELS
 from accpinn.model.published import ParameterSet
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.files import read
@@ -174,7 +173,7 @@ def shifted() -> Segment:
     return replace(run, gaps=run.gaps + 6.0)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", CTHPS)
 def test_maximum_likelihood_estimates_every_cthp(model: str) -> None:
     run = shifted()
     fit = METHODS["maximum-likelihood"].fit(run, law=Law(model))

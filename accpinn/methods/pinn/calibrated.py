@@ -31,7 +31,7 @@ from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import Form, complete
 from accpinn.model.cthp import Case
-from accpinn.model.models import PAPER, model_of
+from accpinn.model.registry import PAPER
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
 
@@ -65,7 +65,7 @@ class CalibratedTraining(Training):
         """
         super().__init__(segment, case, config, threads)
         together = together or (segment,)
-        self._form = model_of(law.model)
+        self._form = law.model
         self._evidence = Evidence(series_of(together, case), self._form, law.held)
         self._network: FastTraining | None = None
         self._iteration = 0

@@ -39,8 +39,7 @@ from accpinn.methods.pinn.projection import (
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
-from accpinn.model.models import MODELS
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray
 
@@ -55,7 +54,7 @@ def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray
         ConfigError: where these are not the model's.
     """
     own, named = config.initial.own, model.parameters
-    if model.key in MODELS:
+    if model.key in CTHPS:
         ends = np.array([(p.lower, p.upper) for p in named])
         own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
     elif not own.size:

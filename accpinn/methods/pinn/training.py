@@ -40,9 +40,9 @@ from accpinn.methods.pinn.config import (
     PresetName,
 )
 from accpinn.methods.pinn.loss import Learned, Training, output_columns
-from accpinn.model import models
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import PAPER as PAPER_MODEL
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -246,7 +246,7 @@ def _trained(
 def _biased(preset: PresetName, model: str) -> tuple[PaperEstimate | ResidualEstimate, ...]:
     if preset == "calibrated":
         return ()
-    return (PaperEstimate(preset) if model == models.PAPER else ResidualEstimate(preset),)
+    return (PaperEstimate(preset) if model == PAPER_MODEL else ResidualEstimate(preset),)
 
 
 @_needing_torch()
@@ -322,7 +322,7 @@ def _begun(
 
         return CalibratedTraining(segment, case, config, threads, together, law)
     import_module("torch")
-    if law.model != models.PAPER:
+    if law.model != PAPER_MODEL:
         from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
 
         kind = FollowingFast if config.preset == "fast" else FollowingPaper
@@ -354,7 +354,7 @@ def _allowed(threads: int) -> int:
     return threads
 
 
-def require_memory(segment: Segment, config: PinnConfig, model: str = models.PAPER) -> None:
+def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODEL) -> None:
     """Refuse a window whose training would not fit.
 
     Raises:
@@ -366,7 +366,7 @@ def require_memory(segment: Segment, config: PinnConfig, model: str = models.PAP
         longest: Seconds = MOST_BYTES / _PER_INSTANT * step
     else:
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
-        if config.preset == "fast" and model != models.PAPER:
+        if config.preset == "fast" and model != PAPER_MODEL:
             common, own = _OTHER_MODEL
         each = common + own * segment.followers
         features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
@@ -406,10 +406,10 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """All models without lag or delay; of the preset `calibrated` CTHPs alone."""
-    simple = tuple(key for key, model in FOLLOWING.items() if not model.terms)
+    simple = tuple(key for key, model in FOLLOWING.items() if not model.is_late)
     if settings.get("preset") in ("fast", "paper"):
         return simple
-    return tuple(key for key in simple if key in models.MODELS)
+    return tuple(key for key in simple if key in CTHPS)
 
 
 def _variant(config: Mapping[str, Any]) -> str:

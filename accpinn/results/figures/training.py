@@ -16,8 +16,7 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.models import MODELS, PAPER
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.results.figures import style
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment.segment import Segment, SegmentInfo
@@ -146,7 +145,7 @@ class _Curve(NamedTuple):
 
 def _curves(model: str) -> list[_Curve]:
     """α, β and τ of a CTHP; another model's own parameters."""
-    if model in MODELS:
+    if model in CTHPS:
         return [_Curve(p.key, p.name, p.heading, at) for at, p in enumerate(PARAMETERS)]
     following = FOLLOWING[model]
     return [

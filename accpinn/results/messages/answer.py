@@ -6,8 +6,7 @@ from typing import NamedTuple
 from accpinn.findings import joined, percent, probability, who
 from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
-from accpinn.model.models import MODELS, PAPER
-from accpinn.model.registry import TITLES
+from accpinn.model.registry import CTHPS, PAPER, TITLES
 from accpinn.results.judged import Judged
 from accpinn.results.tables.table import between, supported_digits
 from accpinn.segment.segment import SegmentInfo
@@ -30,7 +29,7 @@ def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
     count = len(answer.windows)
     windows = "one window" if count == 1 else f"{count} windows"
     at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
-    at = "" if answer.model in MODELS else f", linearised at {at}"
+    at = "" if answer.model in CTHPS else f", linearised at {at}"
     return (
         f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over"
         f" {windows}{at}."
@@ -71,7 +70,7 @@ def cards(info: SegmentInfo, answer: Answer, subject: Judged) -> tuple[Card, ...
 
 def about_answer(answer: Answer) -> str:
     """What the intervals of an answer are."""
-    gap = f", {'τ + s₀/v' if 's0' in answer.names else 'τ'}" if answer.model in MODELS else ""
+    gap = f", {'τ + s₀/v' if 's0' in answer.names else 'τ'}" if answer.model in CTHPS else ""
     return (
         f"Time gap: in equilibrium{gap}. In brackets: the {percent(answer.level)} interval of the"
         " vehicle's typical value. The last column is the interval for a further window of the same"

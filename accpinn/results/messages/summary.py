@@ -11,8 +11,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
-from accpinn.model.models import MODELS, terms_of
-from accpinn.model.registry import FOLLOWING, TITLES
+from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
@@ -26,8 +25,8 @@ from accpinn.study.result import Result
 def about_band(result: Result) -> str:
     """What a predictive band is, and where it is not that of the answer's model."""
     model, answer = result.fit.model, result.known_answer
-    simulated = "CTHP with intercept s₀" if "s0" in terms_of(model) else "CTHP"
-    if model not in MODELS:
+    simulated = "CTHP with intercept s₀" if "s0" in FOLLOWING[model].terms else "CTHP"
+    if model not in CTHPS:
         simulated = f"linearisation of the {TITLES[model]}"
     said = (
         f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
@@ -42,10 +41,10 @@ def about_band(result: Result) -> str:
 
 def equation(model: str) -> tuple[str, str]:
     """A model's equation of motion and its symbols; of one that is no CTHP name and parameters."""
-    if model not in MODELS:
+    if model not in CTHPS:
         parameters = FOLLOWING[model].parameters
         return TITLES[model], joined([f"{p.symbol} [{p.unit}]" for p in parameters])
-    terms = terms_of(model)
+    terms = FOLLOWING[model].terms
     gap = "p − s₀ − τ v" if "s0" in terms else "p − τ v"
     left = "λ d²v/dt² + dv/dt" if "lag" in terms else "dv/dt"
     later = ", a time d later" if "delay" in terms else ""

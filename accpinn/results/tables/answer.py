@@ -8,7 +8,7 @@ import numpy as np
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import registry
 from accpinn.model.cthp import Case
-from accpinn.model.models import MODELS
+from accpinn.model.registry import CTHPS
 from accpinn.results.tables import estimates
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
@@ -36,7 +36,7 @@ COLUMNS = {name: replace(_COLUMNS[name], key="") for name in ORDER}
 def columns_of(model: str) -> dict[str, Column]:
     """The parameters of a model by their names, in the order in which they are shown."""
     columns = {column.key: column for _, column in estimates.columns_of(model)}
-    names = [name for name in ORDER if name in columns] if model in MODELS else [*columns][3:]
+    names = [name for name in ORDER if name in columns] if model in CTHPS else [*columns][3:]
     return {name: columns[name] for name in names}
 
 
@@ -93,7 +93,7 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
         (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2), gaps.tolist()),
     ]
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
-    how = "Maximum likelihood" if answer.model in MODELS else "Closed-loop simulation"
+    how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
     group = f"{how} ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
         value, low, high = (answer.values(part, name)[:, follower] for part in parts)

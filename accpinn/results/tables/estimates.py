@@ -13,10 +13,9 @@ from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import MODELS, PAPER, TERMS, terms_of
+from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.results.tables.table import (
     Cell,
     Column,
@@ -150,8 +149,8 @@ def columns_of(model: str) -> Iterator[tuple[int, Column]]:
     Those of a model that is no CTHP stand behind the linearisation at the median speed.
     """
     yield from enumerate(PARAMETER_COLUMNS)
-    if model in MODELS:
-        for term in terms_of(model):
+    if model in CTHPS:
+        for term in FOLLOWING[model].terms:
             yield 3 + TERMS.index(term), TERM_COLUMNS[TERMS.index(term)]
         return
     following = FOLLOWING[model]

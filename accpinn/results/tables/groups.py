@@ -5,8 +5,7 @@ from dataclasses import replace
 from math import isnan
 
 from accpinn.inference.answer import SPEEDS, Span
-from accpinn.model.models import MODELS
-from accpinn.model.registry import FOLLOWING, TITLES
+from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.tables.answer import columns_of
 from accpinn.results.tables.table import (
     ABSENT,
@@ -96,7 +95,7 @@ def spread_table(grouped: Groups) -> Table:
     fastest = Column(f"Time gap at {FASTEST * 3.6:.0f} km/h", "%", 0)
     relative = {p.name for p in FOLLOWING[grouped.model].parameters if p.is_positive}
     shown, columns_shown = dict[str, Column](), columns_of(grouped.model)
-    if grouped.model in MODELS:
+    if grouped.model in CTHPS:
         relative, shown = {"alpha", "beta"}, {"time_gap": fastest}
         del columns_shown["tau"]
     for name, column in columns_shown.items():

@@ -16,8 +16,7 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import MODELS
-from accpinn.model.registry import TITLES
+from accpinn.model.registry import CTHPS, TITLES
 from accpinn.results.checks import MEANING, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
@@ -158,7 +157,7 @@ def _choose_windows(workspace: Workspace) -> None:
 def _about_estimates(result: Result) -> str:
     """What the method's own estimates are, and their intervals if the training is finished."""
     name, model = escape_markdown(name_of(result.fit)), result.fit.model
-    said = f"The {'CTHP' if model in MODELS else TITLES[model]}'s parameters by {name}"
+    said = f"The {'CTHP' if model in CTHPS else TITLES[model]}'s parameters by {name}"
     if label := papers_estimate(result.fit):
         said += f": **{escape_markdown(label)}**"
     if not result.is_finished:
@@ -293,7 +292,7 @@ def _band(result: Result) -> GapBand | None:
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
     info, model = result.info, result.fit.model
-    show.vehicle_key(info, bool(truth) and model in MODELS, info.shares(result.fit.case))
+    show.vehicle_key(info, bool(truth) and model in CTHPS, info.shares(result.fit.case))
     if history.deviations is not None:
         st.caption(BANDS)
     show.charts([*figures.training_figures(history, info, model, truth).items()], page)

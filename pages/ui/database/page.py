@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.model.models import MODELS
+from accpinn.model.registry import CTHPS
 from accpinn.recordings.recording import Window
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
@@ -235,7 +235,7 @@ def _show_filters(
 def _show_forest(selected: ShownRows, about: str) -> None:
     show.chart(selected.forest, "database_forest")
     hidden, level = len(selected.groups.groups) - figures.MOST_GROUPS, 100 * selected.groups.level
-    near = "" if selected.groups.model in MODELS else " α and β are those near the median speed."
+    near = "" if selected.groups.model in CTHPS else " α and β are those near the median speed."
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
         f"Typical value of each group with its {level:.0f} % interval; thin: the time gap in a"

@@ -10,8 +10,7 @@ import streamlit as st
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
-from accpinn.model.models import BEST
-from accpinn.model.registry import TITLES
+from accpinn.model.registry import BEST, TITLES
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.storage import folder

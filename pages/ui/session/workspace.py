@@ -12,8 +12,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.models import BEST, PAPER
-from accpinn.model.registry import following_model
+from accpinn.model.registry import BEST, PAPER, following_model
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth

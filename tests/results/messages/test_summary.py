@@ -8,8 +8,7 @@ import pytest
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
-from accpinn.model.models import MODELS, terms_of
-from accpinn.model.registry import FOLLOWING, TITLES
+from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.judged import judged
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import (
@@ -113,8 +112,8 @@ def test_a_band_says_whose_it_is_where_the_answer_s_model_is_another() -> None:
 def test_an_equation_has_every_parameter_of_its_model_and_no_other(model: str) -> None:
     said = " ".join(equation(model))
     assert all(parameter.symbol in said for parameter in FOLLOWING[model].parameters)
-    if model not in MODELS:
+    if model not in CTHPS:
         assert TITLES[model] in said
         assert not {"α", "β", "τ"} & {*said}
     for name, symbol in (("s0", "s₀"), ("lag", "λ d²v"), ("delay", "time d")):
-        assert (symbol in said) is (name in terms_of(model)) or model not in MODELS
+        assert (symbol in said) is (name in FOLLOWING[model].terms) or model not in CTHPS
