@@ -39,7 +39,6 @@ from accpinn.methods.fit import Fit
 from accpinn.model.registry import CTHPS
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
-from accpinn.segment.quality import CAR_FOLLOWING, time_gaps
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -182,7 +181,7 @@ def from_following(segment: Segment) -> Segment:
     A model that is no CTHP may have a gap at standstill, below which it would drive backwards. The
     segment stays as it is where too little would be left.
     """
-    close = (time_gaps(segment) <= CAR_FOLLOWING).all(axis=1)
+    close = segment.car_following.all(axis=1)
     left = segment.samples - int(close.argmax())
     if not close.any() or left * segment.sample_time < MINIMUM_DURATION:
         return segment

@@ -27,6 +27,8 @@ from accpinn.segment.segment import (
     SegmentFinding,
     WindowMoved,
     WindowShortened,
+    longest_time_gap,
+    time_gaps,
 )
 from accpinn.units import FloatArray, Mask, Seconds, Stretch, stretches
 
@@ -103,7 +105,14 @@ def cut(
         sha256=recording.sha256,
         findings=tuple(findings),
         missing=missing,
+        longest_time_gaps=tuple(longest_in(recording, number) for number in chosen[1:]),
     )
+
+
+def longest_in(recording: Recording, number: int) -> Seconds:
+    """The longest time gap in car-following of a follower, from all that it drives by itself."""
+    gaps = time_gaps(recording.speed_of(number), recording.gap_behind(number - 1))
+    return longest_time_gap(gaps[recording.mode[:, number - 1] != Mode.HUMAN])
 
 
 def _driven_by_hand(

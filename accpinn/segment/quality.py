@@ -4,7 +4,7 @@
     excitation         standard deviations of v_0, of Δv_i and of dv_i/dt
     condition number   of the regressors (p, -v, Δv), each scaled to unit length, over the instants
                        that the segment's mask does not exclude; all else is of all instants
-    car-following      share of instants in motion with p/v at most 2 s
+    car-following      share of instants in car-following (see `segment.segment`)
 
 Samples that are missing are left out of all of these.
 
@@ -15,7 +15,7 @@ Regimes say what a follower does at each instant:
 
     manual          a driver, not ACC, controls the vehicle (where the file has modes)
     standstill      speed at most 1 m/s
-    catching up     time gap p/v above 2 s: the vehicle catches up or drives freely
+    catching up     larger time gap than in car-following: it catches up or drives freely
     car-following   all else: where the model is meant to hold
 
 Each instant has one regime, the first of these that applies. A file that gives no driver modes
@@ -74,8 +74,6 @@ from accpinn.units import (
     known_mean,
 )
 
-CAR_FOLLOWING: Seconds = 2.0
-"""Longest time gap of car-following; beyond it a vehicle catches up or drives freely."""
 LITTLE_RELATIVE_MOTION: MetresPerSecond = 0.15
 """Least standard deviation of Δv beyond that of the receivers' noise alone."""
 LARGE_CONDITION = 100.0
@@ -115,8 +113,8 @@ class LittleCarFollowing(Finding, frozen=True):
     """Followers that are in car-following for a small part of the window."""
 
     text = (
-        "In car-following (moving, time gap at most {longest:g} s) for less than {least:.0%} of the"
-        " time, and elsewhere the model does not hold: {listed}."
+        "In car-following for less than {least:.0%} of the time, and elsewhere the model does not"
+        " hold: {listed}."
     )
 
     vehicles: tuple[int, ...]
@@ -125,8 +123,7 @@ class LittleCarFollowing(Finding, frozen=True):
 
     def _words(self, about: Labelled) -> Words:
         listed = by_vehicle(self.vehicles, map(percent, self.shares), about)
-        limits = {"longest": CAR_FOLLOWING, "least": LITTLE_CAR_FOLLOWING}
-        return {"listed": listed, **limits}
+        return {"listed": listed, "least": LITTLE_CAR_FOLLOWING}
 
 
 class GapsNegative(Finding, frozen=True):
@@ -166,28 +163,18 @@ class Quality:
     """Findings that say why the parameters may be poorly identified."""
 
 
-def time_gaps(segment: Segment) -> FloatArray:
-    """(N, M): p/v in s, nan where the follower does not move or a sample is missing."""
-    follower = segment.measured_speeds[:, 1:]
-    gaps = np.full_like(segment.gaps, np.nan)
-    np.divide(segment.measured_gaps, follower, out=gaps, where=follower > MOVING)
-    return gaps
-
-
 def assess_quality(segment: Segment) -> Quality:
     """Mean time gap, excitation, conditioning and share of car-following, with findings."""
-    gaps = time_gaps(segment)
     speeds = segment.measured_speeds
-    close = np.where(np.isfinite(gaps), gaps <= CAR_FOLLOWING, 0.0)
-    close[np.isnan(segment.measured_gaps + speeds[:, 1:])] = np.nan
+    unknown = np.isnan(segment.measured_gaps + speeds[:, 1:])
     acceleration = np.gradient(speeds[:, 1:], segment.time, axis=0)
     figures = Quality(
-        mean_time_gap=tuple(known_mean(gaps).tolist()),
+        mean_time_gap=tuple(known_mean(segment.time_gaps).tolist()),
         leader_deviation=float(known_deviation(speeds[:, 0])),
         relative_deviation=tuple(known_deviation(speeds[:, :-1] - speeds[:, 1:]).tolist()),
         acceleration_deviation=tuple(known_deviation(acceleration).tolist()),
         condition=_conditions(segment),
-        car_following=tuple(known_mean(close).tolist()),
+        car_following=tuple(known_mean(np.where(unknown, np.nan, segment.car_following)).tolist()),
     )
     return replace(figures, findings=tuple(_findings(segment, figures)))
 
@@ -255,9 +242,8 @@ def label_regimes(segment: Segment, recording: Recording | None = None) -> Regim
     Raises:
         SegmentError: for another recording.
     """
-    gaps = time_gaps(segment)
-    codes = np.full(gaps.shape, FOLLOWING, np.uint8)
-    codes[gaps > CAR_FOLLOWING] = CATCHING_UP
+    codes = np.full(segment.gaps.shape, FOLLOWING, np.uint8)
+    codes[segment.time_gaps > segment.longest_time_gaps] = CATCHING_UP
     codes[segment.measured_speeds[:, 1:] <= MOVING] = STANDSTILL
     measured: Mask = ~np.isnan(segment.measured_gaps + segment.measured_speeds[:, 1:])
     if recording is None:

@@ -1,4 +1,12 @@
-"""A segment: a window of a recording and the vehicles in it, the data every method works on."""
+"""A segment: a window of a recording and the vehicles in it, the data every method works on.
+
+A follower is in car-following while it moves with a time gap p/v of at most
+
+    1.3 times its median in the recording, but at least 2 s and at most 3.5 s
+
+so that a long distance setting counts as car-following and catching up does not. The windows that
+are suggested, planned for a batch and graded, and the regimes, all use this limit.
+"""
 
 import hashlib
 from collections.abc import Sequence
@@ -11,8 +19,34 @@ from numpy.typing import ArrayLike
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.recordings.recording import Window, listed, longest, rounded_percent, vehicle_label
+from accpinn.recordings.recording import (
+    MOVING,
+    Window,
+    listed,
+    longest,
+    rounded_percent,
+    vehicle_label,
+)
 from accpinn.units import FloatArray, Mask, Seconds, frozen
+
+USUAL = 1.3
+"""Longest time gap of car-following, as a multiple of the follower's median."""
+LONGEST_TIME_GAP: tuple[Seconds, Seconds] = (2.0, 3.5)
+"""Least and largest limit of the time gap; the settings of cruise controls end near 3 s."""
+
+
+def time_gaps(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
+    """(..) p/v in s of speeds and gaps (..), nan where a follower stands or a sample is missing."""
+    ratio = np.full(gaps.shape, np.nan)
+    np.divide(gaps, speeds, out=ratio, where=speeds > MOVING)
+    return ratio
+
+
+def longest_time_gap(gaps: FloatArray) -> Seconds:
+    """The longest time gap in car-following of one follower, from all of its time gaps (N,)."""
+    known = gaps[np.isfinite(gaps)]
+    least, most = LONGEST_TIME_GAP
+    return float(np.clip(USUAL * np.median(known), least, most)) if len(known) else least
 
 
 class WindowMoved(Finding, frozen=True):
@@ -221,6 +255,9 @@ class Segment(_Platoon):
     missing: Mask | None = None
     """(N, 2M+1) True where a speed (the first M+1 columns) or a space-gap was not measured; None
     where all were."""
+    longest_time_gaps: tuple[Seconds, ...] = ()
+    """(M,) longest time gap of each follower in car-following, from the whole recording; by default
+    from the segment itself."""
 
     def __post_init__(self) -> None:
         """Copy and lock the arrays; refuse shapes and values no method could work on."""
@@ -234,6 +271,9 @@ class Segment(_Platoon):
         fault = self._fault()
         if fault:
             raise SegmentError(f"{self.source}: this is no segment, as {fault}.")
+        if not self.longest_time_gaps:
+            limits = tuple(map(longest_time_gap, self.time_gaps.T))
+            object.__setattr__(self, "longest_time_gaps", limits)
 
     def __eq__(self, other: object) -> bool:
         """Whether both hold the same data of the same vehicles."""
@@ -257,6 +297,8 @@ class Segment(_Platoon):
             return "the mask and the space-gaps differ in number"
         if self.missing is not None and self.missing.shape != (samples, 2 * count - 1):
             return "the missing samples and the channels differ in number"
+        if len(self.longest_time_gaps) not in (0, count - 1):
+            return "the limits of time gaps and the followers differ in number"
         return ""
 
     @property
@@ -296,6 +338,16 @@ class Segment(_Platoon):
         return frozen(np.where(self.missing[:, columns], np.nan, values))
 
     @cached_property
+    def time_gaps(self) -> FloatArray:
+        """(N, M) measured time gaps in s, nan where a follower stands or a sample is missing."""
+        return time_gaps(self.measured_speeds[:, 1:], self.measured_gaps)
+
+    @property
+    def car_following(self) -> Mask:
+        """(N, M) True where a follower is in car-following; False where a sample is missing."""
+        return np.asarray(self.time_gaps <= self.longest_time_gaps)
+
+    @cached_property
     def counts(self) -> Mask:
         """(N, M) True where a follower's equation of dv/dt counts and all in it was measured."""
         counts = np.ones(self.gaps.shape, bool) if self.mask is None else self.mask.copy()
@@ -317,6 +369,7 @@ class Segment(_Platoon):
             names=self.names[ahead],
             mask=None if self.mask is None else self.mask[:, [follower]],
             missing=None if missing is None else missing[:, own],
+            longest_time_gaps=self.longest_time_gaps[follower : follower + 1],
         )
 
     @property

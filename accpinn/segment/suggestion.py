@@ -8,9 +8,8 @@ its acceleration (Fedorov, Theory of Optimal Experiments, 1972):
 Of all windows, those are kept whose share of car-following is close to the largest; among them the
 one with the largest Σ_i log det I_i is D-optimal. Two windows compare by their relative
 D-efficiency, exp((Σ_i log det I_i - Σ_i log det I'_i)/3M): the first tells as much as the second
-would if it lasted longer by this factor. An instant driven by hand, at standstill or with a time
-gap above 2 s is not in car-following (see `segment.quality`); where the file has no driver modes,
-it is not known who drove.
+would if it lasted longer by this factor. Instants driven by hand do not count (see the regimes of
+`segment.quality`); where the file has no driver modes, it is not known who drove.
 """
 
 from dataclasses import dataclass

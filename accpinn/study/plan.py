@@ -4,8 +4,7 @@ A follower qualifies at an instant where
 
     its speed, the speed ahead and the space-gap are known (short blocks bridged, as `cut` does);
     no driver controls it: by its driver mode, or by the file's flag where there are no modes;
-    it moves, and its time gap p/v is at most 1.3 times its median, but at least 2 s and at most
-    3.5 s, so that a long distance setting counts as car-following and catching up does not.
+    it is in car-following by its time gap (see `segment.segment`).
 
 Departures of up to 10 s from the last of these, as behind a car that cuts in, do not interrupt a
 stretch. Stretches in which all followers of a chain qualify are taken together; where only one
@@ -37,15 +36,12 @@ from accpinn.segment.cut import (
     chains,
     complete_windows,
     default_vehicles,
+    longest_in,
     parse_vehicles,
 )
-from accpinn.segment.quality import CAR_FOLLOWING
+from accpinn.segment.segment import time_gaps
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
-LONGER = 1.3
-"""Largest time gap that counts as car-following, as a multiple of the follower's median."""
-LONGEST_GAP: Seconds = 3.5
-"""Largest time gap that ever counts: the settings of cruise controls end near 3 s."""
 DEPARTURE: Seconds = 10.0
 """Longest departure from car-following that does not interrupt a stretch."""
 LEAST: Seconds = 60.0
@@ -149,14 +145,8 @@ def qualifies(recording: Recording, number: int) -> Mask:
         complete |= _inside(recording.time, window)
     allowed: Mask = complete & ~by_hand
     speed, gap = recording.speed_of(number), recording.gap_behind(number - 1)
-    gaps = np.full(recording.samples, np.nan)
-    np.divide(gap, speed, out=gaps, where=speed > MOVING)
-    known = gaps[allowed & np.isfinite(gaps)]
-    if not len(known):
-        return np.zeros(recording.samples, bool)
-    limit = float(np.clip(LONGER * np.median(known), CAR_FOLLOWING, LONGEST_GAP))
     # A bridged sample has no time gap of its own and counts as its neighbours do.
-    away = allowed & (speed <= MOVING) | (gaps > limit)
+    away = allowed & (speed <= MOVING) | (time_gaps(speed, gap) > longest_in(recording, number))
     for stretch in stretches(away):
         inside = stretch.first > 0 and stretch.last < recording.samples - 1
         if inside and recording.window(stretch).duration <= DEPARTURE:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import LittleLeaderMotion, Mode, Recording
@@ -20,7 +21,6 @@ from accpinn.segment.quality import (
     Rating,
     assess_quality,
     rate,
-    time_gaps,
 )
 from accpinn.segment.segment import Segment
 from tests.support.driving import segment_of
@@ -70,8 +70,7 @@ def test_standing_vehicles_have_no_time_gap() -> None:
     speeds = np.full((200, 2), 10.0)
     speeds[:100, 1] = 0.5
     segment = made(speeds, np.full((200, 1), 15.0))
-    gaps = time_gaps(segment)
-    assert np.isnan(gaps[:100]).all()
+    assert np.isnan(segment.time_gaps[:100]).all()
     quality = assess_quality(segment)
     assert quality.mean_time_gap == (1.5,)
     assert quality.car_following == (0.5,)
@@ -80,9 +79,23 @@ def test_standing_vehicles_have_no_time_gap() -> None:
     assert still.car_following == (0.0,)
 
 
+@pytest.mark.parametrize(
+    ("keeps", "limit"), [(1.2, 2.0), (1.8, 1.3 * 1.8), (2.5, 1.3 * 2.5), (2.9, 3.5), (5.0, 3.5)]
+)
+def test_a_long_setting_is_car_following_and_a_fifth_in_catching_up_is_not(
+    keeps: float, limit: float
+) -> None:
+    gaps = np.full((200, 1), 10.0 * keeps)
+    gaps[:40] = 10.0 * 4.0
+    segment = made(np.full((200, 2), 10.0), gaps)
+    assert segment.longest_time_gaps == pytest.approx((limit,))
+    assert segment.car_following.mean() == (0.8 if keeps < 3.5 else 0.0)
+    assert part(segment, 0, 40).car_following.mean() == 0.0, "by the whole recording's setting"
+
+
 def test_findings_have_all_the_followers_they_hold_for() -> None:
     """Perfect equilibrium, every other one far behind, and one gap that is negative at times."""
-    gaps = np.tile([60.0, 30.0], (200, 5))
+    gaps = np.tile([80.0, 30.0], (200, 5))
     gaps[5:8, 1] = -1.0
     quality = assess_quality(made(np.full((200, 11), 20.0), gaps))
     leader, still, elsewhere, negative = quality.findings

@@ -167,7 +167,7 @@ def recording(tmp_path: Path) -> Recording:
     """Two vehicles over 60 s: 2 s by hand, 3 s still, 20 s far behind, the rest in ACC close by."""
     time = STEP * np.arange(601)
     columns = {"Time": time, "Speed1": 20 + np.sin(time), "Speed2": np.full(601, 20.0)}
-    columns["IVS1"] = np.where((time > 9.95) & (time < 29.95), 41.0, 39.0)
+    columns["IVS1"] = np.where((time > 9.95) & (time < 29.95), 60.0, 39.0)
     columns["Speed2"][(time > 39.95) & (time < 42.95)] = 1.0
     path = tmp_path / "made.csv"
     path.write_bytes(csv(pd.DataFrame(columns), metadata(("Alpha", "Beta"))))

@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME_GAP
 from accpinn.model.cthp import Trajectories
-from accpinn.recordings.recording import MOVING, Mode, Recording, Window
+from accpinn.recordings.recording import Mode, Recording, Window
 from accpinn.results.figures import style
+from accpinn.segment.cut import longest_in
 from accpinn.segment.quality import (
-    CAR_FOLLOWING,
     CATCHING_UP,
     FOLLOWING,
     MANUAL,
     STANDSTILL,
     Regimes,
 )
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment.segment import Segment, SegmentInfo, time_gaps
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 MISSING = "#c22f4f"
@@ -48,8 +48,6 @@ View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
 """What each view of a recording draws, a panel each."""
 DOTTED = {"color": style.LEADER, "width": 1, "dash": "dot"}
-LEVELS: dict[View, float] = {"relative": 0.0, "time gap": CAR_FOLLOWING}
-"""The value at which a view has a dotted line."""
 PANELS = 270
 """Pixels of all panels together, without strips."""
 HIGHEST_TIME_GAP: Seconds = 5.0
@@ -113,8 +111,8 @@ def overview(
          "y0": 0, "y1": 1, "fillcolor": WINDOW, "line": {"color": style.FOLLOWERS[0], "width": 1.5},
          "layer": "below"}
     ]  # fmt: skip
-    if view in LEVELS:
-        shapes.append(style.across("y", LEVELS[view], line=DOTTED))
+    levels = {"relative": {0.0}, "time gap": {longest_in(recording, k) for k in strong}}
+    shapes += [style.across("y", level, line=DOTTED) for level in levels.get(view, ())]
     # The margins are these, so that the handles below can stand under the axis.
     return style.composed(
         traces, round(sum(pixels)) + 50, f"overview-{recording.sha256}", axes,
@@ -138,8 +136,7 @@ def _curves(
             if view == "relative":
                 values = recording.speed_of(number - 1) - speed
             else:
-                values = np.full_like(speed, np.nan)
-                np.divide(recording.gap_behind(number - 1), speed, values, where=speed > MOVING)
+                values = time_gaps(speed, recording.gap_behind(number - 1))
             drawn.append((1, number, values))
     return drawn
 

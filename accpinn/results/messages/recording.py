@@ -6,13 +6,13 @@ from accpinn.findings import Labelled, percent
 from accpinn.recordings.recording import HUMAN_FLAG, Recording, Window
 from accpinn.results.messages import messages
 from accpinn.segment.quality import (
-    CAR_FOLLOWING,
     LARGE_CONDITION,
     MOST_CAR_FOLLOWING,
     Grade,
     Question,
     Rating,
 )
+from accpinn.segment.segment import LONGEST_TIME_GAP, USUAL
 from accpinn.segment.suggestion import Suggestion
 
 FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
@@ -53,8 +53,9 @@ MEANING: Mapping[Question, str] = {
         f" number above {LARGE_CONDITION:.0f} means near equilibrium."
     ),
     "following": (
-        f"Whether the followers move with a time gap of at most {CAR_FOLLOWING:g} s, where the"
-        f" model is meant to hold; good from {percent(MOST_CAR_FOLLOWING)} of the time on."
+        f"Whether the followers move with a time gap of at most {USUAL:g} times their median, or"
+        f" {LONGEST_TIME_GAP[0]:g} s if that is more, where the model is meant to hold; good from"
+        f" {percent(MOST_CAR_FOLLOWING)} of the time on."
     ),
     "driver": "Whether ACC controls the followers, by the driver modes in the file.",
     "consistent": (

@@ -53,7 +53,7 @@ def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
             *driver_cells(drivers(info)),
             *parameter_cells(estimate.parameters, "Least-squares estimate"),
             (Column("Mean time gap", "s", 2), quality.mean_time_gap),
-            (Column("Moving, time gap ≤ 2 s", "%", 0), percent_cells(quality.car_following)),
+            (Column("Car-following", "%", 0), percent_cells(quality.car_following)),
             (Column("Δv, std.", "m/s", 2), quality.relative_deviation),
             (Column("Condition number", "", 0), quality.condition),
         ],

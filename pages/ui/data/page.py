@@ -230,7 +230,7 @@ def _show_overview(
         view = segments(
             "Drawn", VIEWS, "motion", "data_view", workspace,
             help="Δv: speed of the vehicle ahead minus the follower's. Time gap: space-gap over"
-            " speed; dotted: 2 s, above which a vehicle catches up or drives freely.",
+            " speed; dotted: its limit, above which a vehicle catches up or drives freely.",
         )  # fmt: skip
         if len(followers) > CROWD:
             options = {0: "All chosen vehicles"} | {n: recording.label(n) for n in followers}

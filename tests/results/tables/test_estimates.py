@@ -153,7 +153,7 @@ def test_excluded_regimes_stand_in_every_title(
 def test_preview_of_the_window(segment: Segment, fit: Fit, quality: Quality) -> None:
     table = quality_table(segment.info, quality, fit)
     shares = np.multiply(100, quality.car_following)
-    np.testing.assert_allclose(column(table, "Moving, time gap ≤ 2 s"), shares)
+    np.testing.assert_allclose(column(table, "Car-following"), shares)
     assert column(table, "α", "Least-squares estimate") == LEARNED.alpha.tolist()
     np.testing.assert_array_equal(column(table, "Condition number"), quality.condition)
 
