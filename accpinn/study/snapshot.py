@@ -16,7 +16,6 @@ types, lengths and ranges are checked before anything reads it, and `verify` fin
 import hashlib
 import io
 import os
-import re
 import tempfile
 import zipfile
 from dataclasses import fields, is_dataclass, replace
@@ -29,7 +28,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.whiteness import Whiteness
@@ -43,7 +41,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
-from accpinn.serial import Arrays, dump, flatten, restore
+from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole
 from accpinn.study.result import Result, now
@@ -338,7 +336,7 @@ def read(data: bytes, is_complete: bool = True) -> Result:
         )
     try:
         tree = sanitise(msgspec.json.decode(document))
-        _check_numbers(tree, arrays)
+        check_numbers(tree, arrays)
         result = restore(Result, tree, arrays)
         _check(result, is_complete)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, AccpinnError) as fault:
@@ -362,50 +360,6 @@ def _check_schema(manifest: Any) -> None:
         f"The snapshot was written by {age} accpinn (schema {str(schema)[:8]}, this one reads"
         f" {SCHEMA}); {cure}."
     )
-
-
-def read_arrays(packed: bytes, most: int) -> Arrays:
-    """The arrays of an `.npz`, where they unpack to so many bytes at most.
-
-    Raises:
-        Exception: of many kinds, for anything else.
-    """
-    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > most:
-            raise ValueError(f"it would unpack to more than {most / 1e6:.0f} MB")
-    with np.load(io.BytesIO(packed), allow_pickle=False) as file:
-        return {name: np.asarray(file[name]) for name in file.files}
-
-
-_UNSEEN = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029"  # control characters but tabs and line breaks
-    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"  # marks that turn the order of letters round
-)
-
-
-def sanitise(tree: Any, lines: bool = False) -> Any:
-    """A tree of plain values without characters that a terminal or a page obeys, not shows."""
-    if isinstance(tree, str):
-        shown = _UNSEEN.sub("\ufffd", tree)
-        return shown if lines else re.sub(r"[\t\n]+", " ", shown)
-    if isinstance(tree, dict):
-        return {sanitise(key): sanitise(item, key == "note") for key, item in tree.items()}
-    if isinstance(tree, list):
-        return [sanitise(item, lines) for item in tree]
-    return tree
-
-
-def _check_numbers(tree: Any, arrays: Arrays) -> None:
-    """Refuse numbers that nothing can be computed with; nan and the infinities have their places.
-
-    Raises:
-        ValueError: naming the place.
-    """
-    for place, leaf in (*flatten(tree), *arrays.items()):
-        if isinstance(leaf, float | int | np.ndarray) and not isinstance(leaf, bool):
-            sizes = np.abs(np.asarray(leaf, np.float64))
-            if (np.isfinite(sizes) & (sizes > COMPUTABLE)).any():
-                raise ValueError(f"{place} has a number beyond {COMPUTABLE:g}")
 
 
 def _check(result: Result, is_complete: bool) -> None:

@@ -28,10 +28,9 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.segment import SegmentInfo, WindowMoved, WindowShortened
-from accpinn.serial import NOT_FINITE, dump, flatten
+from accpinn.serial import NOT_FINITE, dump, flatten, sanitise
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate
-from accpinn.study.snapshot import sanitise
 from accpinn.units import Seconds
 
 State = Literal["reproduced", "recomputed", "not checked"]
