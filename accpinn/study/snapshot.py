@@ -44,6 +44,7 @@ from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole
+from accpinn.study.judge import Judgement, ModelScore
 from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
@@ -148,6 +149,8 @@ SHAPES: dict[type, dict[str, str]] = {
     Answer: {"parameters": "M3", "typical": "DM3", "further": "DM3", "windows": "KM3",
              "windows_lower": "KM3", "windows_upper": "KM3", "speeds": "M", "differ": "M"},
     ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "aic": "M", "holdout": "M"},
+    ModelScore: {"theta": "P!", "rmse": "K!"} | dict.fromkeys(("lower", "upper", "determined"), "P")
+    | dict.fromkeys(("time_gap_rmse", "collided"), "K"),
 }  # fmt: skip
 """Lengths of arrays and tuples by type and field; a field may be None.
 
@@ -435,6 +438,20 @@ def _check_parts(result: Result, is_complete: bool) -> None:
         _require(0 < parts.uncertainty.level < 1, "the intervals' level is not between 0 and 1")
     if parts.answer:
         _check_answer(parts.answer)
+    for judged in parts.judgements or ():
+        _check_judgement(judged, info)
+
+
+def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
+    _check_info(judged.info)
+    known = len(judged.info.vehicles) == 2 and {*judged.info.vehicles} <= {*info.vehicles}
+    _require(known, "a judgement is of other vehicles")
+    _require(judged.windows != () and judged.scores != (), "a judgement is empty")
+    for score in judged.scores:
+        _require(score.key in FOLLOWING, f'the model "{score.key[:40]}" is not known')
+        shape = len(score.model.parameters), len(judged.windows)
+        fits = shape == (len(score.theta), len(score.rmse)) and (score.rmse > 0).all()
+        _require(bool(fits), "a judgement does not fit its model or windows")
 
 
 def _check_answer(answer: Answer) -> None:
