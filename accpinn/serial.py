@@ -7,6 +7,9 @@ lists where it is small. A larger one is kept beside the tree under its own path
 "fits.0.surrogate.speeds", and the tree holds that path.
 """
 
+import io
+import re
+import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from enum import Enum
@@ -17,6 +20,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.channels import COMPUTABLE
 from accpinn.model.cthp import Parameters
 
 T = TypeVar("T")
@@ -125,3 +129,47 @@ def flatten(tree: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield from flatten(item, _join(path, name))
     else:
         yield path, tree
+
+
+def read_arrays(packed: bytes, most: int) -> Arrays:
+    """The arrays of an `.npz`, where they unpack to so many bytes at most.
+
+    Raises:
+        Exception: of many kinds, for anything else.
+    """
+    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+        if sum(entry.file_size for entry in archive.infolist()) > most:
+            raise ValueError(f"it would unpack to more than {most / 1e6:.0f} MB")
+    with np.load(io.BytesIO(packed), allow_pickle=False) as file:
+        return {name: np.asarray(file[name]) for name in file.files}
+
+
+_UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029"  # control characters but tabs and line breaks
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"  # marks that turn the order of letters round
+)
+
+
+def sanitise(tree: Any, lines: bool = False) -> Any:
+    """A tree of plain values without characters that a terminal or a page obeys, not shows."""
+    if isinstance(tree, str):
+        shown = _UNSEEN.sub("\ufffd", tree)
+        return shown if lines else re.sub(r"[\t\n]+", " ", shown)
+    if isinstance(tree, dict):
+        return {sanitise(key): sanitise(item, key == "note") for key, item in tree.items()}
+    if isinstance(tree, list):
+        return [sanitise(item, lines) for item in tree]
+    return tree
+
+
+def check_numbers(tree: Any, arrays: Arrays) -> None:
+    """Refuse numbers that nothing can be computed with; nan and the infinities have their places.
+
+    Raises:
+        ValueError: naming the place.
+    """
+    for place, leaf in (*flatten(tree), *arrays.items()):
+        if isinstance(leaf, float | int | np.ndarray) and not isinstance(leaf, bool):
+            sizes = np.abs(np.asarray(leaf, np.float64))
+            if (np.isfinite(sizes) & (sizes > COMPUTABLE)).any():
+                raise ValueError(f"{place} has a number beyond {COMPUTABLE:g}")

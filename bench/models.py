@@ -40,9 +40,9 @@ def judgements(folder: str, models: tuple[str, ...]) -> dict[tuple[str, str], li
                     continue
                 subjects = subjects_of(recording, pair)
                 *_, (judged,) = judge(subjects, models)
-                name = judged.subject.label.split(" ", 1)[-1]
+                name = judged.info.labels[1].split(" ", 1)[-1]
                 found[path.parent.name, name].append(judged)
-                print(path.name, judged.subject.label, len(judged.subject.windows), flush=True)
+                print(path.name, judged.info.labels[1], len(judged.windows), flush=True)
     return found
 
 
@@ -51,7 +51,7 @@ def main() -> None:
     models = tuple(sys.argv[2:]) or JUDGED
     cars = judgements(sys.argv[1], models)
     every = [judged for judged_ones in cars.values() for judged in judged_ones]
-    count = sum(len(one.subject.windows) for one in every)
+    count = sum(len(one.windows) for one in every)
     print(f"\n{count} windows of {len(cars)} cars\n")
     print(
         "| model | median [m] | geometric mean [m] | best in | collides in | |H| off [dB] |", end=""

@@ -56,7 +56,7 @@ def _describe(source: str, judged: tuple[Judgement, ...]) -> dict[str, Any]:
 def _text(source: str, judged: tuple[Judgement, ...]) -> str:
     parts = []
     for car in judged:
-        tables = judged_table(car, car.subject.speeds[1]), model_parameters_table(car)
+        tables = judged_table(car, car.speeds[1]), model_parameters_table(car)
         parts += [table.to_text() for table in tables]
-        parts.append("\n".join(messages(car.findings, car.subject.windows[0])))
+        parts.append("\n".join(messages(car.findings, car.info)))
     return "\n\n".join([source, *parts])

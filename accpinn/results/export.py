@@ -281,27 +281,25 @@ def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:
 
 def judgement_document(judged: Judgement) -> dict[str, Any]:
     """The models of one follower as the command line and files have them, ready for JSON."""
-    subject, about = judged.subject, judged.subject.windows[0]
-    low, speed, high = subject.speeds
+    low, speed, high = judged.speeds
     return {
-        "vehicle": subject.vehicle,
-        "name": about.names[1],
-        "windows": [[s.window.start, s.window.duration] for s in subject.windows],
+        "vehicle": judged.info.vehicles[1],
+        "name": judged.info.names[1],
+        "windows": [[window.start, window.duration] for window in judged.windows],
         "speeds": {"low": low, "median": speed, "high": high},
         "models": [
             _score_document(score, speed, share)
             for score, share in zip(judged.scores, wins([judged]), strict=True)
         ],
-        "best": judged.ranked[0].estimate.model.key,
+        "best": judged.ranked[0].model.key,
         "clear": judged.is_clear,
-        "sentences": messages(judged.findings, about),
+        "sentences": messages(judged.findings, judged.info),
     }
 
 
 def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> dict[str, Any]:
-    fit = score.estimate
-    model, vehicle = fit.model, stability_at(fit.model, fit.theta, speed)
-    named = zip(model.names, fit.theta, fit.lower, fit.upper, fit.determined, strict=True)
+    model, vehicle = score.model, stability_at(score.model, score.theta, speed)
+    named = zip(model.names, score.theta, score.lower, score.upper, score.determined, strict=True)
     return {
         "model": model.key,
         "title": model.title,

@@ -26,11 +26,12 @@ from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled
 from accpinn.inference.gain_check import LEAST, compared
 from accpinn.methods.fit import Undetermined
-from accpinn.methods.following import Drives, Estimate, estimate
-from accpinn.model.registry import following_model
+from accpinn.methods.following import Drives, estimate
+from accpinn.model.following import FollowingModel
+from accpinn.model.registry import FOLLOWING, following_model
 from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import cut, default_vehicles
-from accpinn.segment.segment import Segment
+from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following
@@ -118,13 +119,13 @@ class Subject:
         )
         return float(low), float(middle), float(high)
 
-    def gain_error(self, estimated: Estimate) -> float:
+    def gain_error(self, model: FollowingModel, theta: FloatArray) -> float:
         """Rms error of |H| in dB, the median over the stretches; nan where none is measured."""
         errors = []
         for stretch, (omega, gain) in zip(self.stretches, self._gains, strict=True):
             speed = float(np.median(stretch.speeds[:, 1]))
             try:
-                near = estimated.model.linearised(estimated.theta, speed)
+                near = model.linearised(theta, speed)
             except ParameterError:
                 continue
             if len(omega) >= LEAST:
@@ -152,8 +153,16 @@ class Subject:
 class ModelScore:
     """How one model does on one follower."""
 
-    estimate: Estimate
-    """From all windows together."""
+    key: str
+    """Of the model, in the registry."""
+    theta: FloatArray
+    """(n,) its parameters from all windows together."""
+    lower: FloatArray
+    """(n,) lower ends of their intervals of `LEVEL`."""
+    upper: FloatArray
+    """(n,) upper ends."""
+    determined: Mask
+    """(n,) whether the data say more of a parameter than the prior."""
     rmse: FloatArray
     """(K,) of the gap in each window left out, in m."""
     time_gap_rmse: FloatArray
@@ -163,12 +172,24 @@ class ModelScore:
     gain_error: float
     """Rms error of |H| in dB; nan where no gain is measured."""
 
+    @property
+    def model(self) -> FollowingModel:
+        """The model."""
+        return FOLLOWING[self.key]
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
     """The models on one follower, in the order in which they were judged."""
 
-    subject: Subject
+    info: SegmentInfo
+    """The first window left out, with both vehicles."""
+    windows: tuple[Window, ...]
+    """(K,) windows left out."""
+    stretches: tuple[Window, ...]
+    """Those of the measured gain."""
+    speeds: tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond]
+    """See `Subject.speeds`."""
     scores: tuple[ModelScore, ...]
 
     @cached_property
@@ -179,7 +200,7 @@ class Judgement:
     @property
     def is_clear(self) -> bool:
         """Whether the best model is better than the next by more than chance explains."""
-        windows = len(self.subject.windows)
+        windows = len(self.windows)
         if len(self.scores) < 2 or windows < LEAST_WINDOWS:
             return False
         mean, error = difference(self.ranked[:1], self.ranked[1:2])
@@ -194,9 +215,9 @@ class Judgement:
             mean, error = difference([best], [other])
             findings.append(
                 Describes(
-                    self.subject.vehicle,
-                    best.estimate.model.title,
-                    other.estimate.model.title,
+                    self.info.vehicles[1],
+                    best.model.title,
+                    other.model.title,
                     len(best.rmse),
                     float(np.median(best.rmse)),
                     -100.0 * float(np.expm1(mean)),
@@ -205,9 +226,9 @@ class Judgement:
                 )
             )
         for score in self.scores:
-            if symbols := score.estimate.undetermined:
-                title = score.estimate.model.title
-                findings.append(Undetermined(self.subject.vehicle, title, symbols))
+            pairs = zip(score.model.parameters, score.determined, strict=True)
+            if symbols := tuple(parameter.symbol for parameter, known in pairs if not known):
+                findings.append(Undetermined(self.info.vehicles[1], score.model.title, symbols))
         return tuple(findings)
 
 
@@ -292,9 +313,33 @@ def judge(
             return
         done.append(scores)
         yield tuple(
-            Judgement(subject, of_models)
+            Judgement(
+                subject.windows[0].info,
+                tuple(segment.window for segment in subject.windows),
+                tuple(segment.window for segment in subject.stretches),
+                subject.speeds,
+                of_models,
+            )
             for subject, of_models in zip(subjects, zip(*done, strict=True), strict=True)
         )
+
+
+def judged_again(judgements: Sequence[Judgement], recording: Recording) -> tuple[Judgement, ...]:
+    """The judgements of the same models in the same windows of the recording."""
+    subjects = []
+    for stored in judgements:
+        windows, stretches = (
+            tuple(cut(recording, w.start, w.duration, stored.info.vehicles) for w in part)
+            for part in (stored.windows, stored.stretches)
+        )
+        subjects.append(Subject(windows, stretches))
+    *_, anew = judge(subjects, [score.key for score in judgements[0].scores])
+    return anew
+
+
+def seconds_of(windows: int) -> Seconds:
+    """How long judging the usual models in so many windows takes, to a factor of two or so."""
+    return 0.3 + 0.5 * windows
 
 
 def _scores(
@@ -315,7 +360,10 @@ def _scores(
     collided: Mask = np.asarray((known & ~(driven > -TOUCH)).any(axis=0))
     return tuple(
         ModelScore(
-            whole, rmse[rows], time_gap_rmse[rows], collided[rows], subject.gain_error(whole)
+            key,
+            *(whole.theta, whole.lower, whole.upper, whole.determined),
+            *(rmse[rows], time_gap_rmse[rows], collided[rows]),
+            subject.gain_error(model, whole.theta),
         )
         for subject, rows, whole in zip(
             subjects, of_subjects, estimates[len(groups) :], strict=True

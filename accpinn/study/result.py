@@ -40,6 +40,7 @@ from accpinn.stability.criteria import transfer_function
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.analysis import Analysis
+from accpinn.study.judge import Judgement
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -80,6 +81,8 @@ class Parts:
     adequacy: Adequacy | None = None
     answer: Answer | None = None
     gain_checks: tuple[GainCheck, ...] | None = None
+    judgements: tuple[Judgement, ...] | None = None
+    """Of car-following models in other windows of the recording; made when asked for."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,6 @@ types, lengths and ranges are checked before anything reads it, and `verify` fin
 import hashlib
 import io
 import os
-import re
 import tempfile
 import zipfile
 from dataclasses import fields, is_dataclass, replace
@@ -29,7 +28,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import COMPUTABLE
 from accpinn.errors import AccpinnError, SnapshotError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.whiteness import Whiteness
@@ -43,9 +41,10 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
 from accpinn.segment.quality import Quality
 from accpinn.segment.segment import SegmentInfo
-from accpinn.serial import Arrays, dump, flatten, restore
+from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole
+from accpinn.study.judge import Judgement, ModelScore
 from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
@@ -150,6 +149,8 @@ SHAPES: dict[type, dict[str, str]] = {
     Answer: {"parameters": "M3", "typical": "DM3", "further": "DM3", "windows": "KM3",
              "windows_lower": "KM3", "windows_upper": "KM3", "speeds": "M", "differ": "M"},
     ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "aic": "M", "holdout": "M"},
+    ModelScore: {"theta": "P!", "rmse": "K!"} | dict.fromkeys(("lower", "upper", "determined"), "P")
+    | dict.fromkeys(("time_gap_rmse", "collided"), "K"),
 }  # fmt: skip
 """Lengths of arrays and tuples by type and field; a field may be None.
 
@@ -338,7 +339,7 @@ def read(data: bytes, is_complete: bool = True) -> Result:
         )
     try:
         tree = sanitise(msgspec.json.decode(document))
-        _check_numbers(tree, arrays)
+        check_numbers(tree, arrays)
         result = restore(Result, tree, arrays)
         _check(result, is_complete)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, AccpinnError) as fault:
@@ -362,50 +363,6 @@ def _check_schema(manifest: Any) -> None:
         f"The snapshot was written by {age} accpinn (schema {str(schema)[:8]}, this one reads"
         f" {SCHEMA}); {cure}."
     )
-
-
-def read_arrays(packed: bytes, most: int) -> Arrays:
-    """The arrays of an `.npz`, where they unpack to so many bytes at most.
-
-    Raises:
-        Exception: of many kinds, for anything else.
-    """
-    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > most:
-            raise ValueError(f"it would unpack to more than {most / 1e6:.0f} MB")
-    with np.load(io.BytesIO(packed), allow_pickle=False) as file:
-        return {name: np.asarray(file[name]) for name in file.files}
-
-
-_UNSEEN = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029"  # control characters but tabs and line breaks
-    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"  # marks that turn the order of letters round
-)
-
-
-def sanitise(tree: Any, lines: bool = False) -> Any:
-    """A tree of plain values without characters that a terminal or a page obeys, not shows."""
-    if isinstance(tree, str):
-        shown = _UNSEEN.sub("\ufffd", tree)
-        return shown if lines else re.sub(r"[\t\n]+", " ", shown)
-    if isinstance(tree, dict):
-        return {sanitise(key): sanitise(item, key == "note") for key, item in tree.items()}
-    if isinstance(tree, list):
-        return [sanitise(item, lines) for item in tree]
-    return tree
-
-
-def _check_numbers(tree: Any, arrays: Arrays) -> None:
-    """Refuse numbers that nothing can be computed with; nan and the infinities have their places.
-
-    Raises:
-        ValueError: naming the place.
-    """
-    for place, leaf in (*flatten(tree), *arrays.items()):
-        if isinstance(leaf, float | int | np.ndarray) and not isinstance(leaf, bool):
-            sizes = np.abs(np.asarray(leaf, np.float64))
-            if (np.isfinite(sizes) & (sizes > COMPUTABLE)).any():
-                raise ValueError(f"{place} has a number beyond {COMPUTABLE:g}")
 
 
 def _check(result: Result, is_complete: bool) -> None:
@@ -481,6 +438,20 @@ def _check_parts(result: Result, is_complete: bool) -> None:
         _require(0 < parts.uncertainty.level < 1, "the intervals' level is not between 0 and 1")
     if parts.answer:
         _check_answer(parts.answer)
+    for judged in parts.judgements or ():
+        _check_judgement(judged, info)
+
+
+def _check_judgement(judged: Judgement, info: SegmentInfo) -> None:
+    _check_info(judged.info)
+    known = len(judged.info.vehicles) == 2 and {*judged.info.vehicles} <= {*info.vehicles}
+    _require(known, "a judgement is of other vehicles")
+    _require(judged.windows != () and judged.scores != (), "a judgement is empty")
+    for score in judged.scores:
+        _require(score.key in FOLLOWING, f'the model "{score.key[:40]}" is not known')
+        shape = len(score.model.parameters), len(judged.windows)
+        fits = shape == (len(score.theta), len(score.rmse)) and (score.rmse > 0).all()
+        _require(bool(fits), "a judgement does not fit its model or windows")
 
 
 def _check_answer(answer: Answer) -> None:

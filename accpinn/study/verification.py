@@ -28,10 +28,10 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.segment import SegmentInfo, WindowMoved, WindowShortened
-from accpinn.serial import NOT_FINITE, dump, flatten
+from accpinn.serial import NOT_FINITE, dump, flatten, sanitise
+from accpinn.study.judge import judged_again, seconds_of
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate
-from accpinn.study.snapshot import sanitise
 from accpinn.units import Seconds
 
 State = Literal["reproduced", "recomputed", "not checked"]
@@ -57,6 +57,7 @@ CURVES = 1e-4
 TOLERANCES = {
     "fit": (SOLVED, ABSOLUTE), "curves": (RELATIVE, CURVES), "uncertainty": (SOLVED, ABSOLUTE),
     "adequacy": (SLACK, DRAWN), "answer": (SLACK, DRAWN), "gain_checks": (SLACK, DRAWN),
+    "judgements": (SLACK, DRAWN),
 }  # fmt: skip
 """Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
 PARTS = ("answer", "gain_checks", "quality", "uncertainty", "evaluation", "adequacy")
@@ -79,8 +80,8 @@ TITLES = {
     "fit": "Estimate", "curves": "Network's curves", "quality": "Data quality",
     "answer": "Answer", "gain_checks": "Measured gain",
     "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
-    "adequacy": "Forms of the model", "info": "Window and names", "facts": "Facts of the recording",
-    "data": "Data",
+    "adequacy": "Forms of the model", "judgements": "Models in windows left out",
+    "info": "Window and names", "facts": "Facts of the recording", "data": "Data",
 }  # fmt: skip
 """Parts of a result, in the order in which they are listed."""
 
@@ -216,11 +217,29 @@ def verify(
                     on_refit(METHODS[subject.analysis.method].title, seconds)
             parts = () if parameters_only else PARTS
             checks += _of_subject(subject, name, parts, may_refit)
+    if whole.parts.judgements and not parameters_only:
+        checks.append(_judged(whole, left))
     if recording is None and not parameters_only and result.analysis.source.sha256:
         digest = result.analysis.source.sha256
         reason = f"that takes the recording {result.info.source} (SHA-256 {digest[:16]}…)"
         checks.append(Check("data", "not checked", reason=reason, cure="--recording"))
     return Verification(tuple(checks))
+
+
+def _judged(whole: Result, left: Seconds) -> Check:
+    """The models judged again in windows of the recording."""
+    stored = whole.parts.judgements or ()
+    seconds = seconds_of(sum(len(judged.windows) for judged in stored))
+    unchecked = partial(Check, "judgements", "not checked")
+    if whole.recording is None:
+        return unchecked(reason="the recording is not at hand", cure="--recording")
+    if seconds > left:
+        reason = "judging models again takes time"
+        return unchecked(reason=reason, cure="--refit", seconds=seconds)
+    try:
+        return _compare("judgements", stored, judged_again(stored, whole.recording))
+    except FAULTS as fault:
+        return Check("judgements", "recomputed", False, reason=str(fault))
 
 
 def _subjects(whole: Result) -> list[tuple[Result, str]]:

@@ -450,12 +450,6 @@ def judgement_task(
     return Task(owner, "judgement of models", steps, titles, weights)
 
 
-def judgement_seconds(subjects: Sequence[Subject]) -> Seconds:
-    """How long a judgement of the usual models takes, to within a factor of two or so."""
-    windows = sum(len(subject.windows) for subject in subjects)
-    return 0.3 + 0.5 * windows
-
-
 def starts_task(
     owner: str,
     analysis: Analysis,

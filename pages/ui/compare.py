@@ -97,6 +97,7 @@ def show_page() -> None:
     if segment is None:
         if not workspace.restored:
             frame.empty_state(workspace, "Nothing to compare on")
+        models.show_judged(workspace, workspace.judgements)
         return
     about = st.empty()
     show.not_acc(segment)

@@ -9,8 +9,7 @@ from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.results.figures import models as figures
 from accpinn.results.messages import messages
 from accpinn.results.tables.models import judged_table, model_parameters_table
-from accpinn.study.judge import Judgement
-from accpinn.tasks.task import judgement_seconds
+from accpinn.study.judge import Judgement, seconds_of
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
@@ -33,7 +32,9 @@ KMH = 3.6
 
 def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     """The question, its work, and the answer of each follower; ``about`` names the data."""
+    task = workspace.judgement
     if workspace.recording is None:
+        show_judged(workspace, workspace.judgements)
         recording_needed(workspace, "To judge models, the page needs")
         return
     subjects = show.attempt(lambda: workspace.subjects)
@@ -42,7 +43,6 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     windows = ", ".join(f"{len(one.windows)} of {one.label}" for one in subjects)
     about.caption(escape_markdown(f"{workspace.recording.source} · windows left out: {windows}"))
     st.markdown(LEAD)
-    task = workspace.judgement
     if task and task.is_active:
         stop_button(task, "Stop", "models_stop")
     else:
@@ -52,7 +52,8 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
             **kept(workspace, "models_chosen", list(JUDGED), default="default"),
         )  # fmt: skip
         share = sum(len(FOLLOWING[key].parameters) for key in chosen) / 17
-        takes = show.format_duration(share * judgement_seconds(subjects))
+        seconds = seconds_of(sum(len(one.windows) for one in subjects))
+        takes = show.format_duration(share * seconds)
         if st.button(
             f"Judge {len(chosen)} models (about {takes})", key="models_run", disabled=not chosen,
             type="secondary" if task else "primary", icon=":material/gavel:",
@@ -60,21 +61,24 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
             workspace.judge_models(chosen)
             st.rerun()
     if task:
-        monitor(workspace, task, lambda polled: _show(workspace, task.result or (), polled))
+        monitor(workspace, task, lambda polled: show_judged(workspace, task.result or (), polled))
+    else:
+        show_judged(workspace, workspace.judgements)
 
 
-def _show(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool) -> None:
+def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool = False) -> None:
     """Each follower's answer; charts and details of one once all models are judged."""
     if not judged:
         return
     if polled:
-        show.table(judged_table(judged[0], judged[0].subject.speeds[1]))
+        show.table(judged_table(judged[0], judged[0].speeds[1]))
         return
+    workspace.keep_judgements()
     for one in judged:
-        (said, *_) = messages(one.findings, one.subject.windows[0]) or ("",)
+        (said, *_) = messages(one.findings, one.info) or ("",)
         st.markdown(f"**{escape_markdown(said)}**")
     _take_model(workspace, judged)
-    labels = [one.subject.label for one in judged]
+    labels = [one.info.labels[1] for one in judged]
     at = 0
     if len(judged) > 1:
         at = st.selectbox(
@@ -86,7 +90,7 @@ def _show(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool) -> 
 
 def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     """Make the model that held-out windows clearly favour that of the answer."""
-    best = {one.ranked[0].estimate.model.key for one in judged if one.is_clear}
+    best = {one.ranked[0].model.key for one in judged if one.is_clear}
     if len(best) != 1 or best == {workspace.model} or not workspace.segment:
         return
     (key,) = best
@@ -105,15 +109,15 @@ def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
 
 
 def _show_follower(workspace: Workspace, one: Judgement) -> None:
-    low, middle, high = (KMH * speed for speed in one.subject.speeds)
-    key = f"models_speed_{one.subject.vehicle}"
+    low, middle, high = (KMH * speed for speed in one.speeds)
+    key = f"models_speed_{one.info.vehicles[1]}"
     speed = st.number_input(
         "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
         help="Nonlinear models answer small disturbances differently at every speed. Recorded:"
         f" {low:.0f} to {high:.0f} km/h, median {middle:.0f}.",
         **kept(workspace, key, float(round(middle))),
     ) / KMH  # fmt: skip
-    table, stem = judged_table(one, speed), Path(one.subject.windows[0].source).stem
+    table, stem = judged_table(one, speed), Path(one.info.source).stem
     show.table(table)
     st.caption(ABOUT)
     followers = figures.followers_of(one)
@@ -122,7 +126,7 @@ def _show_follower(workspace: Workspace, one: Judgement) -> None:
     with left:
         show.chart(figures.errors_by_window(one), "models_errors")
     with right:
-        low, _, high = one.subject.speeds
+        low, _, high = one.speeds
         show.chart(figures.peak_over_speed(followers, (low, high), speed), "models_peak")
         st.caption(
             "Largest gain for small disturbances: above 0 dB they grow. Shaded: recorded speeds."
@@ -131,6 +135,6 @@ def _show_follower(workspace: Workspace, one: Judgement) -> None:
     with st.expander("Parameters of each model and their uncertainty"):
         parameters = model_parameters_table(one)
         show.table(parameters)
-        show.messages(messages(one.findings[1:], one.subject.windows[0]))
+        show.messages(messages(one.findings[1:], one.info))
         show.downloads(parameters, f"{stem}_model_parameters", "model_parameters")
     show.downloads(table, f"{stem}_models", "models")

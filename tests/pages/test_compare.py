@@ -126,13 +126,20 @@ def test_which_model_this_car_follows(session: Workspace) -> None:
     assert session.judgement.status is Status.DONE
     (judged,) = session.judgement.result
     page = open_page(COMPARE, session)
-    said = messages(judged.findings, judged.subject.windows[0])
+    said = messages(judged.findings, judged.info)
     assert all(sentence in page.plain() for sentence in said)
     assert "CTHP with intercept s₀" in page.everything()
     assert len(page.figures()) == 2
-    page.choose(f"models_speed_{judged.subject.vehicle}", 90.0)
+    page.choose(f"models_speed_{judged.info.vehicles[1]}", 90.0)
     assert "At 90 km/h" in page.everything()
 
+    answer(session)
+    session.restore(session.as_snapshot())
+    assert session.judgement is None
+    page = open_page(COMPARE, session).choose("compare_view", "models")
+    assert all(sentence in page.plain() for sentence in said), "it comes back with a result"
+
+    session.judge_models(["cthp"])
     session.choose(vehicles=(2, 3))
     assert session.judgement is None, "it was of other vehicles"
 

@@ -1,14 +1,25 @@
 """The judge: which model a simulated car follows, and what the data leave open."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from accpinn.errors import SegmentError
+from accpinn.errors import SegmentError, SnapshotError
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
+from accpinn.results.export import judgement_document
+from accpinn.results.report import tables_of
 from accpinn.segment.segment import Segment
-from accpinn.study.judge import Describes, Judgement, Subject, blocks, judge, subjects_of, wins
+from accpinn.study.analysis import Analysis
+from accpinn.study.judge import Describes, Subject, blocks, judge, subjects_of, wins
+from accpinn.study.run import run
+from accpinn.study.snapshot import named, to_bytes
+from accpinn.study.snapshot import read as read_snapshot
+from accpinn.study.store import Store
+from accpinn.study.verification import Check, Verification, verify
 from tests.support.following import driven
 from tests.support.samples import FOLDER, PLATOON
 
@@ -30,7 +41,7 @@ def subject(key: str, noise: float = 0.05) -> Subject:
 def test_the_true_model_is_picked(truth: str) -> None:
     *_, (judged,) = judge([subject(truth)], JUDGED)
     best = judged.ranked[0]
-    assert best.estimate.model.key == truth
+    assert best.model.key == truth
     assert np.median(best.rmse) < 0.3
     assert best.gain_error < 1.5  # over so wide a range of speeds no linear gain holds
     assert not best.collided.any()
@@ -40,8 +51,8 @@ def test_the_true_model_is_picked(truth: str) -> None:
     finding = judged.findings[0]
     assert isinstance(finding, Describes)
     assert finding.clear
-    title = best.estimate.model.title
-    sentence = finding.sentence(judged.subject.windows[0])
+    title = best.model.title
+    sentence = finding.sentence(judged.info)
     assert sentence.startswith(f"2 behind: the {title} describes this car best. In 4 windows left")
 
 
@@ -54,8 +65,7 @@ def test_models_that_are_alike_are_not_told_apart() -> None:
     assert isinstance(finding, Describes)
     assert not finding.clear
     assert "may be nothing" in finding.sentence(windows[0])
-    two = Judgement(Subject(tuple(windows[:2]), ()), judged.scores)
-    assert np.isnan(two.scores[0].gain_error)
+    assert np.isnan(judged.scores[0].gain_error)
 
 
 def test_the_window_left_out_teaches_nothing() -> None:
@@ -89,3 +99,39 @@ def test_one_window_is_judged_by_its_blocks() -> None:
     short = subjects_of(recording, (1, 2), [Window(0.0, 60.0)])
     with pytest.raises(SegmentError, match="too short to judge a model by; choose a window"):
         list(judge(short, ["cthp"]))
+
+
+def test_a_judgement_is_kept_with_the_result(tmp_path: Path) -> None:
+    """It is in store and snapshot, comes back, is verified from the recording, and is reported."""
+    recording = read(FOLDER / f"{PLATOON}.csv")
+    result = run(Analysis.of(recording, vehicles="1-3", method="least-squares"), recording)
+    subjects = subjects_of(recording, (1, 2, 3), [Window(0.0, 300.0)])
+    *_, result.parts.judgements = judge(subjects, ["cthp", "cthp-s0"])
+    store = Store(tmp_path)
+    store.keep(result)
+    again = store.find(result.analysis)
+    assert again
+    assert again.parts.judgements
+
+    snapshot = read_snapshot(to_bytes(named(result)))
+    stored, before = snapshot.parts.judgements, result.parts.judgements
+    assert stored
+    for now, then in zip(stored, before, strict=True):
+        assert now.findings == then.findings
+        assert judgement_document(now) == judgement_document(then)
+        table = tables_of(snapshot)[f"models_{now.info.vehicles[1]}"]
+        assert now.info.labels[1] in table.to_text()
+    assert judged_check(verify(snapshot)).cure == "--recording"
+    assert judged_check(verify(snapshot, recording)).ok
+    (first, *others), second = stored[0].scores, stored[1]
+    forged = replace(stored[0], scores=(replace(first, rmse=0.5 * first.rmse), *others))
+    snapshot.parts.judgements = (forged, second)
+    assert not judged_check(verify(read_snapshot(to_bytes(snapshot)), recording)).ok
+    snapshot.parts.judgements = (replace(forged, windows=forged.windows[1:]), second)
+    with pytest.raises(SnapshotError, match="does not fit"):
+        read_snapshot(to_bytes(snapshot))
+
+
+def judged_check(verification: Verification) -> Check:
+    (check,) = (check for check in verification.checks if check.part == "judgements")
+    return check

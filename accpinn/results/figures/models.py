@@ -26,8 +26,7 @@ BAND, DRAWN = 0.14, 100
 
 def errors_by_window(judged: Judgement) -> go.Figure:
     """The RMSE of the gap in each window left out, a line a model."""
-    windows = [segment.window for segment in judged.subject.windows]
-    names = [f"{window.start:.0f}" for window in windows]
+    names = [f"{window.start:.0f}" for window in judged.windows]
     traces = [
         {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(one.name),
          "line": {"color": one.colour, "width": 1.5}, "marker": {"size": 8},
@@ -57,10 +56,9 @@ class Follower(NamedTuple):
 
 def followers_of(judged: Judgement) -> list[Follower]:
     """The models in the order in which they were judged."""
-    estimates = [score.estimate for score in judged.scores]
     return [
-        Follower(estimate.model.title, colour, estimate.model, estimate.theta)
-        for estimate, colour in zip(estimates, cycle(style.FOLLOWERS), strict=False)
+        Follower(score.model.title, colour, score.model, score.theta)
+        for score, colour in zip(judged.scores, cycle(style.FOLLOWERS), strict=False)
     ]
 
 

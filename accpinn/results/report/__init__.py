@@ -60,6 +60,7 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
+from accpinn.results.tables.models import judged_table
 from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.tables.verification import verification_table
@@ -155,6 +156,8 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
         tables["stability"] = verdicts.coloured(paints[1:])
     for k in range(info.followers if snapshot.compared else 0):
         tables[f"methods_{k + 1}"] = methods_table(info, snapshot.compared, k)
+    for each in snapshot.parts.judgements or ():
+        tables[f"models_{each.info.vehicles[1]}"] = judged_table(each, each.speeds[1])
     return tables
 
 
@@ -194,6 +197,14 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "linear": by_linearisation(run[0]) if run else "",
         "form_sheets": [sheet for name, sheet in sheets.items() if name.startswith("forms_")],
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
+        "models": [
+            (
+                each.info.labels[1],
+                messages(each.findings, info),
+                sheets[f"models_{each.info.vehicles[1]}"],
+            )
+            for each in snapshot.parts.judgements or ()
+        ],
         "checked": checked,
         "verdict": checked.sentence,
         "checks": Markup(verification_table(checked).to_html()),

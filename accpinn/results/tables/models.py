@@ -18,25 +18,25 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
 
     The range beyond the best is one standard error about the mean of the ratios.
     """
-    ranked, windows = judged.ranked, len(judged.subject.windows)
-    keys = (score.estimate.model.key for score in judged.scores)
+    ranked, windows = judged.ranked, len(judged.windows)
+    keys = (score.model.key for score in judged.scores)
     shares = dict(zip(keys, wins([judged]), strict=True))
     beyond: list[Cell] = [None]
     for score in ranked[1:]:
         mean, error = difference([score], ranked[:1])
         ends = np.round(100.0 * np.expm1([mean - error, mean + error])) + 0.0  # no -0
         beyond.append(Range(*ends.tolist()))
-    vehicles = [stability_at(s.estimate.model, s.estimate.theta, speed) for s in ranked]
+    vehicles = [stability_at(s.model, s.theta, speed) for s in ranked]
     at = f"At {3.6 * speed:.0f} km/h"
     return Table.of(
-        f"{judged.subject.label}: models in {windows} windows left out",
+        f"{judged.info.labels[1]}: models in {windows} windows left out",
         [
-            (MODEL, [score.estimate.model.title for score in ranked]),
+            (MODEL, [score.model.title for score in ranked]),
             (Column("Gap RMSE", "m", 2, LEFT_OUT), [np.median(s.rmse) for s in ranked]),
             (Column("Beyond the best", "%", 0, LEFT_OUT), beyond),
             (
                 Column("Best in", "%", 0, LEFT_OUT),
-                [100 * shares[s.estimate.model.key] for s in ranked],
+                [100 * shares[s.model.key] for s in ranked],
             ),
             (Column("Collides in", "%", 0, LEFT_OUT), [100 * s.collided.mean() for s in ranked]),
             (Column("|H| off", "dB", 1), [score.gain_error for score in ranked]),
@@ -56,16 +56,16 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
 def model_parameters_table(judged: Judgement) -> Table:
     """A row a parameter of each model, with its interval, and whether the data determine it."""
     rows = [
-        (score.estimate, parameter, k)
+        (score, parameter, k)
         for score in judged.ranked
-        for k, parameter in enumerate(score.estimate.model.parameters)
+        for k, parameter in enumerate(score.model.parameters)
     ]
-    values = np.array([(e.theta[k], e.lower[k], e.upper[k]) for e, _, k in rows])
-    known = ["the data" if e.determined[k] else "other cars" for e, _, k in rows]
+    values = np.array([(s.theta[k], s.lower[k], s.upper[k]) for s, _, k in rows])
+    known = ["the data" if s.determined[k] else "other cars" for s, _, k in rows]
     return Table.of(
-        f"{judged.subject.label}: parameters by closed-loop simulation of all windows",
+        f"{judged.info.labels[1]}: parameters by closed-loop simulation of all windows",
         [
-            (MODEL, [estimate.model.title for estimate, _, _ in rows]),
+            (MODEL, [score.model.title for score, _, _ in rows]),
             (Column("Parameter"), [parameter.symbol for _, parameter, _ in rows]),
             (Column("Value", digits=4), estimate_cells(*values.T)),
             (Column("Unit"), [parameter.unit for _, parameter, _ in rows]),

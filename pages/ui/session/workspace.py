@@ -265,7 +265,7 @@ class Workspace:
         if result is None or not result.segments:
             raise SnapshotError("There is no result with its data to save; train on a window.")
         facts = result.facts or (restored.facts if restored else {})
-        parts = replace(result.parts, adequacy=self.adequacy)
+        parts = replace(result.parts, adequacy=self.adequacy, judgements=self.judgements or None)
         whole = replace(result, parts=parts, facts=facts, compared=self.compared)
         return named(whole, name, note, with_data)
 
@@ -428,6 +428,20 @@ class Workspace:
     def judge_models(self, models: Sequence[str]) -> None:
         """Queue car-following models on the recording."""
         self.judgement = task_queue().submit(judgement_task(self.id, self.subjects, models))
+
+    @property
+    def judgements(self) -> tuple[Judgement, ...]:
+        """What was judged, now or with the result; empty before that."""
+        known = self.result.parts.judgements if self.result else None
+        return (self.judgement and self.judgement.result) or known or ()
+
+    def keep_judgements(self) -> None:
+        """Keep what was judged with the result; a snapshot's does not enter the store."""
+        result = self.result
+        if result and result.parts.judgements != self.judgements:
+            result.parts.judgements = self.judgements
+            if result.is_finished and not result.id:
+                store().keep(result)
 
     @property
     def tasks(self) -> tuple[Task[Any], ...]:
