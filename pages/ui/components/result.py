@@ -54,7 +54,7 @@ MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gr
 MOST_CARDS = 5
 """Followers beyond which the table alone states the answer."""
 BANDS = "Bands of α, β and τ: 90 % intervals by the evidence, which the training maximises."
-CURVES = 340
+CURVES = 440
 """Height in pixels of the chart below the answer."""
 
 
@@ -281,7 +281,8 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
     own = "network" if fit.method == "pinn" else name_of(fit)
     figure = figures.tracking(
         segment or result.info, follower, fit.surrogate, result.simulated, own,
-        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=CURVES,
+        with_error=True, predicted=_band(result), disturbance=fit.arrays.get("disturbance"),
+        height=CURVES,
     )  # fmt: skip
     show.chart(figure, key)
 
