@@ -29,7 +29,7 @@ NORMAL_90 = 1.645
 HISTORY_HEIGHT = 225
 FEW = 30
 """Moments of a training up to which each is marked."""
-GAP_ERROR = replace(GAP, name="Error of the space-gap")
+GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
 BAND_POINTS = 400
