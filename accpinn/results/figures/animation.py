@@ -1,5 +1,6 @@
 """A simulated platoon on the road as an animation, seen from its leader."""
 
+import html
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,48 +26,45 @@ def watched(run: PlatoonRun) -> NDArray[np.intp]:
 def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     """The cars on the road, seen from the leader, and their speeds: an animation with a slider."""
     driven, rows = run.valid, watched(run)
-    behind = np.zeros((len(rows), len(cast.names)))
+    behind = np.zeros((len(rows), len(cast.labels)))
     behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     speeds = driven.speeds[rows]
     moments = [f"{driven.time[row]:.1f}" for row in rows]
-    pictures = [  # rounded to what a screen shows
-        ({"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y})
-        for x, y in zip(_rounded(behind, 2), _rounded(speeds, 3), strict=True)
-    ]
-    look = {"color": cast.colours, "line": {"width": 0}}
-    road, track = pictures[0]
-    traces = [
-        {**road, **style.axes_of(1), "mode": "markers", "text": cast.names,
-         "marker": {**look, "symbol": "square", "size": 13},
-         "hovertemplate": "%{text}<br>%{x:.1f} m<extra></extra>"},
-        {**track, **style.axes_of(2), "mode": "lines+markers", "text": cast.names,
-         "line": {"color": style.LEADER, "width": 1.2}, "marker": {**look, "size": 10},
-         "hovertemplate": "%{text}<br>%{y:.2f} m/s<extra></extra>"},
-        *(  # for `with_legend`
-            {"x": [None], "y": [None], **style.axes_of(1), "mode": "markers", "name": name,
-             "hoverinfo": "skip", "marker": {"symbol": "square", "size": 13, "color": colour}}
-            for name, colour in zip(cast.names, cast.colours, strict=True)
-        ),
-    ]  # fmt: skip
+    # Rounded to what a screen shows.
+    pictures = [*zip(_rounded(behind, 2), _rounded(speeds, 3), strict=True)]
     # The axes stand still while the cars move.
     rear = float(np.nanmin(behind))
     margin = 2.0 - 0.06 * rear
     low, high = float(np.nanmin(speeds)), float(np.nanmax(speeds))
     rim = 0.1 * (high - low) + 0.05
-    axes = {
-        "y": {"visible": False, "range": [-1, 1]},
-        "y2": style.titled(SPEED.axis) | {"range": [low - rim, high + rim]},
-        "x2": style.titled("Position behind the leader [m], driving to the right"),
-    }
-    figure = style.composed(
-        traces, 490, "platoon-wave", axes, {"x": {"range": [rear - margin, margin]}},
-        style.stack(0.2, 0.8, spacing=0.04), hovermode="closest", updatemenus=[_buttons()],
-        sliders=[_slider(moments)], margin={"l": 62, "r": 14, "t": 10, "b": 156},
-        shapes=[style.across("y", -0.55, line={"color": style.LEADER, "width": 1})],
+    chart = style.Chart(
+        "platoon-wave", 490, style.stack(0.2, 0.8, spacing=0.04), hovermode="closest",
+        updatemenus=[_buttons()], sliders=[_slider(moments)],
+        margin={"l": 62, "r": 14, "t": 10, "b": 156},
     )  # fmt: skip
+    chart.axis("x*", range=[rear - margin, margin])
+    chart.axis("x2", "Position behind the leader [m], driving to the right")
+    chart.axis("y", visible=False, range=[-1, 1])
+    chart.axis("y2", SPEED.axis, range=[low - rim, high + rim])
+    chart.level("y", -0.55, {"color": style.LEADER, "width": 1})
+    look, names = {"color": cast.colours, "line": {"width": 0}}, [*map(html.escape, cast.labels)]
+    places, now = pictures[0]
+    square = {"symbol": "square", "size": 13}
+    chart.dots(
+        places, [0.0] * len(places), panel=1, hover="%{text}<br>%{x:.1f} m<extra></extra>",
+        text=names, marker=look | square,
+    )  # fmt: skip
+    chart.dots(
+        places, now, panel=2, hover="%{text}<br>%{y:.2f} m/s<extra></extra>", text=names,
+        mode="lines+markers", line={"color": style.LEADER, "width": 1.2},
+        marker=look | {"size": 10},
+    )  # fmt: skip
+    for name, colour in zip(cast.labels, cast.colours, strict=True):  # for `with_legend`
+        chart.dots([None], [None], name, 1, marker=square | {"color": colour})
+    figure = chart.figure()
     figure.frames = [
-        go.Frame(name=moment, data=list(picture), traces=[0, 1])
-        for moment, picture in zip(moments, pictures, strict=True)
+        go.Frame(name=moment, data=[{"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y}], traces=[0, 1])
+        for moment, (x, y) in zip(moments, pictures, strict=True)
     ]
     return figure
 

@@ -65,63 +65,59 @@ def forest(grouped: Groups) -> go.Figure:
     order = np.argsort(-np.nan_to_num(values[:, 0, 0], nan=np.inf), kind="stable")
     groups, values = [largest[k] for k in order], values[order]
     names = [html.escape(label_of(group.values)) for group in groups]
-    places = np.arange(len(groups))
-    gap = replace(TIME_GAP, name=f"Time gap at {speed * 3.6:.0f} km/h", symbol="time gap")
-    traces, axes = list[style.Part](), dict[str, style.Part]()
-    for panel, quantity in enumerate((gap, ALPHA, BETA)):
-        part, on_log_axis = values[:, panel], quantity is not gap
-        low, high = _axis(part if quantity is gap else part[:, :3], on_log_axis)
-        middle, *ends = np.clip(part, low, high).T
-        at = style.axes_of(panel + 1)
-        for lower, upper, width in ((ends[2], ends[3], 1.0), (ends[0], ends[1], 2.4)):
-            if width == 1.0 and quantity is not gap:
-                continue
-            blank = np.full(len(places), np.nan)
-            traces.append({
-                "x": np.column_stack([lower, upper, blank]).ravel(),
-                "y": np.column_stack([places, places, blank]).ravel(), "mode": "lines",
-                "hoverinfo": "skip", "showlegend": False, **at,
-                "line": {"color": style.FOLLOWERS[0], "width": width},
-            })  # fmt: skip
-        traces.append({
-            "x": middle, "y": places, "mode": "markers", "name": quantity.symbol,
-            "showlegend": False, "cliponaxis": False, **at,
-            "marker": {"color": style.FOLLOWERS[0], "size": [_size(g.windows) for g in groups]},
-            "customdata": [
-                (names[k], *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row),
-                 groups[k].windows)
-                for k, row in enumerate(part)
-            ],
-            "hovertemplate": (
-                f"%{{customdata[0]}}<br>{quantity.symbol} %{{customdata[1]}} {quantity.unit}"
-                " (%{customdata[2]} to %{customdata[3]}; further window %{customdata[4]} to"
-                " %{customdata[5]}), %{customdata[6]} windows<extra></extra>"
-            ),
-        })  # fmt: skip
-        traces.append(_cut_ends(part if quantity is gap else part[:, :3], places, low, high) | at)
-        scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
-        title = f"{quantity.name} [s]" if quantity is gap else quantity.heading
-        axes[at["xaxis"]] = style.titled(title) | scale
-    # The groups' names may be long.
-    axes["y"] = {"tickvals": places, "ticktext": names, "automargin": True}
-    every = {"y": {"range": [-0.7, len(groups) - 0.3], "showgrid": True}}
+    places, blank = np.arange(len(groups)), np.full(len(groups), np.nan)
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
-    return style.composed(
-        traces, height, "forest", axes, every, style.row(3, 0.025), hovermode="closest"
-    )
+    chart = style.Chart("forest", height, style.row(3, 0.025), hovermode="closest")
+    chart.axis("y*", range=[-0.7, len(groups) - 0.3], showgrid=True)
+    # The groups' names may be long.
+    chart.axis("y", tickvals=places, ticktext=names, automargin=True)
+    gap = replace(TIME_GAP, name=f"Time gap at {speed * 3.6:.0f} km/h", symbol="time gap")
+    colour, sizes = style.FOLLOWERS[0], [_size(group.windows) for group in groups]
+    for panel, quantity in enumerate((gap, ALPHA, BETA), 1):
+        part, on_log_axis = values[:, panel - 1], quantity is not gap
+        shown = part[:, :3] if on_log_axis else part
+        low, high = _axis(shown, on_log_axis)
+        middle, *ends = np.clip(part, low, high).T
+        for lower, upper, width in ((ends[2], ends[3], 1.0), (ends[0], ends[1], 2.4)):
+            if on_log_axis and width == 1.0:
+                continue
+            x, y = (np.column_stack([*pair, blank]).ravel()
+                    for pair in ((lower, upper), (places, places)))  # fmt: skip
+            chart.add(x, y, panel=panel, mode="lines", hoverinfo="skip",
+                      line={"color": colour, "width": width})  # fmt: skip
+        told = [
+            (names[k], *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row),
+             groups[k].windows)
+            for k, row in enumerate(part)
+        ]  # fmt: skip
+        hover = (
+            f"%{{customdata[0]}}<br>{quantity.symbol} %{{customdata[1]}} {quantity.unit}"
+            " (%{customdata[2]} to %{customdata[3]}; further window %{customdata[4]} to"
+            " %{customdata[5]}), %{customdata[6]} windows<extra></extra>"
+        )
+        chart.dots(middle, places, quantity.symbol, panel, hover, customdata=told,
+                   marker={"color": colour, "size": sizes}, cliponaxis=False,
+                   showlegend=False)  # fmt: skip
+        _mark_cut_ends(chart, panel, shown, places, low, high)
+        scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
+        title = quantity.heading if on_log_axis else quantity.axis
+        chart.axis(f"x{panel}", title, **scale)
+    return chart.figure()
 
 
-def _cut_ends(spans: FloatArray, places: NDArray[np.intp], low: float, high: float) -> style.Part:
-    """Arrowheads where intervals (K, 3) or (K, 5) go on beyond an axis."""
+def _mark_cut_ends(
+    chart: style.Chart, panel: int, spans: FloatArray, places: NDArray[np.intp], low: float,
+    high: float,
+) -> None:  # fmt: skip
+    """Draw arrowheads where intervals (K, 3) or (K, 5) go on beyond an axis."""
     left, right = (spans[:, 1:] < low).any(axis=1), (spans[:, 1:] > high).any(axis=1)
     symbols = ["triangle-left"] * left.sum() + ["triangle-right"] * right.sum()
-    return {
-        "x": np.repeat([low, high], [left.sum(), right.sum()]),
-        "y": np.append(places[left], places[right]), "mode": "markers", "hoverinfo": "skip",
-        "showlegend": False, "cliponaxis": False,
-        "marker": {"color": style.FOLLOWERS[0], "size": 8, "symbol": symbols},
-    }  # fmt: skip
+    chart.dots(
+        np.repeat([low, high], [left.sum(), right.sum()]), np.append(places[left], places[right]),
+        panel=panel, marker={"color": style.FOLLOWERS[0], "size": 8, "symbol": symbols},
+        cliponaxis=False,
+    )  # fmt: skip
 
 
 def _size(windows: int) -> float:
@@ -178,32 +174,24 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)
-    traces = [
-        _points(rows, x, y, np.flatnonzero(part & np.isfinite(x + y)), name, colour, symbol)
-        for name, colour, symbol, part in (
-            ("L₂ unstable", UNSTABLE, "circle-open", ~stable),
-            ("L₂ stable", STABLE, "diamond", stable),
-        )
-    ]
+    chart = style.Chart(f"plane-{in_units_of_tau}", 430, hovermode="closest")
+    for name, colour, symbol, part in (
+        ("L₂ unstable", UNSTABLE, "circle-open", ~stable),
+        ("L₂ stable", STABLE, "diamond", stable),
+    ):
+        places = np.flatnonzero(part & np.isfinite(x + y))
+        _draw_points(chart, rows, x, y, places, name, colour, symbol)
     right, top = _end(x), max(_end(y), 1.15 / at)
     along = np.linspace(right / ALONG, right, ALONG)
-    traces += [
-        {"x": along, "y": boundary(along, at), "mode": "lines", "name": name, "hoverinfo": "skip",
-         "line": {"color": colour, "width": 2, "dash": dash}}
-        for name, boundary, colour, dash in (
-            ("L₂", smallest_beta_l2, L2, "solid"), ("L∞, exact", smallest_beta_exact, EXACT, "dash")
-        )
-    ]  # fmt: skip
+    chart.line(along, smallest_beta_l2(along, at), "L₂", L2, hoverinfo="skip")
+    exact = smallest_beta_exact(along, at)
+    chart.line(along, exact, "L∞, exact", EXACT, dash="dash", hoverinfo="skip")
     quantities = UNITS_OF_TAU.values() if in_units_of_tau else (ALPHA, BETA)
-    axes = {
-        name: style.titled(f"{quantity.symbol}, {_lower(quantity.axis)}")
-        | {"range": [-0.02 * end, end]}
-        for name, quantity, end in zip("xy", quantities, (right, top), strict=True)
-    }
-    return style.composed(
-        traces, 430, f"plane-{in_units_of_tau}", axes, hovermode="closest",
-        annotations=[style.corner("string stable", 0.995, 0.985)],
-    )  # fmt: skip
+    for name, quantity, end in zip("xy", quantities, (right, top), strict=True):
+        heading = f"{quantity.symbol}, {_lower(quantity.axis)}"
+        chart.axis(name, heading, range=[-0.02 * end, end])
+    chart.words("string stable", 0.995, 0.985)
+    return chart.figure()
 
 
 def _lower(text: str) -> str:
@@ -220,42 +208,38 @@ def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
     """
     x, y = (rows[name].to_numpy(float) for name in ("mean_speed", "mean_time_gap"))
     group_of, looks = np.array(labels, dtype=str), colours(labels)
-    traces = []
+    chart = style.Chart("gap", 430, hovermode="closest")
     for label, (colour, symbol) in looks.items():
         part = group_of == label if label != OTHERS else ~np.isin(group_of, list(looks))
         places = np.flatnonzero(part & np.isfinite(x + y))
-        traces.append(_points(rows, x, y, places, label, colour, symbol))
-    axes = {
-        "x": style.titled(f"Mean {_lower(SPEED.axis)}") | {"rangemode": "tozero"},
-        "y": style.titled(f"Mean {_lower(TIME_GAP.axis)}") | {"range": style.limits(y)},
-    }
-    return style.composed(traces, 430, "gap", axes, hovermode="closest")
+        _draw_points(chart, rows, x, y, places, label, colour, symbol)
+    chart.axis("x", f"Mean {_lower(SPEED.axis)}", rangemode="tozero")
+    chart.axis("y", f"Mean {_lower(TIME_GAP.axis)}", range=style.limits(y))
+    return chart.figure()
 
 
-def _points(
-    rows: pd.DataFrame, x: FloatArray, y: FloatArray, places: NDArray[np.intp],
-    name: str, colour: str, symbol: str,
-) -> style.Part:  # fmt: skip
-    """The points at some places among the rows; each tells its window while they are few."""
-    few, escaped = len(rows) <= HOVERED, html.escape(name)
-    points = {
-        "type": "scattergl", "x": x[places].round(5), "y": y[places].round(5), "mode": "markers",
-        "name": escaped, "customdata": places,
-        "marker": {"color": colour, "symbol": symbol, "size": 8 if few else 5,
-                   "opacity": 0.85 if few else 0.5, "line": {"width": 1.4 if few else 1}},
-        "selected": {"marker": {"opacity": 1}}, "unselected": {"marker": {"opacity": 0.5}},
-        "hovertemplate": ("%{text}<br>" if few else "")
-        + f"%{{x:.4g}}, %{{y:.4g}}<extra>{escaped}</extra>",
-    }  # fmt: skip
+def _draw_points(
+    chart: style.Chart, rows: pd.DataFrame, x: FloatArray, y: FloatArray,
+    places: NDArray[np.intp], name: str, colour: str, symbol: str,
+) -> None:  # fmt: skip
+    """Draw the points at some places among the rows; each tells its window while they are few."""
+    few, texts = len(rows) <= HOVERED, list[str]()
     if few:
         part = rows.iloc[places]
         who = (part["make"].fillna("") + " " + part["model"].fillna("")).str.strip()
         start, end = part["start"], part["start"] + part["duration"]
-        points["text"] = [
+        texts = [
             html.escape(f"{a or ABSENT}, {b}, {c:.0f}–{d:.0f} s")
             for a, b, c, d in zip(who, part["file"], start, end, strict=True)
         ]
-    return points
+    words = f"{'%{text}<br>' * few}%{{x:.4g}}, %{{y:.4g}}<extra>{html.escape(name)}</extra>"
+    chart.dots(
+        x[places].round(5), y[places].round(5), name, hover=words, type="scattergl",
+        marker={"color": colour, "symbol": symbol, "size": 8 if few else 5,
+                "opacity": 0.85 if few else 0.5, "line": {"width": 1.4 if few else 1}},
+        selected={"marker": {"opacity": 1}}, unselected={"marker": {"opacity": 0.5}},
+        customdata=places, text=texts or None,
+    )  # fmt: skip
 
 
 def beyond(figure: go.Figure) -> int:

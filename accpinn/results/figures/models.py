@@ -1,6 +1,5 @@
 """Car-following models as figures: errors in windows left out, and the peak gain over speed."""
 
-import html
 from collections.abc import Sequence
 from itertools import cycle
 from typing import NamedTuple
@@ -24,24 +23,6 @@ BAND, DRAWN = 0.14, 100
 """Opacity of a band, and the draws that it is of."""
 
 
-def errors_by_window(judged: Judgement) -> go.Figure:
-    """The RMSE of the gap in each window left out, a line a model."""
-    names = [f"{window.start:.0f}" for window in judged.windows]
-    traces = [
-        {"x": names, "y": score.rmse, "mode": "lines+markers", "name": html.escape(one.name),
-         "line": {"color": one.colour, "width": 1.5}, "marker": {"size": 8},
-         "hovertemplate": "%{y:.2f} m"}
-        for one, score in zip(followers_of(judged), judged.scores, strict=True)
-    ]  # fmt: skip
-    top = 1.08 * max(float(score.rmse.max()) for score in judged.scores)
-    axes = {
-        "x": style.titled("Start of the window left out [s]")
-        | {"type": "category", "showgrid": False, "automargin": True},
-        "y": style.titled("RMSE of the gap [m]") | {"range": [0, top]},
-    }
-    return style.composed(traces, 330, "models-errors", axes)
-
-
 class Follower(NamedTuple):
     """A model with its parameters, as one line of a figure."""
 
@@ -62,45 +43,47 @@ def followers_of(judged: Judgement) -> list[Follower]:
     ]
 
 
+def errors_by_window(judged: Judgement) -> go.Figure:
+    """The RMSE of the gap in each window left out, a line a model."""
+    chart = style.Chart("models-errors", 330)
+    starts = np.array([f"{window.start:.0f}" for window in judged.windows])
+    for one, score in zip(followers_of(judged), judged.scores, strict=True):
+        chart.line(starts, score.rmse, one.name, one.colour, 1.5, hover="%{y:.2f} m",
+                   mode="lines+markers", marker={"size": 8})  # fmt: skip
+    top = 1.08 * max(float(score.rmse.max()) for score in judged.scores)
+    chart.axis("x", "Start of the window left out [s]", type="category", showgrid=False,
+               automargin=True)  # fmt: skip
+    chart.axis("y", "RMSE of the gap [m]", range=[0, top])
+    return chart.figure()
+
+
 def peak_over_speed(
     followers: Sequence[Follower], recorded: tuple[MetresPerSecond, MetresPerSecond],
     speed: MetresPerSecond,
 ) -> go.Figure:  # fmt: skip
     """The largest gain of each follower over the speed, with its 90 % band where draws are known.
 
-    Args:
-        followers: whose gains.
-        recorded: the least and the largest recorded speed, which are shaded between.
-        speed: that is marked.
+    The range of ``recorded`` speeds is shaded, and one ``speed`` is marked.
     """
+    chart = style.Chart("models-peak", 330)
     low, high = recorded
     margin = BEYOND * max(high - low, 5.0)
     speeds = np.linspace(max(1.0, low - margin), high + margin, SPEEDS)
-    traces, tops = list[style.Part](), [1.0]
+    chart.area("x", 3.6 * low, 3.6 * high, RECORDED)
+    chart.level("x", 3.6 * speed, style.TRUTH)
+    tops = [1.0]
     for name, colour, model, theta, draws in followers:
-        curve = peak_gains(model, theta, speeds)
         if draws is not None:
             some = np.linspace(0, len(draws) - 1, DRAWN).astype(int)
             each = np.repeat(draws[some].T, SPEEDS, axis=1)
             drawn = peak_gains(model, each, np.tile(speeds, DRAWN)).reshape(DRAWN, SPEEDS)
             known = np.isfinite(drawn).all(axis=0)
             lower, upper = interval_ends(drawn[:, known], LEVEL)
-            traces.append(style.band(3.6 * speeds[known], lower, upper, colour, BAND))
+            chart.band(3.6 * speeds[known], lower, upper, colour, BAND)
             tops += upper.tolist()
-        traces.append(style.curve(
-            3.6 * speeds, curve, name=html.escape(name), mode="lines",
-            line={"color": colour, "width": 2}, hovertemplate="%{y:.2f} dB",
-        ))  # fmt: skip
-        tops += curve[np.isfinite(curve)].tolist()
-    ends = 3.6 * speeds[[0, -1]]
-    axes = {
-        "x": style.titled("Speed in equilibrium [km/h]") | {"range": ends.tolist()},
-        "y": style.titled("Peak of |H| [dB]") | {"range": [-0.1, 1.1 * min(12.0, max(tops))]},
-    }
-    shapes = [
-        style.across(
-            "x", 3.6 * low, 3.6 * high, fillcolor=RECORDED, line={"width": 0}, layer="below"
-        ),
-        style.across("x", 3.6 * speed, line=style.TRUTH),
-    ]
-    return style.composed(traces, 330, "models-peak", axes, shapes=shapes)
+        peaks = peak_gains(model, theta, speeds)
+        chart.line(3.6 * speeds, peaks, name, colour, hover="%{y:.2f} dB")
+        tops += peaks[np.isfinite(peaks)].tolist()
+    chart.axis("x", "Speed in equilibrium [km/h]", range=(3.6 * speeds[[0, -1]]).tolist())
+    chart.axis("y", "Peak of |H| [dB]", range=[-0.1, 1.1 * min(12.0, max(tops))])
+    return chart.figure()

@@ -3,7 +3,7 @@
 import colorsys
 import html
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
@@ -50,6 +50,7 @@ TRACK_SCALE = [[0.0, SLOWER], [0.5, "#9aa2ac"], [1.0, FASTER]]
 """The same on lines, which must be seen at any speed."""
 END = {"symbol": "x", "size": 9, "color": style.MODEL}
 """Where a vehicle's motion ends with a collision."""
+ENDS = "ends with a collision"
 MEASURED_OPACITY = 0.65
 LIGHTEST, DARKEST = 0.70, 0.42
 """Lightness of the shades of one colour, between what white and what dark pages swallow."""
@@ -75,11 +76,6 @@ class Cast:
     colours: tuple[str, ...]
     numbers: tuple[str, ...]
     """What stands beside a line in place of the label: the number in a recording, or the place."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The labels ready for plotly, which reads a little HTML."""
-        return tuple(map(html.escape, self.labels))
 
 
 def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
@@ -145,31 +141,37 @@ def profiles(
     Followers that were measured behind the same leader are drawn dotted, those of a linear
     prediction dashed. The height is in pixels.
     """
+    chart = style.Chart(
+        "platoon-profiles", height, style.stack(0.58, 0.42, spacing=0.06), (SPEED, GAP)
+    )
     driven = run.valid
     rows = _within(driven.time, span)
-    traces = [*_measured(measured)] if measured else []
-    traces += _predicted(linear, rows, cast) if linear else []
-    for k in [*range(1, len(cast.names)), 0]:  # the leader last, on top
-        traces.append(line_of(driven.time[rows], driven.speeds[rows, k], cast, k))
+    if measured:
+        time, paints = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
+        for k, label in enumerate(measured.labels[1:]):
+            look: style.Part = {
+                "width": 1.3,
+                "dash": "dot",
+                "opacity": MEASURED_OPACITY,
+                "legendrank": 100 + k,
+            }
+            name, gaps = f"{label}, measured", measured.measured_gaps[:, k]
+            _draw(chart, time, measured.measured_speeds[:, k + 1], name, paints[k + 1], **look)
+            _draw(chart, time, gaps, name, paints[k + 1], 2, **look)
+    if linear:
+        time, look = linear.time[rows], {"width": 1.2, "dash": "dash", "opacity": MEASURED_OPACITY}
+        for k in range(1, len(cast.labels)):
+            name, gaps = f"{cast.labels[k]}, linear", linear.gaps[rows, k - 1]
+            _draw(chart, time, linear.speeds[rows, k], name, cast.colours[k], **look)
+            _draw(chart, time, gaps, name, cast.colours[k], 2, **look)
+    for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
+        _draw_vehicle(chart, driven.time[rows], driven.speeds[rows, k], cast, k)
         if k:
-            traces.append(line_of(driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2))
-    shapes, words = list[style.Part](), list[style.Part]()
+            _draw_vehicle(chart, driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2)
     if np.nanmin(driven.gaps[rows]) < CLOSE:
-        shapes.append(style.across("y2", 0, line={"color": SLOWER, "width": 1.5, "dash": "dash"}))
-    if ends := _collisions(run, span):
-        traces += ends
-        first, shown_end = run.contacts[0].time, min(span[1] if span else np.inf, driven.time[-1])
-        words.append({  # within the axes, where no legend above them can be in the way
-            "text": "collision", "x": first, "y": 1, "xref": "x", "yref": "y domain",
-            "xanchor": "left" if first < 0.8 * shown_end else "right", "yanchor": "top",
-            "showarrow": False,
-        })  # fmt: skip
-        dotted = {"color": style.MODEL, "width": 1, "dash": "dot"}
-        shapes += [style.across(axis, first, line=dotted) for axis in ("x", "x2")]
-    return style.composed(
-        traces, height, "platoon-profiles", grid=style.stack(0.58, 0.42, spacing=0.06),
-        channels=(SPEED, GAP), shapes=shapes, annotations=words,
-    )  # fmt: skip
+        chart.level("y2", 0, {"color": SLOWER, "width": 1.5, "dash": "dash"})
+    _draw_collisions(chart, run, span)
+    return chart.figure()
 
 
 def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
@@ -179,71 +181,42 @@ def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
     return inside if len(inside) > 1 else np.arange(len(time))
 
 
-def line_of(
-    time: FloatArray, values: FloatArray, cast: Cast, k: int, panel: int = 1, points: int = POINTS
-) -> style.Part:
-    """A vehicle's line in a panel, and in the legend if that is the first."""
-    return _line(
-        time, values, panel, points, name=cast.names[k], legendrank=k,
-        line={"color": cast.colours[k], "width": 1.5 if k else 2.5},
-    )  # fmt: skip
+def _draw_vehicle(
+    chart: style.Chart, time: FloatArray, values: FloatArray, cast: Cast, k: int, panel: int = 1,
+    points: int = POINTS,
+) -> None:  # fmt: skip
+    width = 1.5 if k else 2.5
+    _draw(chart, time, values, cast.labels[k], cast.colours[k], panel, points, width=width,
+          legendrank=k)  # fmt: skip
 
 
-def _line(
-    time: FloatArray, values: FloatArray, panel: int, points: int = POINTS, **look: Any
-) -> style.Part:
-    """A line in half the bytes, as there are many."""
-    line = style.curve(time, values, panel, points, mode="lines", hovertemplate="%{y:.2f}",
-                 showlegend=panel == 1, **look)  # fmt: skip
-    return line | {axis: line[axis].astype(np.float32) for axis in "xy"}
+def _draw(
+    chart: style.Chart, time: FloatArray, values: FloatArray, name: str, colour: str,
+    panel: int = 1, points: int = POINTS, **look: Any,
+) -> None:  # fmt: skip
+    """Draw a line in half the bytes, as there are many."""
+    x, y = (axis.astype(np.float32) for axis in style.thinned(time, values, points))
+    chart.line(x, y, name, colour, panel=panel, hover="%{y:.2f}", **look)
 
 
-def _measured(segment: Segment) -> Iterator[style.Part]:
-    """Speeds and gaps of the recorded followers."""
-    time, colours_of = segment.start + segment.time, style.vehicle_colours(segment.vehicles)
-    for k, label in enumerate(segment.labels[1:]):
-        channels = segment.measured_speeds[:, k + 1], segment.measured_gaps[:, k]
-        for panel, values in enumerate(channels, 1):
-            yield _line(
-                time, values, panel, name=f"{html.escape(label)}, measured", legendrank=100 + k,
-                line={"color": colours_of[k + 1], "width": 1.3, "dash": "dot"},
-                opacity=MEASURED_OPACITY,
-            )  # fmt: skip
-
-
-def _predicted(linear: Trajectories, rows: NDArray[np.intp], cast: Cast) -> Iterator[style.Part]:
-    """Speeds and gaps of the followers by a linear model."""
-    for k in range(1, len(cast.names)):
-        for panel, values in ((1, linear.speeds[rows, k]), (2, linear.gaps[rows, k - 1])):
-            yield _line(
-                linear.time[rows], values, panel, name=f"{cast.names[k]}, linear",
-                line={"color": cast.colours[k], "width": 1.2, "dash": "dash"},
-                opacity=MEASURED_OPACITY,
-            )  # fmt: skip
-
-
-def _collisions(run: PlatoonRun, span: Span | None) -> list[style.Part]:
-    """A cross where a vehicle's motion ends; nothing where none ends in sight."""
+def _draw_collisions(chart: style.Chart, run: PlatoonRun, span: Span | None) -> None:
+    """Draw a cross where a vehicle's motion ends; nothing where none ends in sight."""
     driven = run.valid
     start, end = span or (-np.inf, np.inf)
     ended = np.flatnonzero(run.meaningful < len(driven.time))
     at = run.meaningful[ended] - 1
     shown = (driven.time[at] >= start) & (driven.time[at] <= end)
     ended, at = ended[shown], at[shown]
-    return [
-        _ends(driven.time[at], values)
-        | style.axes_of(panel)
-        | {"showlegend": panel == 1, "legendrank": 90}
-        for panel, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1]))
-        if len(ended)
-    ]
-
-
-def _ends(time: FloatArray, values: FloatArray | list[float]) -> style.Part:
-    """Crosses where vehicles collide."""
-    words = "ends with a collision"
-    return {"x": time, "y": values, "mode": "markers", "marker": END, "name": words,
-            "hovertemplate": words}  # fmt: skip
+    if not len(ended):
+        return
+    for panel, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1])):
+        chart.dots(driven.time[at], values, ENDS, panel, ENDS, marker=END, legendrank=90)
+    first = run.contacts[0].time
+    for axis in ("x", "x2"):
+        chart.level(axis, first, {"color": style.MODEL, "width": 1, "dash": "dot"})
+    # Within the axes, where no legend above them can be in the way.
+    side = "left" if first < 0.8 * min(end, driven.time[-1]) else "right"
+    chart.words("collision", first, 1, xref="x", xanchor=side)
 
 
 def time_space(
@@ -256,7 +229,7 @@ def time_space(
     """
     driven = run.valid
     inside = _within(driven.time, span)
-    count = min(len(inside), DOTS // len(cast.names))
+    count = min(len(inside), DOTS // len(cast.labels))
     rows = inside[np.linspace(0, len(inside) - 1, count).round().astype(int)]
     time, speeds = driven.time[rows], driven.speeds[rows]
     from scipy.integrate import cumulative_trapezoid  # takes a while, which few need
@@ -273,35 +246,35 @@ def time_space(
     last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
     final = [places[at, k] for k, at in enumerate(last)]
     collided = [k for k, at in enumerate(last) if at < len(rows) - 1]
-    scale = [middle - limit, middle + limit]
-    traces = [
-        {  # one line with gaps answers to the pointer, as each trace costs the browser milliseconds
-            "x": np.tile(np.append(time, np.nan), len(cast.names)).astype(np.float32),
-            "y": _with_gaps(places).astype(np.float32), "mode": "lines", "name": TRACKS,
-            "customdata": _with_gaps(speeds).round(3).astype(np.float32), "showlegend": False,
-            "line": {"color": style.CLEAR, "width": 8},
-            "text": np.repeat(cast.numbers, len(time) + 1),
-            "hovertemplate": "%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
+    chart = style.Chart(
+        f"platoon-time-space-{view}", height, hovermode="closest",
+        coloraxis={
+            "colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit,
+            "colorbar": {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12,
+                         "x": 1.06},
         },
-        *_coloured_tracks(time, places, (speeds - middle) / limit),
-        {"x": time[last], "y": final, "mode": "text", "textposition": "middle right",
-         "text": [f" {number}" for number in cast.numbers], "cliponaxis": False,
-         "hoverinfo": "skip", "showlegend": False},
-        _ends(time[[last[k] for k in collided]], [final[k] for k in collided]),
-        {  # draws nothing: it brings the bar that says which colour is which speed
-            "x": [None, None], "y": [None, None], "mode": "markers", "hoverinfo": "skip",
-            "showlegend": False, "marker": {"color": scale, "coloraxis": "coloraxis"},
-        },
-    ]  # fmt: skip
-    bar = {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12, "x": 1.06}
+    )  # fmt: skip
+    # One line with gaps answers to the pointer, as each trace costs the browser milliseconds.
+    chart.add(
+        np.tile(np.append(time, np.nan), len(cast.labels)).astype(np.float32),
+        _with_gaps(places).astype(np.float32), TRACKS, mode="lines", showlegend=False,
+        customdata=_with_gaps(speeds).round(3).astype(np.float32),
+        line={"color": style.CLEAR, "width": 8}, text=np.repeat(cast.numbers, len(time) + 1),
+        hovertemplate="%{customdata:.2f} m/s at %{x:.1f} s<extra>vehicle %{text}</extra>",
+    )  # fmt: skip
+    _draw_tracks(chart, time, places, (speeds - middle) / limit)
+    chart.add(time[last], final, mode="text", textposition="middle right", cliponaxis=False,
+              text=[f" {number}" for number in cast.numbers], hoverinfo="skip")  # fmt: skip
+    at = time[[last[k] for k in collided]]
+    chart.dots(at, [final[k] for k in collided], ENDS, hover=ENDS, marker=END)
+    # Draws nothing: it brings the bar that says which colour is which speed.
+    scale = {"color": [middle - limit, middle + limit], "coloraxis": "coloraxis"}
+    chart.dots([None, None], [None, None], marker=scale)
     seen = {"road": "on the road", "leader": "seen from leader",
             "observer": f"seen at {mean:.1f} m/s"}  # fmt: skip
-    return style.composed(
-        traces, height, f"platoon-time-space-{view}",
-        {"x": style.titled(TIME.axis), "y": style.titled(f"Position {seen[view]} [m]")},
-        hovermode="closest",
-        coloraxis={"colorscale": TRACK_SCALE, "cmin": scale[0], "cmax": scale[1], "colorbar": bar},
-    )  # fmt: skip
+    chart.axis("x", TIME.axis)
+    chart.axis("y", f"Position {seen[view]} [m]")
+    return chart.figure()
 
 
 def _with_gaps(values: FloatArray) -> FloatArray:
@@ -309,12 +282,13 @@ def _with_gaps(values: FloatArray) -> FloatArray:
     return np.append(values, np.full((1, values.shape[1]), np.nan), axis=0).T.ravel()
 
 
-def _coloured_tracks(
-    time: FloatArray, places: FloatArray, levels: FloatArray
-) -> Iterator[style.Part]:
-    """Lines of one colour each, which browsers draw far faster than a dot for each instant.
+def _draw_tracks(
+    chart: style.Chart, time: FloatArray, places: FloatArray, levels: FloatArray
+) -> None:
+    """Draw lines of one colour each, which browsers draw far faster than a dot for each instant.
 
     Args:
+        chart: to draw in.
         time: (K,) in s.
         places: (K, V) in m; nan where a vehicle drives no more.
         levels: (K, V) speeds between -1 and 1.
@@ -329,10 +303,8 @@ def _coloured_tracks(
                 rows = slice(stretch.first, stretch.last + 2)
                 x += [*time[rows].round(2).tolist(), np.nan]
                 y += [*places[rows, k].round(2).tolist(), np.nan]
-        yield {
-            "x": np.array(x, np.float32), "y": np.array(y, np.float32), "mode": "lines",
-            "hoverinfo": "skip", "showlegend": False, "line": {"color": colour, "width": 3},
-        }  # fmt: skip
+        chart.add(np.array(x, np.float32), np.array(y, np.float32), mode="lines",
+                  hoverinfo="skip", line={"color": colour, "width": 3})  # fmt: skip
 
 
 def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
@@ -342,43 +314,40 @@ def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
     """
     wave, driving = run.amplitudes, run.survivors
     measured = wave.measured if wave else run.largest_deviation
-    places = np.arange(len(cast.names))
+    places, collided = np.arange(len(cast.labels)), driving < len(cast.labels)
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
-    traces = list[style.Part]()
+    chart = style.Chart(
+        "platoon-amplitude", 380, hovermode="closest", showlegend=bool(wave) or collided,
+        legend=style.LEGEND | {"y": 1.0}, margin={"l": 62, "r": 14, "t": 40, "b": 42},
+    )  # fmt: skip
     if wave:
-        traces.append({
-            "x": places, "y": scaled(wave.predicted), "name": "Predicted by |H(jω)|",
-            "mode": "lines", "line": {"color": style.LEADER, "width": 2.5},
-            "hovertemplate": f"predicted %{{y:.3f}} {unit}<extra></extra>",
-        })  # fmt: skip
+        hover = f"predicted %{{y:.3f}} {unit}<extra></extra>"
+        chart.line(places, scaled(wave.predicted), "Predicted by |H(jω)|", width=2.5, hover=hover)
+    names = np.array([html.escape(label) for label in cast.labels])
     for name, values, part, symbol in (
         ("Simulated", measured, slice(None, driving), "circle"),
         ("Largest deviation before the collision", run.largest_deviation, slice(driving, None),
          "circle-open"),
     ):  # fmt: skip
         if len(places[part]):
-            traces.append({
-                "x": places[part], "y": scaled(values)[part], "name": name,
-                "text": cast.names[part], "line": {"color": style.LEADER, "width": 1.5},
-                "mode": "markers" if wave or part.start else "lines+markers",
-                "marker": {"size": 10, "color": cast.colours[part], "symbol": symbol,
-                           "line": {"width": 2}},
-                "hovertemplate": f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
-            })  # fmt: skip
+            chart.line(
+                places[part], scaled(values)[part], name, width=1.5, text=names[part],
+                hover=f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
+                mode="markers" if wave or part.start else "lines+markers",
+                marker={"size": 10, "color": cast.colours[part], "symbol": symbol,
+                        "line": {"width": 2}},
+            )  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
-    vertical = style.titled(f"{what} [{'dB re leader' if in_db else unit}]")
-    return style.composed(
-        traces, 380, "platoon-amplitude", top=40, hovermode="closest", showlegend=len(traces) > 1,
-        axes={"x": _vehicle_axis(cast),
-              "y": vertical | {"rangemode": "normal" if in_db else "tozero"}},
-        legend=style.LEGEND | {"y": 1.0},
-    )  # fmt: skip
+    rangemode = "normal" if in_db else "tozero"
+    chart.axis("y", f"{what} [{'dB re leader' if in_db else unit}]", rangemode=rangemode)
+    _mark_vehicles(chart, "x", cast)
+    return chart.figure()
 
 
-def _vehicle_axis(cast: Cast) -> style.Part:
-    """An axis with a tick for each vehicle."""
+def _mark_vehicles(chart: style.Chart, axis: str, cast: Cast) -> None:
+    """Give an axis a tick for each vehicle."""
     title = PLACE if cast.numbers[0] == "0" else "Vehicle (L = leader)"
-    return style.titled(title) | {"tickvals": np.arange(len(cast.names)), "ticktext": cast.numbers}
+    chart.axis(axis, title, tickvals=np.arange(len(cast.labels)), ticktext=cast.numbers)
 
 
 def _decibels(values: FloatArray) -> FloatArray:
@@ -389,19 +358,20 @@ def _decibels(values: FloatArray) -> FloatArray:
 
 def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
     """Speeds relative to the first one, over time and along the platoon."""
-    driven = run.valid
-    rows = stretch(run)
+    chart = style.Chart("platoon-map", 380, hovermode="closest")
+    driven, rows = run.valid, stretch(run)
     deviation = (driven.speeds[rows] - run.leader.speed).T
     limit = float(np.nanmax(np.abs(deviation))) or 1.0
-    heat = {
-        "type": "heatmap", "x": driven.time[rows].astype(np.float32),
-        "y": np.arange(len(cast.names)), "z": deviation.astype(np.float32), "zmin": -limit,
-        "zmax": limit, "colorscale": SPEED_SCALE, "ygap": 1,
-        "colorbar": {"title": {"text": "Δ speed [m/s]", "side": "right"}, "thickness": 12},
-        "hovertemplate": "vehicle %{y} at %{x:.0f} s: %{z:+.2f} m/s<extra></extra>",
-    }  # fmt: skip
-    axes = {"x": style.titled(TIME.axis), "y": _vehicle_axis(cast) | {"autorange": "reversed"}}
-    return style.composed([heat], 380, "platoon-map", axes, hovermode="closest")
+    chart.add(
+        driven.time[rows].astype(np.float32), np.arange(len(cast.labels)), type="heatmap",
+        z=deviation.astype(np.float32), zmin=-limit, zmax=limit, colorscale=SPEED_SCALE, ygap=1,
+        colorbar={"title": {"text": "Δ speed [m/s]", "side": "right"}, "thickness": 12},
+        hovertemplate="vehicle %{y} at %{x:.0f} s: %{z:+.2f} m/s<extra></extra>",
+    )  # fmt: skip
+    chart.axis("x", TIME.axis)
+    chart.axis("y", autorange="reversed")
+    _mark_vehicles(chart, "y", cast)
+    return chart.figure()
 
 
 def stretch(run: PlatoonRun) -> NDArray[np.intp]:
@@ -437,14 +407,13 @@ def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
     panels = []
     for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True):
         cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
-        lines = [
-            line_of(driven.time, driven.speeds[:, vehicle], cast, vehicle, points=PANEL_POINTS)
-            for vehicle in [*range(1, PANEL_FOLLOWERS + 1), 0]
-        ]
-        axes = {"y": {"range": [run.leader.speed - reach[k], run.leader.speed + reach[k]]}}
-        figure = style.composed(lines, 300, f"platoon-panel-{letter}", axes, channels=(SPEED,))
+        chart = style.Chart(f"platoon-panel-{letter}", 300, channels=(SPEED,))
+        chart.axis("y", range=[run.leader.speed - reach[k], run.leader.speed + reach[k]])
+        for j in [*range(1, PANEL_FOLLOWERS + 1), 0]:
+            speeds = driven.speeds[:, j]
+            _draw_vehicle(chart, driven.time, speeds, cast, j, points=PANEL_POINTS)
         title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
-        panels.append((title, figure))
+        panels.append((title, chart.figure()))
     return tuple(panels)
 
 

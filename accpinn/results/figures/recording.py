@@ -3,7 +3,6 @@
 Vehicle names come from files, so they are escaped: plotly reads a little HTML.
 """
 
-import html
 from collections.abc import Sequence
 from typing import Literal
 
@@ -86,39 +85,39 @@ def overview(
     shares = (0.56, 0.44) if view == "motion" else (1.0,)
     pixels = [PANELS * share for share in shares]
     pixels += [max(24, ROW * len({bars["y"][0] for bars in traces})) for traces in strips]
-    strong = {highlight} if highlight else {*vehicles[1:]}
-    ahead = {number - 1 for number in strong}
-    points = max(400, min(style.POINTS, TOTAL_POINTS // max(1, len(drawn))))
-    traces = list[style.Part]()
-    for panel, number, values in drawn:
-        label = html.escape(recording.label(number))
-        shown = number in strong or (number in ahead and view == "motion" and panel == 1)
-        traces.append(style.curve(
-            recording.time, values, panel, points, name=label, mode="lines", connectgaps=False,
-            line={"color": style.vehicle_colour(number, vehicles[0]), "width": 1.8 if shown else 1},
-            opacity=1 if shown else FAINT, legendgroup=label, showlegend=panel == 1,
-        ))  # fmt: skip
-    axes: dict[str, style.Part] = {}
-    for panel, strip in enumerate(strips, len(shares) + 1):
-        traces += [bars | style.axes_of(panel) | {"showlegend": False} for bars in strip]
-        axes[f"y{panel}"] = _categories(strip)
-    if view == "time gap":
-        axes["y"] = {"range": [0, HIGHEST_TIME_GAP]}
-    every: dict[str, style.Part] = {"x": {"range": [0, recording.duration]},
-             "y": {"fixedrange": True, "title_standoff": 6}}  # fmt: skip
-    shapes = [
+    # The margins are these, so that the handles below can stand under the axis.
+    chart = style.Chart(
+        f"overview-{recording.sha256}", round(sum(pixels)) + 50,
+        style.stack(*pixels, spacing=0.03), CHANNELS[view], dragmode="select", selectdirection="h",
+        margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44},
+    )  # fmt: skip
+    chart.axis("x*", range=[0, recording.duration])
+    chart.axis("y*", fixedrange=True, title_standoff=6)
+    chart.shape(
         {"type": "rect", "xref": "x", "yref": "paper", "x0": window.start, "x1": window.end,
          "y0": 0, "y1": 1, "fillcolor": WINDOW, "line": {"color": style.FOLLOWERS[0], "width": 1.5},
          "layer": "below"}
-    ]  # fmt: skip
-    levels = {"relative": {0.0}, "time gap": {longest_in(recording, k) for k in strong}}
-    shapes += [style.across("y", level, line=DOTTED) for level in levels.get(view, ())]
-    # The margins are these, so that the handles below can stand under the axis.
-    return style.composed(
-        traces, round(sum(pixels)) + 50, f"overview-{recording.sha256}", axes,
-        every, style.stack(*pixels, spacing=0.03), CHANNELS[view], shapes=shapes, dragmode="select",
-        selectdirection="h", margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44},
     )  # fmt: skip
+    strong = {highlight} if highlight else {*vehicles[1:]}
+    if view == "time gap":
+        chart.axis("y", range=[0, HIGHEST_TIME_GAP])
+    levels = {"relative": {0.0}, "time gap": {longest_in(recording, k) for k in strong}}
+    for level in levels.get(view, ()):
+        chart.level("y", level, DOTTED)
+    ahead = {number - 1 for number in strong}
+    points = max(400, min(style.POINTS, TOTAL_POINTS // max(1, len(drawn))))
+    for panel, number, values in drawn:
+        shown = number in strong or (number in ahead and view == "motion" and panel == 1)
+        chart.line(
+            recording.time, values, recording.label(number),
+            style.vehicle_colour(number, vehicles[0]), 1.8 if shown else 1, panel=panel,
+            points=points, opacity=1 if shown else FAINT, connectgaps=False,
+        )  # fmt: skip
+    for panel, strip in enumerate(strips, len(shares) + 1):
+        for bars in strip:
+            chart.add(**bars, panel=panel, showlegend=False)
+        chart.axis(f"y{panel}", **_categories(strip))
+    return chart.figure()
 
 
 def _curves(
@@ -152,30 +151,25 @@ def _categories(strip: Sequence[style.Part]) -> style.Part:
 
 def motion(info: SegmentInfo, source: Trajectories) -> go.Figure:
     """Gaps and speeds of a segment's vehicles, to look at rather than to work with."""
-    traces, time = list[style.Part](), info.window.start + source.time
+    chart = style.Chart("motion", 460, style.stack(0.5, 0.5), (GAP, SPEED))
     pairs = zip(info.labels, style.vehicle_colours(info.vehicles), strict=True)
     for k, (label, colour) in enumerate(pairs):
-        name = html.escape(label) + (" (leader)" if k == 0 else "")
         drawn = [(2, source.speeds[:, k], SPEED)]
         drawn += [(1, source.gaps[:, k - 1], GAP)] if k else []
-        traces += [
-            style.curve(
-                time, values, panel, name=name, legendgroup=name, showlegend=panel == 2,
-                line={"color": colour, "width": 1.8}, mode="lines", connectgaps=False,
-                hovertemplate=f"%{{y:.2f}} {channel.unit}",
-            )
-            for panel, values, channel in drawn
-        ]  # fmt: skip
-    return style.composed(traces, 460, "motion", grid=style.stack(0.5, 0.5), channels=(GAP, SPEED))
+        for panel, values, channel in drawn:
+            chart.line(
+                info.window.start + source.time, values, label + ("" if k else " (leader)"), colour,
+                1.8, panel=panel, hover=f"%{{y:.2f}} {channel.unit}", connectgaps=False,
+            )  # fmt: skip
+    return chart.figure()
 
 
 def speeds_thumbnail(segment: Segment) -> go.Figure:
     """The speeds of a segment's vehicles over time, small and without axes."""
-    colours = style.vehicle_colours(segment.vehicles)
-    return style.thumbnail(
-        style.curve(segment.time, speeds, points=150, line={"color": colour, "width": 1.4})
-        for colour, speeds in zip(colours, segment.measured_speeds.T, strict=True)
-    )
+    chart, colours = style.thumbnail(), style.vehicle_colours(segment.vehicles)
+    for colour, speeds in zip(colours, segment.measured_speeds.T, strict=True):
+        chart.line(segment.time, speeds, "", colour, 1.4, points=150, hoverinfo="skip")
+    return chart.figure()
 
 
 def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[style.Part]:

@@ -1,13 +1,13 @@
 """The common looks: colours, panels, axes, lines, bands, and no more points than a screen shows.
 
-A figure is composed at once from its traces and its layout, both plain dictionaries: plotly checks
-them together in a third of the time that it takes piece by piece. Colours and grid are chosen to be
+A `Chart` collects traces and layout as plain dictionaries and hands them to plotly at once, which
+checks them in a third of the time that it takes piece by piece. Colours and grid are chosen to be
 read on light and on dark pages alike; texts take the page's colour.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache, reduce
-from operator import or_
+import html
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ MODEL = "#c22f4f"
 """The closed-loop simulation, beside the vehicle's own colour for its data."""
 GRID = "rgba(128, 140, 155, 0.25)"
 CLEAR = "rgba(0,0,0,0)"
-TRUTH = {"color": LEADER, "width": 1.5, "dash": "dash"}
+TRUTH: Part = {"color": LEADER, "width": 1.5, "dash": "dash"}
 """The line at a true value."""
 LEGEND = {"orientation": "h", "x": 0, "y": 1.01, "yanchor": "bottom"}
 """Above a figure."""
@@ -70,56 +70,139 @@ def translucent(colour: str, opacity: float) -> str:
     return f"rgba({red}, {green}, {blue}, {opacity})"
 
 
-def composed(
-    traces: Iterable[Part],
-    height: int,
-    revision: str,
-    axes: Mapping[str, Part] | None = None,
-    every: Mapping[str, Part] | None = None,
-    grid: Mapping[str, Part] | None = None,
-    channels: Sequence[Quantity] = (),
-    top: int = 10,
-    **layout: Any,
-) -> go.Figure:
-    """A figure with the common looks.
+class Chart:
+    """A figure in the making: traces from the lowest layer up, axes, lines across and words.
 
-    Args:
-        traces: from the lowest layer up; those of a figure with several panels name theirs.
-        height: of the figure, in pixels.
-        revision: keeps the user's zoom while the data change.
-        axes: what differs from the common looks, by their names in traces, as "y2".
-        every: what all horizontal ("x") or vertical ("y") axes share beyond them.
-        grid: a `stack` of panels or a `row` of them; by default there is one panel.
-        channels: of a stack's panels, from the top down: titles of their axes, above that of time.
-        top: margin in pixels.
-        layout: further properties.
+    Panels are counted from 1 and axes are named as in traces: "x", "y2". Names of traces are
+    escaped, as plotly reads a little HTML; one that several traces have is once in the legend.
     """
-    grid = grid or {"x": {}, "y": {}}
-    titles = {f"y{_place(panel)}": titled(q.axis) for panel, q in enumerate(channels, 1)}
-    if channels:
-        titles[[name for name in grid if name[0] == "x"][-1]] = titled(TIME.axis)
-    for name in {**grid, **(axes or {})}:
-        parts = (grid, titles, axes or {})
-        look = AXIS | (every or {}).get(name[0], {})
-        layout[f"{name[0]}axis{name[1:]}"] = reduce(or_, (p.get(name, {}) for p in parts), look)
-    page = {
-        "height": height, "showlegend": False, "hovermode": "x unified", "uirevision": revision,
-        "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR,
-        "margin": {"l": 62, "r": 14, "t": top, "b": 42},
-    }  # fmt: skip
-    return go.Figure([*traces], page | layout)
+
+    def __init__(
+        self, key: str, height: int, grid: Mapping[str, Part] | None = None,
+        channels: Sequence[Quantity] = (), **layout: Any,
+    ) -> None:  # fmt: skip
+        """Begin with empty panels.
+
+        Args:
+            key: the user's zoom is kept while figures have the same.
+            height: in pixels.
+            grid: a `stack`, `row` or `matrix` of panels; by default there is one.
+            channels: of a stack's panels, from the top down: titles of their axes, above time.
+            layout: further properties, in plotly's terms.
+        """
+        self._traces, self._shapes, self._words = list[Part](), list[Part](), list[Part]()
+        self._named = set[str]()
+        self._axes = {name: AXIS | look for name, look in (grid or {"x": {}, "y": {}}).items()}
+        for panel, quantity in enumerate(channels, 1):
+            self.axis(f"y{panel}", quantity.axis)
+        if channels:
+            self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
+        self._layout = {
+            "height": height, "showlegend": False, "hovermode": "x unified", "uirevision": key,
+            "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR,
+            "margin": {"l": 62, "r": 14, "t": 10, "b": 42}, **layout,
+        }  # fmt: skip
+
+    def axis(self, name: str, title: str = "", **look: Any) -> None:
+        """Set the title and look of an axis; "x" or "y" with a star sets those of all panels."""
+        names = [n for n in self._axes if n[0] == name[0]] if name[1:] == "*" else [_axis(name)]
+        for one in names:
+            part = self._axes.setdefault(one, dict(AXIS))
+            part.update(look, **({"title": {"text": title}} if title else {}))
+
+    def add(self, x: Any, y: Any, name: str = "", panel: int = 0, **look: Any) -> None:
+        """Add a trace, a scatter one by default, in plotly's terms."""
+        if name:
+            first = look.get("showlegend", name not in self._named)
+            look |= {"name": html.escape(name), "showlegend": first}
+            self._named |= {name} if first else set()
+        if panel:
+            look |= {"xaxis": _axis(f"x{panel}"), "yaxis": _axis(f"y{panel}")}
+            look |= {"legendgroup": html.escape(name)} if name else {}
+        self._traces.append({"x": x, "y": y, **look})
+
+    def line(
+        self, x: Any, y: Any, name: str = "", colour: str = LEADER, width: float = 2,
+        dash: str = "solid", panel: int = 0, hover: str = "", points: int = POINTS, **look: Any,
+    ) -> None:  # fmt: skip
+        """Add a line through (N,) samples, with no more of them than are seen."""
+        x, y = thinned(x, y, points)
+        look |= {"hovertemplate": hover} if hover else {}
+        pen = {"color": colour, "width": width, "dash": dash}
+        self.add(x, y, name, panel, **{"mode": "lines", "line": pen, **look})
+
+    def dots(
+        self, x: Any, y: Any, name: str = "", panel: int = 0, hover: str = "", *,
+        marker: Part, ends: tuple[FloatArray, FloatArray] | None = None, along: str = "y",
+        bar: Mapping[str, Any] | None = None, **look: Any,
+    ) -> None:  # fmt: skip
+        """Add points; ``ends`` are those of their intervals along an axis, drawn as bars."""
+        if ends is not None:
+            (low, high), middle = ends, x if along == "x" else y
+            look[f"error_{along}"] = {
+                "type": "data", "symmetric": False, "array": high - middle,
+                "arrayminus": middle - low, "width": 0, **(bar or {}),
+            }  # fmt: skip
+        look |= {"hovertemplate": hover} if hover else {"hoverinfo": "skip"}
+        self.add(x, y, name, panel, **{"mode": "markers", "marker": marker, **look})
+
+    def band(
+        self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float,
+        name: str = "", panel: int = 0, **look: Any,
+    ) -> None:  # fmt: skip
+        """Add the area between two lines over (K,) ``x``; no legend has it unless told so."""
+        area = {"mode": "none", "fill": "toself", "fillcolor": translucent(colour, opacity),
+                "hoverinfo": "skip", "showlegend": False}  # fmt: skip
+        ends = np.concatenate([low, high[::-1]])
+        self.add(np.concatenate([x, x[::-1]]), ends, name, panel, **area | look)
+
+    def level(self, axis: str, at: float, line: Part, layer: str = "above") -> None:
+        """Draw a line at a value of an axis, through its whole panel."""
+        self._across(axis, at, at, {"type": "line", "line": line, "layer": layer})
+
+    def area(self, axis: str, low: float, high: float, colour: str) -> None:
+        """Shade what lies between two values of an axis, beneath all else."""
+        look = {"type": "rect", "fillcolor": colour, "line": {"width": 0}, "layer": "below"}
+        self._across(axis, low, high, look)
+
+    def _across(self, axis: str, low: float, high: float, look: Part) -> None:
+        axis = _axis(axis)
+        along, other = axis[0], "y" if axis[0] == "x" else "x"
+        self.shape(
+            {f"{along}ref": axis, f"{along}0": low, f"{along}1": high, f"{other}0": 0,
+             f"{other}1": 1, f"{other}ref": f"{other}{axis[1:]} domain", **look}
+        )  # fmt: skip
+
+    def shape(self, shape: Part) -> None:
+        """Draw a shape in plotly's terms."""
+        self._shapes.append(shape)
+
+    def words(self, text: str, x: float, y: float, **look: Any) -> None:
+        """Write a few words within the axes, at shares of their lengths."""
+        self._words.append({
+            "text": text, "xref": "x domain", "x": x, "xanchor": "left" if x < 0.5 else "right",
+            "yref": "y domain", "y": y, "yanchor": "bottom" if y < 0.5 else "top",
+            "showarrow": False, **look,
+        })  # fmt: skip
+
+    def figure(self) -> go.Figure:
+        """The figure with all that was drawn."""
+        axes = {f"{name[0]}axis{name[1:]}": axis for name, axis in self._axes.items()}
+        drawn = {"shapes": self._shapes, "annotations": self._words}
+        return go.Figure(self._traces, self._layout | axes | drawn)
 
 
-def thumbnail(
-    curves: Iterable[Part], axes: Mapping[str, Part] | None = None, shapes: Sequence[Part] = ()
-) -> go.Figure:
+def thumbnail() -> Chart:
     """A small picture of lines without axes, to choose something by."""
-    lines = [{"mode": "lines", "hoverinfo": "skip", **line} for line in curves]
-    hidden = {"visible": False}
-    return composed(
-        lines, 110, "thumbnail", axes, {"x": hidden, "y": hidden}, shapes=shapes, hovermode=False,
-        margin={"l": 0, "r": 0, "t": 4, "b": 4},
-    )  # fmt: skip
+    chart = Chart("thumbnail", 110, hovermode=False, margin={"l": 0, "r": 0, "t": 4, "b": 4})
+    chart.axis("x", visible=False)
+    chart.axis("y", visible=False)
+    return chart
+
+
+def _axis(name: str) -> str:
+    """An axis as plotly names it, where that of the first panel has no number."""
+    return name[0] if name[1:] == "1" else name
 
 
 def stack(*heights: float, spacing: float = 0.05) -> Mapping[str, Part]:
@@ -147,57 +230,6 @@ def _grid(**options: Any) -> Mapping[str, Part]:
     """The axes of plotly's `make_subplots`, which takes long."""
     layout = make_subplots(**options).layout.to_plotly_json()
     return {name.replace("axis", ""): part for name, part in layout.items() if "axis" in name}
-
-
-def titled(text: str) -> Part:
-    """An axis with a title."""
-    return {"title": {"text": text}}
-
-
-def _place(panel: int) -> str:
-    return str(panel) if panel > 1 else ""
-
-
-def axes_of(panel: int) -> Part:
-    """The axes of a panel, counted from 1; none for a figure that has only one."""
-    place = _place(panel)
-    return {"xaxis": f"x{place}", "yaxis": f"y{place}"} if panel else {}
-
-
-def curve(x: FloatArray, y: FloatArray, panel: int = 0, points: int = POINTS, **look: Any) -> Part:
-    """A line through (N,) samples, with no more of them than are seen."""
-    x, y = thinned(x, y, points)
-    return {"x": x, "y": y, **axes_of(panel), **look}
-
-
-def across(axis: str, low: float, high: float | None = None, **look: Any) -> Part:
-    """A line at a value of an axis, or the area between two values, through its whole panel."""
-    along, other, place = axis[0], "xy".replace(axis[0], ""), axis[1:]
-    return {
-        "type": "line" if high is None else "rect", f"{along}ref": axis, f"{along}0": low,
-        f"{along}1": low if high is None else high, f"{other}ref": f"{other}{place} domain",
-        f"{other}0": 0, f"{other}1": 1, **look,
-    }  # fmt: skip
-
-
-def band(
-    x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float, name: str = "",
-    panel: int = 0, **look: Any,
-) -> Part:  # fmt: skip
-    """The area between two lines over (K,) ``x``; in no legend unless ``look`` says so."""
-    return {
-        "x": np.concatenate([x, x[::-1]]), "y": np.concatenate([low, high[::-1]]), "mode": "none",
-        "fill": "toself", "fillcolor": translucent(colour, opacity), "hoverinfo": "skip",
-        "name": name, "showlegend": False, **axes_of(panel), **look,
-    }  # fmt: skip
-
-
-def corner(text: str, x: float, y: float) -> Part:
-    """A few words in a corner of the axes, at shares of their lengths."""
-    return {
-        "text": text, "xref": "x domain", "x": x, "xanchor": "left" if x < 0.5 else "right",
-        "yref": "y domain", "y": y, "yanchor": "bottom" if y < 0.5 else "top", "showarrow": False,
-    }  # fmt: skip
 
 
 def limits(values: FloatArray) -> list[float]:

@@ -4,14 +4,13 @@ The figures of a training that runs are the same, with fewer points.
 """
 
 import html
-from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
-from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED
+from accpinn.channels import DISTURBANCE, GAP, PARAMETERS, SPEED, Quantity
 from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
@@ -29,7 +28,7 @@ NORMAL_90 = 1.645
 HISTORY_HEIGHT = 225
 FEW = 30
 """Moments of a training up to which each is marked."""
-GAP_ERROR = replace(GAP, name="Error of the space-gap")
+GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
 BAND_POINTS = 400
@@ -61,7 +60,7 @@ def training_figures(
 
 
 def loss_history(history: History) -> go.Figure:
-    """The loss terms over iterations, on logarithmic axes."""
+    """The loss terms over iterations, on logarithmic axes; the title is the key to the colours."""
     terms = (
         ("Ψ", "total", history.total, style.LEADER, 3.0),
         ("Ψ<sub>D</sub>", "data", history.data, style.SERIES[0], 1.5),
@@ -69,23 +68,20 @@ def loss_history(history: History) -> go.Figure:
         ("Ψ<sub>R</sub>", "start", history.initial, style.SERIES[2], 1.5),
     )
     used = [term for term in terms if term[2].any()]
-    # The title names the lines, each in its colour, so the legend does not.
-    traces = [
-        _line(history, np.where(values > 0, values, np.nan), f"{symbol} {name}",
-              {"color": colour, "width": width}, showlegend=False)
-        for symbol, name, values, colour, width in used
-    ]  # fmt: skip
     names = [(name, colour) for _, name, _, colour, _ in used]
-    axes = {"y": {"type": "log", **style.titled("Loss"), **_decades([term[2] for term in used])}}
-    if history.evidence is not None:
-        line = {"color": style.MODEL, "width": 2, "dash": "dash"}
-        traces.append(_line(history, history.evidence, "log evidence", line, yaxis="y2",
-                            showlegend=False))  # fmt: skip
-        axes["y2"] = {"overlaying": "y", "side": "right", "showgrid": False,
-                          **style.titled("Log evidence")}  # fmt: skip
-        names.append(("log evidence", style.MODEL))
+    names += [("log evidence", style.MODEL)] if history.evidence is not None else []
     spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
-    return _over_iterations(traces, f"Loss: {spans}", "loss", axes)
+    chart = _over_iterations(f"Loss: {spans}", "loss")
+    for symbol, name, values, colour, width in used:
+        positive = np.where(values > 0, values, np.nan)
+        hover = f"%{{y:.4g}}<extra>{symbol} {name}</extra>"
+        _line(chart, history, positive, name, colour, width, hover=hover, showlegend=False)
+    chart.axis("y", "Loss", type="log", **_decades([term[2] for term in used]))
+    if history.evidence is not None:
+        chart.axis("y2", "Log evidence", overlaying="y", side="right", showgrid=False)
+        _line(chart, history, history.evidence, "log evidence", style.MODEL, dash="dash",
+              yaxis="y2", showlegend=False)  # fmt: skip
+    return chart.figure()
 
 
 def parameter_history(
@@ -112,25 +108,19 @@ def parameter_history(
     names, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [style.SHARED]
-    ends, traces = _interval(history, which), list[style.Part]()
+    ends, chart = _interval(history, which), _over_iterations(curve.title, f"parameter-{which}")
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
-            low, high = (end[:, k] for end in ends)
-            traces.append(style.band(_counted(history), low, high, colour, 0.125))
-        traces.append(
-            _line(history, values[:, k], html.escape(name), {"color": colour, "width": 2})
-        )
-    compared = [
-        (float(value), look | {"color": colour})
-        for reference, look in ((truth, style.TRUTH), (solved, SOLVED))
-        if reference and reference.own.shape[-1] == history.parameters.own.shape[-1]
-        for value, colour in zip(reference.everything[:sets, curve.at], colours, strict=False)
-    ]  # fmt: skip
-    seen = [values.ravel(), np.array([value for value, _ in compared])]
-    seen += [end[-1] for end in ends or ()]
-    axis = style.titled(curve.heading) | {"range": style.limits(np.concatenate(seen)) or None}
-    shapes = [style.across("y", value, line=look) for value, look in compared]
-    return _over_iterations(traces, curve.title, f"parameter-{which}", {"y": axis}, shapes=shapes)
+            chart.band(_counted(history), ends[0][:, k], ends[1][:, k], colour, 0.125)
+        _line(chart, history, values[:, k], name, colour)
+    seen = [values.ravel(), *(end[-1] for end in ends or ())]
+    for reference, look in ((truth, style.TRUTH), (solved, SOLVED)):
+        if reference and reference.own.shape[-1] == history.parameters.own.shape[-1]:
+            seen.append(reference.everything[:sets, curve.at])
+            for value, colour in zip(seen[-1].tolist(), colours, strict=False):
+                chart.level("y", value, look | {"color": colour})
+    chart.axis("y", curve.heading, range=style.limits(np.concatenate(seen)) or None)
+    return chart.figure()
 
 
 class _Curve(NamedTuple):
@@ -155,12 +145,14 @@ def _curves(model: str) -> list[_Curve]:
 
 
 def _line(
-    history: History, values: FloatArray, name: str, line: Mapping[str, Any], **look: Any
-) -> style.Part:
-    """(K,) values over the iterations; few of them are marked."""
+    chart: style.Chart, history: History, values: FloatArray, name: str, colour: str,
+    width: float = 2, **look: Any,
+) -> None:  # fmt: skip
+    """Draw (K,) values over the iterations; few of them are marked."""
     mode = "lines+markers" if len(values) <= FEW else "lines"
-    return {"x": _counted(history), "y": values, "name": name, "line": line, "mode": mode,
-            "marker": {"size": 4}, **look}  # fmt: skip
+    chart.line(
+        _counted(history), values, name, colour, width, mode=mode, marker={"size": 4}, **look
+    )
 
 
 def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:
@@ -177,13 +169,13 @@ def _counted(history: History) -> FloatArray:
     return np.maximum(history.iteration, 1.0)
 
 
-def _over_iterations(
-    traces: list[style.Part], title: str, revision: str, axes: dict[str, Any], **layout: Any
-) -> go.Figure:
+def _over_iterations(title: str, key: str) -> style.Chart:
     """A small panel over iterations."""
-    axes["x"] = style.titled("Iteration") | {"type": "log", "dtick": 1}
     head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-    return style.composed(traces, HISTORY_HEIGHT, revision, axes, top=34, title=head, **layout)
+    margin = {"l": 62, "r": 14, "t": 34, "b": 42}
+    chart = style.Chart(key, HISTORY_HEIGHT, title=head, margin=margin)
+    chart.axis("x", "Iteration", type="log", dtick=1)
+    return chart
 
 
 def _decades(series: list[FloatArray]) -> dict[str, Any]:
@@ -227,75 +219,56 @@ def tracking(
     measured = data.measured if data else None
     rows = [GAP, SPEED, *([GAP_ERROR] if data and with_error else [])]
     moved, start = len(rows), segment.window.start
+    rows += [DISTURBANCE] if disturbance is not None else []
+    chart = style.Chart(
+        f"tracking-{segment.vehicles[follower + 1]}", height or 140 + 160 * len(rows),
+        style.stack(*HEIGHTS[len(rows)]), rows,
+    )  # fmt: skip
+    for row in range(3, len(rows) + 1):
+        chart.level(f"y{row}", 0, {"color": style.GRID, "width": 1.5})
+    if predicted:
+        _draw_band(chart, predicted, follower, start)
     colour = style.vehicle_colours(segment.vehicles)[follower + 1]
-    own_line = {"color": colour, "width": 1.5}
-    sources = (
-        ("data", measured, {"color": style.LEADER, "width": 4}, 0.7),
-        (html.escape(own), surrogate, own_line, 1.0),
-        (
-            "closed-loop simulation",
-            closed_loop,
-            {"color": style.MODEL, "width": 1.5, "dash": "dot"},
-            1.0,
-        ),
-    )
-    traces = list(_bands(predicted, follower, start)) if predicted else []
-    for name, source, line, opacity in sources:
+    for name, source, paint, width, dash, opacity in (
+        ("data", measured, style.LEADER, 4, "solid", 0.7),
+        (own, surrogate, colour, 1.5, "solid", 1.0),
+        ("closed-loop simulation", closed_loop, style.MODEL, 1.5, "dot", 1.0),
+    ):
         if source is None:
             continue
         drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
         if measured and source is not measured:
             drawn.append((source.gaps - measured.gaps)[:, follower])
-        traces += [
-            style.curve(
-                start + source.time, values, row, points, name=name, line=line, opacity=opacity,
-                legendgroup=name, showlegend=row == 1,
-                hovertemplate=f"%{{y:.2f}} {channel.unit}<extra>{name}</extra>",
-            )
-            for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1)
-        ]  # fmt: skip
-    shapes = []
+        for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
+            chart.line(
+                start + source.time, values, name, paint, width, dash, row, _hover(channel, name),
+                points, opacity=opacity,
+            )  # fmt: skip
     if data and closed_loop:
         findings = closed_loop_findings(data, closed_loop)
         collision = float(collision_times(findings, data.vehicles)[follower])
         if not np.isnan(collision):
-            shapes.append(style.across("y", 0, line={"color": style.LEADER, "width": 1.5}))
-            traces.append(_cross(collision))
+            chart.level("y", 0, {"color": style.LEADER, "width": 1.5})
+            cross = {"symbol": "x", "size": 11, "color": style.MODEL}
+            hover = f"{collision:.1f} s<extra>collision</extra>"
+            chart.dots([collision], [0.0], "collision", 1, hover, marker=cross)
     if disturbance is not None:
-        rows.append(DISTURBANCE)
         time = start + np.linspace(0, segment.window.duration, len(disturbance))
-        traces.append(style.curve(
-            time, disturbance[:, follower], len(rows), points, name="disturbance", line=own_line,
-            hovertemplate=f"%{{y:.2f}} {DISTURBANCE.unit}<extra>disturbance</extra>",
-            showlegend=False,
-        ))  # fmt: skip
-    shapes += [
-        style.across(f"y{row}", 0, line={"color": style.GRID, "width": 1.5})
-        for row in range(3, len(rows) + 1)
-    ]
-    figure = style.composed(
-        traces, height or 140 + 160 * len(rows), f"tracking-{segment.vehicles[follower + 1]}",
-        grid=style.stack(*HEIGHTS[len(rows)]), channels=rows, shapes=shapes,
-    )  # fmt: skip
-    return style.with_legend(figure)
+        chart.line(
+            time, disturbance[:, follower], "disturbance", colour, 1.5, panel=len(rows),
+            hover=_hover(DISTURBANCE, "disturbance"), points=points, showlegend=False,
+        )  # fmt: skip
+    return style.with_legend(chart.figure())
 
 
-def _bands(predicted: GapBand, follower: int, start: Seconds) -> Iterator[style.Part]:
-    """The band, one area for each stretch of time that has one; the first stands in the legend."""
+def _hover(channel: Quantity, name: str) -> str:
+    return f"%{{y:.2f}} {channel.unit}<extra>{html.escape(name)}</extra>"
+
+
+def _draw_band(chart: style.Chart, predicted: GapBand, follower: int, start: Seconds) -> None:
+    """Draw the band, one area for each stretch of time that has one."""
     lower, upper = predicted.lower[:, follower], predicted.upper[:, follower]
     for at, stretch in enumerate(stretches(np.isfinite(lower))):
         rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
-        name = f"{100 * predicted.level:.0f} % band"
-        yield style.band(
-            start + predicted.time[rows], lower[rows], upper[rows], style.MODEL, 0.2, name, panel=1,
-            showlegend=at == 0, legendgroup=name,
-        )  # fmt: skip
-
-
-def _cross(when: Seconds) -> style.Part:
-    """The closed-loop simulation's first collision, at gap zero."""
-    return {
-        "x": [when], "y": [0.0], "xaxis": "x", "yaxis": "y", "name": "collision", "mode": "markers",
-        "marker": {"symbol": "x", "size": 11, "color": style.MODEL},
-        "hovertemplate": f"{when:.1f} s<extra>collision</extra>",
-    }  # fmt: skip
+        time, name = start + predicted.time[rows], f"{100 * predicted.level:.0f} % band"
+        chart.band(time, lower[rows], upper[rows], style.MODEL, 0.2, name, 1, showlegend=at == 0)

@@ -315,7 +315,7 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(
             segment or info, k, fit.surrogate, snapshot.simulated, name_of(fit),
-            predicted=predicted, disturbance=disturbance,
+            with_error=True, predicted=predicted, disturbance=disturbance,
         )  # fmt: skip
         said = words.about_curves(info, fit, k, predicted)
         caption = " ".join(said) or f"{label}: space-gap and speed."

@@ -53,8 +53,8 @@ MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gr
 MOST_CARDS = 5
 """Followers beyond which the table alone states the answer."""
 BANDS = "Bands of α, β and τ: 90 % intervals by the evidence, which the training maximises."
-CURVES = 340
-"""Height in pixels of the chart below the answer."""
+CURVES = 440
+"""Height in pixels of the chart below the answer, without a panel for the disturbance."""
 
 
 def show_result(
@@ -278,9 +278,11 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
         st.caption("The curves need the recording, which is not part of the snapshot.")
         return
     own = "network" if fit.method == "pinn" else name_of(fit)
+    disturbance = fit.arrays.get("disturbance")
     figure = figures.tracking(
         segment or result.info, follower, fit.surrogate, result.simulated, own,
-        predicted=_band(result), disturbance=fit.arrays.get("disturbance"), height=CURVES,
+        with_error=True, predicted=_band(result), disturbance=disturbance,
+        height=CURVES + (0 if disturbance is None else 120),
     )  # fmt: skip
     show.chart(figure, key)
 

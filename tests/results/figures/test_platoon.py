@@ -43,8 +43,8 @@ def size(figure: go.Figure) -> int:
 class TestCast:
     def test_a_mixed_platoon_has_the_vehicles_colours(self) -> None:
         assert ALL.colours == (LEADER, *FOLLOWERS[:4])
-        assert ALL.names == ("Leader", *ASTAZERO.labels)
-        assert EIGHT.names[1:3] == ("Follower 1: Mercedes A-Class", "Follower 2: Mercedes A-Class")
+        assert ALL.labels == ("Leader", *ASTAZERO.labels)
+        assert EIGHT.labels[1:3] == ("Follower 1: Mercedes A-Class", "Follower 2: Mercedes A-Class")
 
         brightness = [sum(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in EIGHT.colours[1:]]
         assert brightness == sorted({*brightness}, reverse=True), "shades from light to dark"
@@ -56,7 +56,7 @@ class TestCast:
         learned = ParameterSet("run", ("<X>",), row(CALM), vehicles=(3, 4))
         cast = figures.cast_of(learned, [0])
         assert cast.colours == (LEADER, FOLLOWERS[2])
-        assert cast.names == ("Leader", "&lt;X&gt;")
+        assert cast.labels == ("Leader", "<X>")
         recorded = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
         assert figures.cast_of(recorded, [0, 1]).numbers == ("L", "4", "5")
         assert figures.cast_of(recorded, [1, 0]).numbers == ("0", "1", "2")
@@ -69,7 +69,7 @@ class TestProfiles:
         assert (len(speeds), len(figure.data)) == (9, 17)
         assert speeds[-1].name == "Leader", "on top of the others"
         for trace in speeds:
-            k = EIGHT.names.index(trace.name)
+            k = EIGHT.labels.index(trace.name)
             assert len(trace.x) <= 1500
             assert max(trace.y) == pytest.approx(sinusoid.trajectories.speeds[:, k].max(), abs=1e-4)
         assert size(figure) <= 400_000
@@ -79,9 +79,9 @@ class TestProfiles:
         figure = figures.profiles(collision, AUDIS)
         ends = collision.trajectories.time[collision.meaningful - 1]
         for trace in figure.data:
-            if trace.name in AUDIS.names:
+            if trace.name in AUDIS.labels:
                 drawn = np.asarray(trace.x)[np.isfinite(trace.y)]
-                assert drawn.max() == pytest.approx(ends[AUDIS.names.index(trace.name)], abs=1)
+                assert drawn.max() == pytest.approx(ends[AUDIS.labels.index(trace.name)], abs=1)
         crosses, gaps = (trace for trace in figure.data if trace.name == "ends with a collision")
         np.testing.assert_array_equal(crosses.x, ends[5:])
         assert min(gaps.y) == pytest.approx(0, abs=1)
@@ -116,7 +116,7 @@ class TestTimeSpace:
     ) -> None:
         figure = figures.time_space(sinusoid, EIGHT, (400.0, 500.0), view)
         line = named(figure, figures.TRACKS)
-        count, run = len(EIGHT.names), sinusoid.trajectories
+        count, run = len(EIGHT.labels), sinusoid.trajectories
         time, places, speeds, numbers = (
             np.asarray(values).reshape(count, -1)[:, :-1]
             for values in (line.x, line.y, line.customdata, line.text)
@@ -220,7 +220,7 @@ class TestAnimation:
             assert gone == [k for k, end in enumerate(ends) if now > end + 0.05]
         assert gone == [5, 6, 7, 8]
         entries = [(trace.name, trace.marker.color) for trace in legend(figure)]
-        assert entries == list(zip(AUDIS.names, AUDIS.colours, strict=True))
+        assert entries == list(zip(AUDIS.labels, AUDIS.colours, strict=True))
 
 
 def test_the_papers_panels_grow_and_fade_as_the_response_predicts() -> None:

@@ -90,18 +90,19 @@ class TestLegends:
     @pytest.mark.parametrize("title", ["", "Loss"])
     def test_name_what_has_a_name_and_does_not_refuse(self, title: str) -> None:
         points = {"x": [0, 1], "y": [0, 1]}
-        traces = [
-            points | {"name": "shown"},
-            points | {"name": "refuses", "showlegend": False},
-            points,
-        ]
-        shown = style.with_legend(style.composed(traces, 200, "x", title={"text": title}))
+        chart = style.Chart("x", 200, title={"text": title})
+        chart.add(**points, name="shown")
+        chart.add(**points, name="refuses", showlegend=False)
+        chart.add(**points)
+        shown = style.with_legend(chart.figure())
         assert shown.layout.showlegend
         assert [t.name for t in shown.data if t.showlegend is not False] == ["shown"]
         assert (shown.layout.height > 200) == bool(title), "room for it below a figure with a title"
 
     def test_a_figure_without_names_has_none(self) -> None:
-        figure = style.composed([{"x": [0, 1], "y": [0, 1]}], 200, "revision")
+        chart = style.Chart("revision", 200)
+        chart.add([0, 1], [0, 1])
+        figure = chart.figure()
         assert not style.with_legend(figure).layout.showlegend
         assert figure.layout.paper_bgcolor == figure.layout.plot_bgcolor == "rgba(0,0,0,0)"
         assert figure.layout.uirevision == "revision", "which keeps the user's zoom"
@@ -143,13 +144,15 @@ def test_a_stack_has_the_panels_of_plotly_with_titles_and_lines() -> None:
     expected.add_scatter(x=[1.0], y=[2.0], row=2, col=1)
     expected.add_hline(y=0.5, row=2, col=1)
     expected.update_yaxes(title_text="Speed [m/s]", row=2, col=1)
-    traces = [style.curve(np.array([1.0]), np.array([2.0]), 2)]
-    figure = style.composed(
-        traces, 100, "x", {"y3": {"title": {"text": "Mine"}}}, {"y": {"dtick": 1}},
-        style.stack(3, 1, 1, spacing=0.1), (GAP, SPEED, GAP), shapes=[style.across("y2", 0.5)],
-    )  # fmt: skip
+    chart = style.Chart("x", 100, style.stack(3, 1, 1, spacing=0.1), (GAP, SPEED, GAP))
+    chart.add([1.0], [2.0], panel=2)
+    chart.level("y2", 0.5, {})
+    chart.axis("y3", "Mine")
+    chart.axis("y*", dtick=1)
+    figure = chart.figure()
     assert figure.data == expected.data
-    assert figure.layout.shapes == expected.layout.shapes
+    (mine,), (theirs,) = (one.layout.shapes for one in (figure, expected))
+    assert mine.to_plotly_json() | {"layer": None} == theirs.to_plotly_json() | {"layer": None}
     for axis in ("xaxis", "xaxis2", "xaxis3", "yaxis", "yaxis2", "yaxis3"):
         kept = {"domain", "anchor", "matches", "showticklabels"}
         mine, theirs = (one.layout[axis].to_plotly_json() for one in (figure, expected))
