@@ -177,6 +177,13 @@ def rows(page: Page, containing: str) -> list[list[str]]:
     return [row.locator("td").all_inner_texts() for row in found.locator("tbody tr").all()]
 
 
+def downloaded(page: Page, button: Locator) -> tuple[str, bytes]:
+    """Name and content of what a button saves."""
+    with page.expect_download(timeout=TRAINING_MS) as download:
+        button.click()
+    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
+
+
 def estimate(cell: str) -> float:
     """The value before its interval; a star marks one that lies outside."""
     return float(cell.split()[0].rstrip("*"))

@@ -127,7 +127,11 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
     page.press("home_TableI_starts")
     assert len(session.segment.vehicles) == 2
-    assert session.starts is not None
+    assert session.starts.wait(WAIT)
+    found = [start.parameters.alpha[0] for start in session.starts.results]
+    assert found == pytest.approx([0.08] * 5, rel=0.02)
+    shown = open_page(COMPARE, session).open_tab("compare_tabs", "Repeatability").plain()
+    assert "All 5 trainings end within" in shown
     page = open_page(HOME, session).open_tab("home_tabs", "Reproduce the paper")
     page.press("home_Figure8_panels")
     assert session.choices[TABS] == PANELS

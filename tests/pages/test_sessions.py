@@ -16,6 +16,7 @@ from accpinn.recordings.recording import Window
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, library, sample, store
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
+from pages.ui.session.workspace import ALL_WINDOWS
 from pages.ui.snapshots.listing import restore_run
 from tests.support.apptest import (
     DATA,
@@ -277,6 +278,8 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
 def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() -> None:
     raw = FIRST_SAMPLE.read_bytes()
     session = open_page(DATA).upload("mine.csv", raw).workspace()
+    session.choose(vehicles=(1, 2))
+    session.choices[ALL_WINDOWS] = True
     assert len(session.several_windows) > 1
     session.train(CALIBRATED)
     assert session.training.wait(WAIT)

@@ -278,9 +278,11 @@ def compare_two(workspace: Workspace, entries: Sequence[Entry], key: str) -> Non
         first = choose_entry("Run", f"{key}_first", entries)
         others = [entry for entry in entries if entry.id != first.id]
         second = choose_entry("Beside", f"{key}_second", others)
-        with show.flashing():
-            found = [result_of(run.id).found_in(workspace.recording) for run in (first, second)]
-            show_both(*found)
+        both = show.attempt(
+            lambda: [result_of(run.id).found_in(workspace.recording) for run in (first, second)]
+        )
+        if both:
+            show_both(*both)
 
 
 def restore_run(workspace: Workspace, name: str) -> None:

@@ -1,0 +1,479 @@
+"""What people do in a real browser, from a file to a result that travels; one journey a test."""
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from accpinn.methods.registry import METHODS
+from accpinn.recordings.catalogue import catalogue
+from accpinn.study.snapshot_library import Library
+from tests.browser.conftest import App, Open
+from tests.browser.running import (
+    ESTIMATES,
+    TRAINING_MS,
+    chart,
+    choose,
+    downloaded,
+    estimate,
+    exceptions,
+    fill,
+    give,
+    go,
+    idle,
+    number,
+    open_example,
+    open_sample,
+    open_tab,
+    rows,
+    table,
+    upload,
+    watched,
+)
+from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.publisher import publisher
+from tests.support.samples import FOLDER
+from tests.support.snapshots import small
+from tests.support.studies import row, write_study
+
+pytestmark = pytest.mark.browser
+
+
+def test_what_goes_wrong_on_a_page_is_noticed(browser: Browser) -> None:
+    """The test of the tests: an exception, an error and a dialog all come to light."""
+    page = browser.new_page()
+    faults = watched(page)
+    page.set_content(
+        "<div data-testid='stApp' data-test-script-state='notRunning'>"
+        "<p data-testid='stException'>ValueError: no</p></div>"
+        "<script>console.error('console'); alert('dialog'); throw Error('uncaught')</script>"
+    )
+    assert exceptions(page) == ["ValueError: no"]
+    with pytest.raises(AssertionError, match="ValueError: no"):
+        idle(page)
+    page.close()
+    assert all(word in " ".join(faults) for word in ("console", "dialog", "uncaught"))
+
+
+# Every page: also for those who cannot see it as it is drawn, or not all of it
+
+SERIOUS = ("serious", "critical")
+TALLEST = 2600
+"""Pixels of a page at a width of 1440."""
+OUTSIDE = """main => [...main.querySelectorAll('button, input, [role=combobox]')]
+    .filter(one => one.checkVisibility({visibilityProperty: true, opacityProperty: true}))
+    .filter(one => !one.closest('.modebar, .main-svg'))
+    .filter(one => !one.closest('[data-testid=stDataFrame], [data-testid=stSlider]'))
+    .filter(one => {
+        const box = one.getBoundingClientRect();
+        return box.width > 1 && (box.right > innerWidth + 1 || box.left < -1);
+    })
+    .map(one => one.outerHTML.slice(0, 120))"""
+NASTY = "<script>alert(1)</script><b>*x*</b>$y$_z_"
+
+
+def violations(page: Page, **options: Any) -> list[str]:
+    """What axe-core calls serious or critical: rule, element and reason."""
+    options["resultTypes"] = ["violations"]  # of the others it tells less, and is sooner done
+    return [
+        f"{found['id']}: {node['target']} {node['failureSummary']}"
+        for found in Axe().run(page, options=options).response["violations"]
+        if found["impact"] in SERIOUS
+        for node in found["nodes"]
+    ]
+
+
+def cut_off(page: Page) -> list[str]:
+    """Controls that stand out of a narrow page's sides; a row of tabs scrolls.
+
+    At half the width of a usual screen, as where it is shown at twice the size, and on a telephone.
+    """
+    found = []
+    for width, tall in ((720, 450), (420, 900)):
+        page.set_viewport_size({"width": width, "height": tall})
+        found += page.get_by_test_id("stMain").evaluate(OUTSIDE)
+    page.set_viewport_size({"width": 1440, "height": 1000})
+    return found
+
+
+def look(page: Page) -> None:
+    """The page has no serious violation in either theme, is not too tall, cut off or scripted."""
+    idle(page)
+    assert page.get_by_test_id("stMainBlockContainer").bounding_box()["height"] <= TALLEST
+    found = violations(page)
+    page.emulate_media(color_scheme="dark")
+    # Of the dark theme the colours alone are others.
+    found += [*violations(page, runOnly=["color-contrast"]), *cut_off(page)]
+    page.emulate_media(color_scheme="light")
+    assert found == [], page.url
+    assert page.locator(".stApp script").count() == 0
+    assert page.locator(".stApp b, .stApp em").filter(has_text="x").count() == 0
+
+
+def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_sent_back(
+    opened: Open, app: App, tmp_path: Path
+) -> None:
+    makes = (row(f"Make {k}", file="a.csv", start=0.0, duration=60.0, sha256="0") for k in range(9))
+    write_study(app.studies / "nine makes", *makes)
+    sample = (FOLDER / "synthetic_astazero_like.csv").read_text().replace("A8-like", NASTY)
+    file = f"{NASTY.replace('/', '')}.csv"
+    first = opened()
+    look(first)
+    give(first, (file, sample.encode()))
+    expect(first.get_by_text("Preview of the window")).to_be_visible()
+    expect(first.locator("strong").filter(has_text=file).first).to_be_visible()
+    first.get_by_role("button", name=re.compile("Train on . windows")).click()
+    leader, learned, *_ = rows(first, ESTIMATES)
+    assert NASTY in leader[0]
+    assert learned[0] == "2 Audi (A6-like)"
+    assert estimate(learned[1]) == pytest.approx(0.0612, rel=0.03)
+    assert estimate(learned[3]) == pytest.approx(1.19, rel=0.01)
+    go(first, "Snapshots")
+    first.get_by_label("Name", exact=True).fill(NASTY)
+    first.get_by_label("Note", exact=True).fill("look at τ")
+    first.get_by_text("Include the data slice").click()
+    first.get_by_role("button", name="Save", exact=True).click()
+    expect(first.get_by_text("Saved as “")).to_be_visible()
+    idle(first)
+    first.get_by_role("button", name="Share").click()
+    name = re.search("snapshot=([0-9a-f]{16})", first.get_by_test_id("stCode").inner_text())[1]
+
+    page = opened(f"/Train?snapshot={name}")
+    expect(page.get_by_text("its data came with it")).to_be_visible()
+    assert rows(page, ESTIMATES)[1] == learned
+    look(page)
+    open_tab(page, "Training")
+    expect(page.locator(".js-plotly-plot")).to_have_count(5)
+    page.get_by_role("button", name="Next: do these vehicles amplify").click()
+    expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
+    expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
+    look(page)
+    for title in ("Data", "Compare", "Database", "Platoon"):
+        go(page, title)
+        expect(page).to_have_url(re.compile(f"snapshot={name}"))
+        look(page)
+    choose(page, "Disturbance of the leader", "As recorded")
+    expect(page.get_by_text("as recorded")).to_be_visible()
+    expect(page.locator(".vehicle-key")).to_contain_text("5 Tesla (Model3-like)")
+    go(page, "Snapshots")
+    expect(page.get_by_role("heading", name=NASTY)).to_be_visible()
+    expect(page.get_by_text("look at τ")).to_be_visible()
+    look(page)
+    report = tmp_path / "report.html"
+    report.write_bytes(downloaded(page, page.get_by_role("button", name="Report"))[1])
+    sent, content = downloaded(page, page.get_by_role("button", name=re.compile("Download$")))
+    assert re.fullmatch(r"\w+\.accpinn\.zip", sent)
+
+    expect(page.get_by_role("button", name="Delete")).to_have_count(0)
+    page.get_by_role("button", name="All snapshots").click()
+    page.get_by_role("button", name="Delete").click()
+    expect(page.get_by_text("Deleted: ")).to_be_visible()
+    look(page)
+    give(page, ("sent.accpinn.zip", content[:-40] + bytes(40)))
+    expect(page.get_by_text("get the file anew")).to_be_visible()
+    Library(app.snapshots).add(small())
+    page.reload()  # the field of the file before this one goes
+    idle(page)
+    give(page, ("sent.accpinn.zip", content))
+    expect(page.get_by_text(f"is whole and now kept as {name}")).to_be_visible()
+    idle(page)
+    open_tab(page, "Beside another")
+    expect(page.get_by_text("What differs")).to_be_visible()
+    chart(page, "snapshots_bode")
+    page.goto(report.as_uri())
+    expect(page.locator("h1")).to_have_text(NASTY)
+
+
+# A recording, its window and its parameters
+
+
+def drag(chart: Locator, start: float, end: float) -> None:
+    """Mark a stretch of a chart's width, given as shares of it."""
+    expect(chart).to_be_visible()
+    box = chart.bounding_box()
+    mouse, y = chart.page.mouse, box["y"] + box["height"] / 2
+    mouse.move(box["x"] + start * box["width"], y)
+    mouse.down()
+    mouse.move(box["x"] + (start + end) / 2 * box["width"], y, steps=4)
+    mouse.move(box["x"] + end * box["width"], y, steps=4)
+    mouse.up()
+
+
+def window(page: Page, shown: str) -> None:
+    expect(page.get_by_test_id("stSidebar")).to_contain_text(f"Window {shown} s")
+    idle(page)
+
+
+def test_a_real_recording_is_dropped_trained_on_and_its_window_moved(
+    opened: Open, openacc_dir: Path
+) -> None:
+    page = opened()
+    page.evaluate("window.clicks = 0; addEventListener('click', () => window.clicks++, true)")
+    give(page, openacc_dir / "Casale" / "part7.csv")
+    expect(page.locator("strong").filter(has_text="part7.csv").first).to_be_visible()
+    expect(page.get_by_text("1,523 s at 10 Hz")).to_be_visible()
+    expect(page.get_by_text("Samples complete")).to_be_visible()
+    page.get_by_text(re.compile("All . windows in car-following")).click()
+    page.get_by_role("button", name="Train on this window").click()
+    leader, follower = rows(page, ESTIMATES)
+    checks = page.get_by_role("button", name="of the method's estimate passed")
+    expect(checks).to_be_visible()
+    assert page.evaluate("window.clicks") <= 3, "to parameters and their checks, and the drop"
+    checks.click()
+    for check in ("Converged", "Inside the interval", "Identified", "Residual explained"):
+        expect(page.locator("strong").filter(has_text=check)).to_be_visible()
+    page.keyboard.press("Escape")
+    assert [leader[0], follower[0]] == ["1 Rexton", "2 Hyundai"]
+    alpha, beta, tau = map(estimate, follower[1:4])
+    assert alpha == pytest.approx(0.0134, abs=0.0002), "without the bias of the paper's loss"
+    assert beta == pytest.approx(0.092, abs=0.0015)
+    assert tau == pytest.approx(1.55, abs=0.01)
+    assert float(follower[7]) <= 0.10
+    assert float(follower[9]) > 5, "the closed-loop error is another thing than the surrogate's"
+    open_tab(page, "Export")
+    page.get_by_role("button", name="Save the table").click()
+    text = downloaded(page, page.get_by_role("button", name="LaTeX"))[1].decode()
+    assert r"\begin{tabular}" in text
+    assert follower[1].replace("\n", " ").replace("–", "--") in text
+
+    go(page, "Data")
+    expect(number(page, "Window starts at")).to_have_value("0.0")
+    solved = rows(page, "Least-squares estimate")[0]
+    assert float(solved[1]) == pytest.approx(0.0105, abs=0.0003)
+    fill(page, "Window starts at", "40")
+    window(page, "40–340")
+    page.get_by_role("button", name="Suggested: 915").click()
+    page.get_by_role("button", name="Take 915").click()
+    window(page, "915–1215")
+    page.get_by_role("slider").first.press("ArrowLeft")  # the handle at the window's start
+    window(page, "914.9–1215")
+
+
+def test_a_drag_sets_the_window_a_corrupt_file_loses_nothing_and_a_table_is_mapped(
+    opened: Open,
+) -> None:
+    page = opened("/Data")
+    open_sample(page)
+    overview = page.locator(".js-plotly-plot .nsewdrag").first
+    drag(overview, 0.25, 0.75)
+    start, length = number(page, "Window starts at"), number(page, "and lasts")
+    expect(start).not_to_have_value("0.0")
+    idle(page)
+    assert float(start.input_value()) == pytest.approx(100, abs=2)
+    assert float(length.input_value()) == pytest.approx(200, abs=3)
+    drag(overview, 0.50, 0.60)  # and again, over a chart that was drawn anew
+    expect(length).to_have_value(re.compile(r"^(39|4\d)\."))
+
+    upload(page, ("part12.csv", csv(platoon())[:9000] + bytes(500)))
+    expect(page.get_by_text("NUL bytes instead of text")).to_be_visible()
+    expect(page.get_by_text("The recording opened before is kept")).to_be_visible()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
+    frame = platoon(2, 400)[["Time", "Speed1", "Speed2", "IVS1"]]
+    frame.columns = ["time", "v_lead", "v_ego", "gap_ego"]
+    give(page, ("own.csv", frame.to_csv(index=False).encode()))
+    page.get_by_role("button", name="Open with these columns").click()
+    expect(page.locator("strong").filter(has_text="own.csv").first).to_be_visible()
+    idle(page)
+
+
+def number_in(pattern: str, shown: Locator) -> int:
+    found = re.search(pattern, shown.inner_text())
+    return int(found[1].replace(",", ""))
+
+
+def test_a_paper_training_is_watched_stopped_and_continued(opened: Open) -> None:
+    page = opened("/Train")  # a direct link works on its own
+    expect(page).to_have_url(re.compile(r"session=[\w-]{20,}"))
+    page.get_by_role("link", name="Go to Data").click()
+    open_sample(page)
+    fill(page, "and lasts", "60")
+    window(page, "0–60")
+    go(page, "Train")
+    page.get_by_text("Paper", exact=True).click()
+    page.get_by_role("button", name="Start training").click()
+    progress = page.get_by_text(re.compile(r"iteration [1-9][\d,]* of 20,000"))
+    expect(progress).to_be_visible()
+    page.reload()  # a training outlives its page
+    expect(progress).to_be_visible()
+    expect(page.get_by_text("iterations/s")).to_be_visible()
+    expect(page.get_by_test_id("stPlotlyChart")).to_have_count(5)  # the network's curves, too
+    page.get_by_role("button", name="Stop training").click()
+    expect(page.get_by_text("Stopped by the user")).to_be_visible()
+    count = page.get_by_text(re.compile(r"[\d,]+ iterations in")).first
+    expect(count).to_be_visible()
+    stopped_at = number_in(r"([\d,]+) iterations in", count)
+    page.get_by_role("button", name="Continue").click()
+    expect(progress).to_be_visible()
+    assert number_in(r"iteration ([\d,]+)", progress) >= stopped_at
+    page.get_by_role("button", name="Stop training").click()
+    expect(page.get_by_text(f"Continued from iteration {stopped_at:,}")).to_be_visible()
+
+
+def test_all_methods_run_stop_and_survive_a_reload(opened: Open) -> None:
+    page = opened("/Data")
+    upload(page, FOLDER / "synthetic_paper_study.csv")
+    page.get_by_text("Preview of the window").wait_for()
+    idle(page)
+    fill(page, "and lasts", "40")  # enough to see, and soon done
+    window(page, "0–40")
+    go(page, "Compare")
+    page.get_by_role("button", name="Run all methods").click()
+    page.get_by_role("button", name="Stop", exact=True).click()
+    expect(page.get_by_text("Stopped: ")).to_be_visible()
+    page.get_by_role("button", name="Run all methods").click()
+    intervals = table(page, "Maximum likelihood (90")
+    expect(intervals).to_be_visible(timeout=TRAINING_MS)
+    expect(intervals.locator("tbody tr")).to_have_count(1)
+    expect(intervals.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
+    dots = chart(page, "compare_estimates").locator(".xy .points path")
+    expect(dots).to_have_count(len(METHODS) + 1)  # and the answer
+    page.reload()
+    methods = table(page, "Collides at")
+    expect(methods.locator("tbody tr")).to_have_count(len(METHODS))  # the same tab is open
+    expect(methods).to_contain_text("Dual UKF")
+
+
+# Vehicles and platoons
+
+CURVE = """
+(chart) => {
+  // Where on the screen the second vehicle's curve has its 200th point.
+  const axes = chart._fullLayout, box = chart.getBoundingClientRect();
+  const point = chart.calcdata[1][200];
+  return [
+    box.left + axes.xaxis._offset + axes.xaxis.c2p(point.x),
+    box.top + axes.yaxis._offset + axes.yaxis.c2p(point.y),
+  ];
+}
+"""
+
+
+def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_typed(
+    opened: Open,
+) -> None:
+    page = opened("/Stability")
+    open_example(page)
+    expect(page.get_by_text("necessary but not sufficient").first).to_be_visible()
+    bode = chart(page, "stability_bode")
+    bode.scroll_into_view_if_needed()
+    at = bode.evaluate(CURVE)
+    page.mouse.move(*at)
+    label = bode.locator(".hoverlayer")
+    expect(label).to_contain_text("BMW X5")
+    shown = re.search(r"dB at ([\d.]+) rad/s", label.text_content() or "")
+    page.mouse.click(*at)
+
+    expect(page).to_have_url(re.compile(r"/Platoon\?session="))
+    frequency = number(page, "Frequency")
+    expect(frequency).to_have_value(re.compile(rf"^{shown[1][:4]}"))
+    assert float(frequency.input_value()) == pytest.approx(float(shown[1]), abs=6e-4)
+    expect(page.locator(".vehicle-key").first).to_contain_text("Follower 8: BMW X5")
+    expect(chart(page, "platoon_profiles").locator(".scatterlayer").first).to_be_visible()
+    open_tab(page, "Animation")
+    wave = chart(page, "platoon_wave")
+    wave.scroll_into_view_if_needed()
+    moment = wave.locator(".slider-label").first
+    before, speeds = moment.text_content(), "chart => Array.from(chart.data[1].y)"
+    start = wave.evaluate(speeds)
+    wave.get_by_text("Play").click()
+    expect(moment).not_to_have_text(before or "")
+    wave.get_by_text("Pause").click()
+    assert wave.evaluate(speeds) != start
+    rail = wave.locator(".slider-rail-touch-rect")
+    box = rail.bounding_box()
+    rail.click(position={"x": box["width"] - 3, "y": box["height"] / 2})
+    last = wave.evaluate("chart => chart.layout.sliders[0].steps.at(-1).label")
+    expect(moment).to_have_text(f"t = {last} s")
+
+    # Back again, the frequency is not carried a second time.
+    go(page, "Stability")
+    open_tab(page, "Map")
+    expect(page).to_have_url(re.compile(r"/Stability\?session="))
+    drawn = chart(page, "stability_map")
+
+    def saved() -> tuple[str, bytes]:
+        drawn.hover()
+        return downloaded(page, drawn.locator(".modebar-btn"))
+
+    name, content = saved()
+    assert name == "accpinn_stability_map.svg"
+    assert content.startswith(b"<svg")
+    assert "time headway" in content.decode()
+    page.get_by_role("button", name="Charts").click()
+    page.get_by_text("PNG", exact=True).click()
+    page.keyboard.press("Escape")
+    for _ in range(10):  # nothing tells when the chart has heard of the choice
+        idle(page)
+        name, content = saved()
+        if name.endswith("png"):
+            break
+    assert name == "accpinn_stability_map.png"
+    assert content.startswith(b"\x89PNG")
+
+    choose(page, "Published set", "Ispra-Casale")
+    page.get_by_text("By hand").click()
+    expect(page.get_by_text("Hyundai amplifies disturbances up to 1.49 times")).to_be_visible()
+    cells = page.get_by_test_id("stDataFrame").locator("canvas").first
+    expect(cells).to_be_visible()
+    box = cells.bounding_box()
+    page.mouse.dblclick(box["x"] + 0.68 * box["width"], box["y"] + 52)
+    cell = page.locator(".gdg-input")
+    expect(cell).to_have_value("0.0718")
+    cell.fill("1.5")
+    cell.press("Enter")
+    expect(page.get_by_text("Hyundai does not amplify any frequency")).to_be_visible()
+
+
+def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open, app: App) -> None:
+    shutil.rmtree(app.studies, ignore_errors=True)
+    folder, files = app.recordings / "short", 4
+    folder.mkdir(parents=True)
+    for k in range(files):
+        make = ("Audi(A8)", "Tesla(Model3)")[k % 2]
+        frame = platoon(2, 620) + 0.001 * k
+        (folder / f"run{k}.csv").write_bytes(csv(frame, metadata(("Lead", make))))
+    page = opened("/Database")
+    choose(page, "Windows", "60 s")
+    page.locator('[data-baseweb="tag"]', has_text="Maximum likelihood").get_by_role("button").or_(
+        page.get_by_role("button", name="Remove Maximum likelihood")
+    ).first.click()
+    idle(page)
+    fill(page, "Workers", "1")
+    idle(page)
+    expect(page.get_by_text(f"{files} files: {files} windows")).to_be_visible()
+    page.get_by_role("button", name="Start the batch").click()
+    page.get_by_text(re.compile(r"[1-9] rows? so far")).wait_for(timeout=TRAINING_MS)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    page.get_by_text("Stopped; what is finished is kept").wait_for(timeout=TRAINING_MS)
+    page.get_by_role("button", name="Continue").click()
+    page.get_by_role("button", name="Stop", exact=True).wait_for()
+    page.reload()  # it runs on without a browser
+    done = page.get_by_text(f"Done: {files} recordings, {files} windows")
+    done.wait_for(timeout=TRAINING_MS)
+    expect(page.get_by_text(f"{files} follower windows of 2 vehicles, 2 makes")).to_be_visible()
+    idle(page)
+
+    choose(page, "Make", "Tesla")
+    page.keyboard.press("Escape")
+    expect(page.get_by_text(f"{files // 2} follower windows of 1 vehicle, 1 make")).to_be_visible()
+    expect(page).to_have_url(re.compile("make=Tesla"))
+    open_tab(page, "All rows")
+    page.locator(".dvn-scroller").click(position={"x": 18, "y": 54})
+    page.get_by_role("button", name="Open this window").click()
+    expect(page.get_by_text("Preview of the window")).to_be_visible()
+    expect(page.locator("strong").filter(has_text=re.compile("run[13579].csv"))).to_be_visible()
+
+    run = next(run for run in catalogue() if run.sha256 is None)
+    content = csv(platoon(2, 400), metadata(("Lead", "Audi(A8)")))
+    with publisher({run.key: content}, app.mirror, {run.key: ["break"]}) as server:
+        page.get_by_text("Open another recording").click()
+        choose(page, "Published OpenACC run", run.key)
+        page.get_by_role("button", name="Download this run").click()
+        page.get_by_role("button", name="Open this run").click()
+        expect(page.locator("strong").filter(has_text=run.file)).to_be_visible()
+    assert len(server.requests) == 2, "the first one broke off"
+    idle(page)
