@@ -37,7 +37,7 @@ FIT = f"fit {SAMPLE} --duration 60 --no-cache"
     ("command", "slow"),
     [
         (f"info {SAMPLE}", "torch pandas scipy jinja2 pyarrow"),
-        (FIT, "torch._dynamo pandas scipy.signal"),
+        (FIT, "torch pandas scipy.signal"),
         (f"{FIT} --preset fast", "torch._dynamo pandas scipy.optimize scipy.signal"),
     ],
 )

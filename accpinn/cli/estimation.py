@@ -111,7 +111,7 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
-    if settings:
+    if settings and settings.preset != "calibrated":
         start_loading()  # while the recording is read
     analysis, recording = chosen_analysis(options, options.method, settings)
     with interruptible() as stopped, _progress_bar() as show_progress:

@@ -28,7 +28,7 @@ from accpinn.methods.state_space import (
     coordinates,
     state_space,
 )
-from accpinn.model.models import Held, model_of
+from accpinn.model.registry import Held
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5
@@ -79,7 +79,7 @@ class Maximum:
     @property
     def complete(self) -> FloatArray:
         """(6,) the complete parameters of a model; those at their least value are 0."""
-        return complete(model_of(self.form), np.append(self.theta, self.values[3:]))
+        return complete(self.form, np.append(self.theta, self.values[3:]))
 
     @property
     def theta(self) -> FloatArray:

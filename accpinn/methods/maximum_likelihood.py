@@ -22,7 +22,7 @@ from accpinn.methods.regression import Solution
 from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, complete, state_space
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.models import MODELS, PAPER, Held, model_of, terms_of
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, Held
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, frozen
 
@@ -91,7 +91,7 @@ def _joint_maxima(
 
 def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]:
     """Starts of a model with further terms, from the maxima (G, P) of the CTHP."""
-    terms = terms_of(form)
+    terms = FOLLOWING[form].terms
     intercept = INTERCEPT if "s0" in terms else 0.0
     starts = []
     for late in LATENESSES if terms[-1] != "s0" else (0.0,):
@@ -128,7 +128,7 @@ def fit_together(
 
 def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
     """The fit of one of several segments by the maxima of all of them together."""
-    form = model_of(law.model)
+    form = law.model
     maxima = joint_maxima(segments, case, form, held=law.held)
     followers = maxima * segment.followers if case == "I" else maxima
     theta = np.array([maximum.theta for maximum in followers])
@@ -214,7 +214,7 @@ def _at_instants(
 
 
 METHOD = direct(
-    KEY, "Maximum likelihood", fit, MODELS, typical_seconds=0.9, tolerance=1e-3,
+    KEY, "Maximum likelihood", fit, CTHPS, typical_seconds=0.9, tolerance=1e-3,
     allows_missing=True, together=fit_together,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

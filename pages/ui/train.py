@@ -65,11 +65,12 @@ WEIGHT_PHYSICS = (
 WEIGHT_DATA = "Of the squared distance of the network's curves from the data."
 EVERY, PAPERS, OTHERS = "calibrated fast paper", "fast paper", "calibrated fast"
 OPTIONS: dict[str, tuple[str, float, str, str]] = {
-    "iterations": ("Iterations, at most", 100, EVERY, "Of the optimiser Adam. The fast and"
-                   " calibrated presets end earlier once α, β and τ stand still."),
+    "iterations": ("Iterations, at most", 100, EVERY, "Of the optimiser Adam, or rounds of"
+                   " the calibrated preset's search. The fast and calibrated presets end earlier"
+                   " once α, β and τ stand still."),
     "seed": ("Seed", 1, EVERY, "Of the network's random initial weights and of the instants drawn"
              " at random. The same seed gives the same result."),
-    "learning_rate": ("Learning rate", 0.001, EVERY, "Adam's step. Larger is faster, until the loss"
+    "learning_rate": ("Learning rate", 0.001, PAPERS, "Adam's step. Larger is faster, until the loss"
                       " no longer falls; the paper's is 0.001."),
     "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, PAPERS, "Of the squared error"
                        " at the first instant; 0 leaves it out, the authors' notebooks use 1."),
@@ -89,7 +90,7 @@ OPTIONS: dict[str, tuple[str, float, str, str]] = {
     "highest_frequency": ("Highest frequency [Hz]", 0.05, OTHERS, "The network's curves cannot move"
                           " faster than this. Platoons move below 0.1 Hz; the calibrated preset"
                           " resolves 0.5 Hz to tell noise from motion."),
-    "batch": ("Instants per iteration", 100, OTHERS, "Drawn at random for each step of Adam."),
+    "batch": ("Instants per iteration", 100, "fast", "Drawn at random for each step of Adam."),
 }  # fmt: skip
 """Label, step, presets that use it and meaning of the fields in their order, by setting, and by
 place in the setting where it has several numbers."""

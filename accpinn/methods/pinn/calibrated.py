@@ -2,15 +2,15 @@
 
     α, ατ, β, disturbance, noise    maximise the evidence of each follower given the vehicle ahead
                                     (`evidence`), in rounds, with splines as features
-    curves                          drawn by the network of `fast` with these parameters held
+    curves                          the network's output layer, exact for these parameters (`drawn`)
 
 The first ends before the second begins, as an estimate that the curves could still move would no
-longer be that of the evidence. Standard errors of the parameters follow from the evidence's
-curvature. Rounds and Adam iterations are counted alike.
+longer be that of the evidence. The hidden layers stay as they were drawn by the seed: training them
+would lower Ψ by some percent and move no parameter. Standard errors of the parameters follow from
+the evidence's curvature.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +26,9 @@ from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.method import PAPERS, Law
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training
+from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, stack_outputs
+from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import Form, complete
@@ -34,9 +36,6 @@ from accpinn.model.cthp import Case
 from accpinn.model.registry import PAPER
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, frozen
-
-if TYPE_CHECKING:
-    from accpinn.methods.pinn.fast import FastTraining
 
 
 def solution_of(coordinates: FloatArray, followers: int, form: Form = PAPER) -> Solution:
@@ -47,7 +46,10 @@ def solution_of(coordinates: FloatArray, followers: int, form: Form = PAPER) -> 
 
 
 class CalibratedTraining(Training):
-    """See the module's head; one `advance` is a round of the search, or a cycle of `fast`."""
+    """See the module's head; one `advance` is a round of the search."""
+
+    _drawn: Learned | None
+    """Once the search has ended."""
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(
@@ -67,8 +69,7 @@ class CalibratedTraining(Training):
         together = together or (segment,)
         self._form = law.model
         self._evidence = Evidence(series_of(together, case), self._form, law.held)
-        self._network: FastTraining | None = None
-        self._iteration = 0
+        self._iteration, self._drawn = 0, None
         start = joint_maxima(together, case, self._form, held=law.held)
         self._search = climb(self._evidence, start)
         self._at: Ascending = next(self._search)
@@ -76,20 +77,11 @@ class CalibratedTraining(Training):
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
-        """A round of the search; then the exact output layer; then cycles."""
+        """A round of the search; after the last one the exact output layer."""
         try:
-            if self._network:
-                self._network.advance()
-            else:
-                self._iteration += 1
-                self._climb()
-            self._note()
-        except np.linalg.LinAlgError:
-            self.outcome = Outcome.DIVERGED
-
-    def _climb(self) -> None:
-        try:
+            self._iteration += 1
             self._at = next(self._search)
+            self._note()
         except StopIteration as end:
             maxima: list[Maximum] = end.value
             self._at = Ascending(
@@ -97,61 +89,87 @@ class CalibratedTraining(Training):
                 np.array([maximum.criterion for maximum in maxima]),
                 np.array([maximum.curvature for maximum in maxima]),
             )
-            self._network = self._drawn()
+            self._note(is_last=True)
+        except np.linalg.LinAlgError:
+            self.outcome = Outcome.DIVERGED
 
-    def _drawn(self) -> "FastTraining":
-        """The network of `fast`, its output layer exact for the present parameters."""
-        from accpinn.methods.pinn.fast import FastTraining
-
-        left = max(1, self.planned - self._iteration)
-        config = replace(self.config, iterations=left)
-        held = self._solution
-        return FastTraining(self.segment, self.case, config, self.threads, held, self._terms)
-
-    def _note(self) -> None:
-        """Look at the present moment, and see if it ends."""
+    def _note(self, is_last: bool = False) -> None:
+        """Look at the present moment; Ψ is that of the splines, and of the network at the end."""
         z = self._at.coordinates
         self._solution = solution_of(z, self.followers, self._form)
         deviations = np.array([log_errors(curvature) for curvature in self._at.curvature])
-        evidence, iteration = float(self._at.value.sum()), self._iteration
-        if self._network:
-            now = self._network.progress
-            terms, phase = LossTerms(now.data, now.physics, now.initial), now.phase
-            iteration += now.iteration
+        parameters, evidence = self._solution.parameters, float(self._at.value.sum())
+        if is_last:
+            loss = self._draw().loss
+            terms = LossTerms(loss["data"], loss["physics"], loss["initial"])
         else:
-            terms, phase = self._evidence.loss(z, self.config), "evidence"
-        self._look(phase, iteration, terms, self._solution.parameters, evidence, deviations)
-        if self._network and self.outcome is not Outcome.DIVERGED:
-            self.outcome = self._network.outcome or self.outcome
+            terms = self._evidence.loss(z, self.config)
+        phase = "curves" if is_last else "evidence"
+        self._look(phase, self._iteration, terms, parameters, evidence, deviations)
+        if is_last and self.outcome is not Outcome.DIVERGED:
+            self.outcome = Outcome.CONVERGED
 
-    @property
-    def _terms(self) -> FloatArray:
-        """(M, 3) s₀, λ and d of all followers."""
-        terms = complete(self._form, natural(self._form, self._at.coordinates))[:, 3:]
-        return np.asarray(np.broadcast_to(terms, (self.followers, 3)))
+    def _draw(self) -> Learned:
+        """The surrogate at the present unknowns."""
+        z = self._at.coordinates
+        terms = complete(self._form, natural(self._form, z))[:, 3:]
+        terms = np.broadcast_to(terms, (self.followers, 3))
+        evidence = float(self._at.value.sum())
+        self._drawn = drawn(self.segment, self.config, self._solution, terms, evidence)
+        return self._drawn
 
-    def outputs(self) -> FloatArray | None:
-        """(N, 2M+1) the present surrogate; None while the evidence is still sought without one."""
-        return self._network.outputs() if self._network else None
+    def outputs(self) -> None:
+        """None: curves are drawn once the search has ended."""
 
+    @np.errstate(all="ignore")
     def learned(self) -> Learned:
-        """The surrogate, the parameters, and what training the hidden layers brought."""
-        diverged = self.outcome is Outcome.DIVERGED
-        # Stopped early: the best output layer at the present unknowns.
-        network = self._network or (None if diverged else self._drawn())
+        """The surrogate and the parameters, also of a search that was stopped."""
+        if self.outcome is Outcome.DIVERGED:
+            nothing = np.zeros_like(self.measured)
+            return Learned(nothing, self._solution, {"total": np.nan}, 0, {})
+        learned = self._drawn or self._draw()
         deviations = [log_errors(curvature) for curvature in self._at.curvature]
         arrays = {
             "unknowns": natural(self._form, self._at.coordinates),
             "deviations": np.nan_to_num(deviations, posinf=0.0),
         }
-        if network is None:
-            nothing = np.zeros_like(self.measured)
-            return Learned(nothing, self._solution, {"total": np.nan}, 0, arrays, terms=self._terms)
-        drawn = network.learned()
-        return replace(
-            drawn,
-            solution=self._solution,
-            loss=drawn.loss | {"evidence": self.progress.evidence},
-            arrays=drawn.arrays | arrays,
-            findings=self._training_findings(drawn.loss["start"]),
-        )
+        findings = self._training_findings()
+        return replace(learned, arrays=learned.arrays | arrays, findings=findings)
+
+
+def drawn(
+    segment: Segment,
+    config: PinnConfig,
+    solution: Solution,
+    terms: FloatArray | None,
+    evidence: float,
+) -> Learned:
+    """The surrogate of a segment whose output layer minimises Ψ for given parameters.
+
+    Args:
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        config: the network's settings.
+        solution: α, ατ and β of the M followers.
+        terms: (M, 3) s₀, by which measured gaps exceed those that are learned, λ and d; or None.
+        evidence: log evidence of the parameters, which stands beside Ψ.
+    """
+    network = Network(segment.followers, config, float(segment.time[-1]))
+    intercepts = np.zeros((1, segment.followers)) if terms is None else terms[None, :, 0]
+    shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts)
+    measured = stack_outputs(segment.speeds, segment.gaps) - shift
+    projection = Projection(network, segment.time, measured, segment.mask)
+    hidden = projection.hidden()
+    weights = solve_output(projection.sums(hidden), solution.theta, config)
+    outputs, rates = projection.surrogate(hidden, weights)
+    mask = None if segment.mask is None else segment.mask.astype(float)
+    loss = loss_terms(outputs, rates, measured, solution.theta, config, mask)
+    weights[0] += shift[0]
+    network.set_output(weights)
+    return Learned(
+        outputs=outputs + shift,
+        solution=solution,
+        loss=loss.values() | {"evidence": evidence},
+        network_weights=network.size,
+        arrays=network.arrays(),
+        terms=terms,
+    )

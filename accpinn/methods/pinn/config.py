@@ -12,7 +12,7 @@ from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray, Seconds
 
-METHOD_VERSION = 7
+METHOD_VERSION = 8
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
 PresetName = Literal["fast", "calibrated", "paper"]
@@ -52,7 +52,8 @@ class PinnConfig:
     preset: PresetName = "fast"
     """Which training runs."""
     iterations: int = 600
-    """Adam iterations at most; `fast` ends earlier once it has converged."""
+    """Adam iterations at most, or of `calibrated` rounds of its search; `fast` and `calibrated` end
+    earlier once they have converged."""
     seed: int = 0
     """Seed of the network's initial weights, the minibatches and the train/test split."""
     initial: Parameters = STARTS[0]
@@ -65,7 +66,7 @@ class PinnConfig:
     weight_data: tuple[float, float] = (1.0, 1.0)
     """S: weights of the squared errors of space-gap and speed in Ψ_D."""
     learning_rate: float = 0.01
-    """Adam's; the paper's is 0.001."""
+    """Adam's, not of `calibrated`; the paper's is 0.001."""
     lbfgs_iterations: int = 0
     """`paper` only: L-BFGS iterations after Adam, which the paper suggests but does not report."""
     test_share: float = 0.0
@@ -74,7 +75,7 @@ class PinnConfig:
     """In Hz, not of `paper`: the input features reach from a cycle per window or less to here, and
     in windows under 200 s to 0.4 Hz at least."""
     batch: int = 300
-    """Random instants per Adam iteration; not of `paper`."""
+    """Random instants per Adam iteration of `fast`."""
     layers: int = 3
     """Hidden layers; the paper's network has three."""
     width: int = 60

@@ -41,7 +41,7 @@ from accpinn.methods.pinn.loss import LossTerms, loss_terms
 from accpinn.methods.series import Series
 from accpinn.methods.splines import SplineBasis
 from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY, Form, coordinates
-from accpinn.model.models import PAPER, Held
+from accpinn.model.registry import PAPER, Held
 from accpinn.units import FloatArray, Mask, Metres, Seconds
 
 DEGREE = 5

@@ -24,10 +24,16 @@ import numpy as np
 import torch
 
 from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, output_columns
-from accpinn.methods.pinn.network import Adam, Network
-from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
+from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms
+from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.projection import (
+    NormalEquations,
+    Projection,
+    solve_output,
+    solve_parameters,
+)
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -73,8 +79,6 @@ class ProjectedTraining(Training, Generic[Unknown]):
         config: PinnConfig,
         threads: int,
         initial: Unknown,
-        is_held: bool = False,
-        terms: FloatArray | None = None,
     ) -> None:
         """Build the network and solve its output layer at the initial parameters.
 
@@ -84,27 +88,14 @@ class ProjectedTraining(Training, Generic[Unknown]):
             config: the settings.
             threads: processor threads.
             initial: parameters.
-            is_held: whether these are not to be moved.
-            terms: (M, 3) s₀, by which the measured gaps exceed those that are learned, λ and d.
         """
         super().__init__(segment, case, config, threads)
-        self._terms, self._shift = terms, np.zeros(2 * self.followers + 1)
-        if terms is not None:
-            self._shift[output_columns(self.followers)[1]] = terms[:, 0]
-            self.measured = self.measured - self._shift
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
-        with torch.no_grad():
-            value, rate = self.network.features(torch.tensor(segment.time))
-        # (N, 2, F + 1) a constant and the features, which the output layer sees as well.
-        self._skipped = np.zeros((len(value), 2, value.shape[1] + 1))
-        self._skipped[:, 0, 0] = 1.0
-        self._skipped[:, 0, 1:], self._skipped[:, 1, 1:] = value, rate
-        features = torch.from_numpy(self._skipped)[:, :, 1:]
-        self._features = features[:, 0], features[:, 1]
-        self._skipped_sums = NormalEquations.of(self._skipped, self.measured, segment.mask)
-        self._adam = Adam(list(self.network.hidden.parameters()), b2=0.99)
-        self._starting, self._iteration = not is_held, 0
+        self._projection = Projection(self.network, segment.time, self.measured, segment.mask)
+        self._learnable = self.network.learnable()
+        self._adam = Adam([*self._learnable.weights()][:-2], b2=0.99)
+        self._starting, self._iteration = True, 0
         self._start_loss = float("nan")
         self._best = self._optimum(initial)
         self._note("start")
@@ -129,7 +120,7 @@ class ProjectedTraining(Training, Generic[Unknown]):
 
     @abstractmethod
     def _solved(self, at: Optimum[Unknown]) -> Optimum[Unknown]:
-        """One exact round: the parameters, unless they are held, and the output layer."""
+        """One exact round: the parameters and the output layer."""
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
@@ -187,39 +178,32 @@ class ProjectedTraining(Training, Generic[Unknown]):
         self, solution: Unknown, before: Optimum[Unknown] | None = None
     ) -> Optimum[Unknown]:
         """The output layer's optimum for the present hidden layers and some parameters."""
-        with torch.no_grad():
-            hidden = torch.stack(self.network.activations(*self._features), 1).numpy()
-        mask = self.segment.mask
-        sums = self._skipped_sums.extended(self._skipped, hidden, self.measured, mask)
+        hidden = self._projection.hidden()
+        sums = self._projection.sums(hidden)
         near = self._surrogate(before)[0] if before and self.model else self.measured
         return Optimum(hidden, sums, self._output(hidden, sums, solution, near), solution)
 
     def _surrogate(self, at: Optimum[Unknown]) -> tuple[FloatArray, FloatArray]:
         """(N, 2M+1) outputs and their rates."""
-        both = self._from_features(at) + _mapped(at.hidden, at.weights[-self.config.width :])
-        return both[:, 0], both[:, 1]
-
-    def _from_features(self, at: Optimum[Unknown]) -> FloatArray:
-        """(N, 2, 2M+1) what the skip connection contributes."""
-        return _mapped(self._skipped, at.weights[: -self.config.width])
+        return self._projection.surrogate(at.hidden, at.weights)
 
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed."""
         config, best, width = self.config, self._best, self.config.width
         count = len(self.measured)
         through = torch.from_numpy(best.weights[-width:])
-        fixed = torch.from_numpy(self._from_features(best))
+        fixed = torch.from_numpy(self._projection.past_hidden(best.weights))
         measured = torch.from_numpy(self.measured)
         theta = torch.tensor(self._theta(best.solution))
         mask = None if self.mask is None else torch.from_numpy(self.mask)
-        value, rate = self._features
+        value, rate = torch.from_numpy(self._projection.skipped[:, :, 1:]).swapaxes(0, 1)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         generator = np.random.default_rng((config.seed, self._iteration))
         first = int(config.weight_initial > 0)  # Ψ_R looks at the first instant, once
         for _ in range(iterations):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
-            active, active_rate = self.network.activations(value[pick], rate[pick])
+            active, active_rate = self._learnable.activations(value[pick], rate[pick])
             terms = loss_terms(
                 fixed[pick, 0] + active @ through,
                 fixed[pick, 1] + active_rate @ through,
@@ -234,14 +218,11 @@ class ProjectedTraining(Training, Generic[Unknown]):
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return self._surrogate(self._best)[0] + self._shift
+        return self._surrogate(self._best)[0]
 
     def _learned(self, solution: Solution) -> Learned:
         """What was learned, with parameters as a solution."""
-        biases, *weights = self._best.weights
-        with torch.no_grad():
-            self.network.output.bias.copy_(torch.tensor(biases + self._shift))
-            self.network.output.weight.copy_(torch.tensor(np.array(weights)).T)
+        self.network.set_output(self._best.weights)
         now = self.progress
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
         return Learned(
@@ -251,7 +232,6 @@ class ProjectedTraining(Training, Generic[Unknown]):
             network_weights=self.network.size,
             arrays=self.network.arrays(),
             findings=self._training_findings(self._start_loss),
-            terms=self._terms,
         )
 
 
@@ -264,14 +244,10 @@ class FastTraining(ProjectedTraining[Solution]):
         case: Case,
         config: PinnConfig,
         threads: int = 1,
-        held: Solution | None = None,
-        terms: FloatArray | None = None,
     ) -> None:
-        """See `ProjectedTraining`; parameters that are ``held`` are not to be moved."""
-        self._held = held
+        """See `ProjectedTraining`."""
         initial = Parameters.of([config.initial.values] * segment.followers)
-        start = held or Solution.of(initial.theta)
-        super().__init__(segment, case, config, threads, start, held is not None, terms)
+        super().__init__(segment, case, config, threads, Solution.of(initial.theta))
 
     def _theta(self, solution: Solution) -> FloatArray:
         return solution.theta
@@ -291,8 +267,6 @@ class FastTraining(ProjectedTraining[Solution]):
         return solve_output(sums, solution.theta, self.config)
 
     def _solved(self, at: Optimum[Solution]) -> Optimum[Solution]:
-        if self._held:
-            return at
         solution = solve_parameters(at.sums, at.weights, self.case)
         weights = solve_output(at.sums, solution.theta, self.config)
         return replace(at, weights=weights, solution=solution)
@@ -300,9 +274,3 @@ class FastTraining(ProjectedTraining[Solution]):
     def learned(self) -> Learned:
         """The surrogate, the parameters, and what training the hidden layers brought."""
         return self._learned(self._best.solution)
-
-
-def _mapped(columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """(N, 2, L) from values and rates (N, 2, K) and weights (K, L)."""
-    flat = columns.reshape(-1, columns.shape[2]) @ weights
-    return np.asarray(flat.reshape(len(columns), 2, -1))

@@ -156,7 +156,7 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         prior: float = 1.0,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """w₀ and Y (K, 2M+1, 1 + S n), and gradient and curvature of the profile by all z."""
-        seen = np.concatenate([self._skipped, hidden], axis=2)
+        seen = np.concatenate([self._projection.skipped, hidden], axis=2)
         (count, _, size), unknowns = seen.shape, z.shape[1]
         speed_columns, gap_columns = output_columns(self.followers)
         weight = self.config.weight_physics[1] / count
@@ -229,8 +229,7 @@ class FollowingPaper(PaperTraining):
         self.model = FOLLOWING[law.model]
         self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
         super().__init__(segment, case, config, threads)
-        with torch.no_grad():
-            self.network.output.bias.copy_(torch.from_numpy(self.measured.mean(axis=0)))
+        self.network.output.bias[:] = self.measured.mean(axis=0)
         self._note("Adam")
 
     def _initial(self) -> FloatArray:

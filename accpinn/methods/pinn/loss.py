@@ -42,6 +42,11 @@ if TYPE_CHECKING:
 Array = TypeVar("Array", FloatArray, "Tensor")
 
 
+def library_of(values: Any) -> Any:
+    """The module of an array's functions: numpy, or torch for its tensors."""
+    return np if isinstance(values, np.ndarray) else import_module("torch")
+
+
 def output_columns(followers: int) -> tuple[list[int], list[int]]:
     """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
@@ -104,8 +109,8 @@ def loss_terms(
         alpha, alpha_tau, beta = theta.T
         acceleration = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
     else:
-        library = np if isinstance(outputs, np.ndarray) else import_module("torch")
-        acceleration = model.acceleration(gaps, speeds[:, 1:], speeds[:, :-1], theta, library)
+        ahead, library = speeds[:, :-1], library_of(outputs)
+        acceleration = model.acceleration(gaps, speeds[:, 1:], ahead, theta, library)
     speed_rate = rates[:, speed_columns[1:]] - acceleration
     if mask is not None:
         speed_rate = speed_rate * mask
@@ -183,7 +188,7 @@ class Training(ABC):
         """Continue from ``state``, which a training of the same problem gave."""
         raise NotImplementedError
 
-    def _training_findings(self, start: float) -> tuple[MethodFinding, ...]:
+    def _training_findings(self, start: float = 0.0) -> tuple[MethodFinding, ...]:
         """What the hidden layers gained since Ψ was ``start``, and whether iterations ran out."""
         now, findings = self.progress, list[MethodFinding]()
         if now.phase == "Adam" and start > 0:

@@ -11,27 +11,40 @@ Tanh layers follow, through which the derivative in time goes along,
 so one pass serves all outputs without nested differentiation. The output layer is linear. It sees
 the last h, and before it φ where there are Fourier features (a skip connection).
 
+The formulas serve numpy's arrays and torch's tensors alike: who trains weights by gradient takes
+them as tensors, who only draws curves needs no PyTorch.
+
 Source: Apostolakis and Ampountolas 2024, section V.B, for the network on raw time; Tancik et al.,
 NeurIPS 2020, for Fourier features.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from copy import copy
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import torch
+import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor, nn
-from torch.optim.adam import adam
 
 from accpinn.methods.pinn.config import PinnConfig
+from accpinn.methods.pinn.loss import Array, library_of
 from accpinn.units import FloatArray, Seconds
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 State = Mapping[str, NDArray[Any]]
 """Arrays by name, of a network or an optimiser."""
 
 
-class Network(nn.Module):
+class Layer(NamedTuple):
+    """Weights (outputs, inputs) and biases (outputs,), arrays or tensors."""
+
+    weight: Any
+    bias: Any
+
+
+class Network:
     """See the module's head; all in double precision.
 
     With the paper's settings it is 1-60-60-60-(2M+1): 7,623 weights for M = 1 and 7,989 for M = 4.
@@ -45,108 +58,103 @@ class Network(nn.Module):
             config: preset, layers, width, highest frequency and seed.
             duration: length of the window, in s.
         """
-        super().__init__()
         self._duration = duration
-        self._angular = torch.from_numpy(config.angular_frequencies(duration))
+        self._angular = config.angular_frequencies(duration)
         skipped = 2 * len(self._angular) + 1 if len(self._angular) else 0
         sizes = (skipped or 1, *config.hidden)
-        generator = torch.Generator().manual_seed(config.seed)
-        self._layers = [_layer(*pair, generator) for pair in pairwise(sizes)]
-        self.hidden = nn.ModuleList(self._layers)
-        generator = torch.Generator().manual_seed(config.seed + 1)
-        self.output = _layer(skipped + config.width, 2 * followers + 1, generator)
+        dice = np.random.RandomState(config.seed)
+        self.hidden = [_layer(*pair, dice) for pair in pairwise(sizes)]
+        dice = np.random.RandomState((config.seed + 1) % 2**32)
+        self.output = _layer(skipped + config.width, 2 * followers + 1, dice)
 
-    def features(self, time: Tensor) -> tuple[Tensor, Tensor]:
+    def learnable(self) -> "Network":
+        """The same network with tensors as weights, which share these arrays' memory."""
+        import torch
+
+        shared = copy(self)
+        *shared.hidden, shared.output = (
+            Layer(*(torch.from_numpy(values).requires_grad_() for values in layer))
+            for layer in (*self.hidden, self.output)
+        )
+        return shared
+
+    def features(self, time: Array) -> tuple[Array, Array]:
         """(N,) seconds to the first layer's inputs (N, F) and their derivatives."""
-        column = time[:, None]
+        library, column = library_of(time), time[:, None]
         if not len(self._angular):
-            return column, torch.ones_like(column)
-        phase, scale = column * self._angular, 2 / self._duration
-        sine, cosine = torch.sin(phase), torch.cos(phase)
-        rates = torch.full_like(column, scale), self._angular * cosine, -self._angular * sine
-        return torch.cat([scale * column - 1, sine, cosine], 1), torch.cat(rates, 1)
+            return column, library.ones_like(column)
+        angular, scale = library.asarray(self._angular), 2 / self._duration
+        phase = column * angular
+        sine, cosine = library.sin(phase), library.cos(phase)
+        rates = library.full_like(column, scale), angular * cosine, -angular * sine
+        return (
+            library.concatenate((scale * column - 1, sine, cosine), axis=1),
+            library.concatenate(rates, axis=1),
+        )
 
-    def activations(self, value: Tensor, rate: Tensor) -> tuple[Tensor, Tensor]:
+    def activations(self, value: Array, rate: Array) -> tuple[Array, Array]:
         """The last tanh layer (N, width) and its derivative, from those of `features`."""
-        for layer in self._layers:
-            value, through = torch.tanh(layer(value)), rate @ layer.weight.T
+        tanh = library_of(value).tanh
+        for weight, bias in self.hidden:
+            value, through = tanh(value @ weight.T + bias), rate @ weight.T
             rate = (1 - value * value) * through
         return value, rate
 
-    def forward(self, time: Tensor) -> tuple[Tensor, Tensor]:
+    def __call__(self, time: Array) -> tuple[Array, Array]:
         """(N,) seconds to outputs (N, 2M+1) in the order of `output_columns`, and their rates."""
         value, rate = self.features(time)
-        active, active_rate = self.activations(value, rate)
+        seen, seen_rate = self.activations(value, rate)
+        weight, bias = self.output
         if len(self._angular):
-            active, active_rate = torch.cat([value, active], 1), torch.cat([rate, active_rate], 1)
-        return self.output(active), active_rate @ self.output.weight.T
+            concatenate = library_of(value).concatenate
+            seen = concatenate((value, seen), axis=1)
+            seen_rate = concatenate((rate, seen_rate), axis=1)
+        return seen @ weight.T + bias, seen_rate @ weight.T
 
-    @torch.no_grad()
-    def curves(self, time: FloatArray) -> FloatArray:
-        """(N, 2M+1) outputs at instants (N,) in s."""
-        outputs: FloatArray = self(torch.tensor(time))[0].numpy()
-        return outputs
+    def set_output(self, weights: FloatArray) -> None:
+        """Take the output layer from weights (K, 2M+1), biases in the first row."""
+        self.output.bias[:], self.output.weight[:] = weights[0], weights[1:].T
+
+    def weights(self) -> "Iterator[Tensor]":
+        """Weights and biases, those of the output layer last."""
+        for layer in (*self.hidden, self.output):
+            yield from layer
 
     @property
     def size(self) -> int:
         """How many weights and biases it has."""
-        return sum(weights.numel() for weights in self.parameters())
+        return sum(array.size for array in self.arrays().values())
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """A copy of weights and biases, by name."""
-        return {name: weights.numpy().copy() for name, weights in self.state_dict().items()}
+        return {name: np.array(values) for name, values in self._named().items()}
 
     def load_arrays(self, state: State) -> None:
         """Take the weights and biases that `arrays` gave; other arrays are left aside.
 
         Raises:
-            RuntimeError: when they are another network's.
+            ValueError: when they are another network's.
         """
-        names = [name for name in state if name.startswith(("hidden.", "output."))]
-        self.load_state_dict({name: torch.tensor(state[name]) for name in names})
+        own = self._named()
+        names = {name for name in state if name.startswith(("hidden.", "output."))}
+        if names != own.keys() or any(state[name].shape != own[name].shape for name in names):
+            raise ValueError("these weights are another network's")
+        for name, values in own.items():
+            values[:] = state[name]
 
-
-def _layer(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
-    layer = nn.Linear(inputs, outputs, dtype=torch.float64)
-    nn.init.xavier_uniform_(layer.weight, generator=generator)
-    nn.init.zeros_(layer.bias)
-    return layer
-
-
-class Adam:
-    """PyTorch's Adam by its function: the class `torch.optim.Adam` loads a compiler for a second.
-
-    Source: Kingma and Ba 2014.
-    """
-
-    def __init__(self, weights: list[Tensor], b2: float = 0.999) -> None:
-        """The moments start at zero; b2 is the share of the squares' mean kept in a step."""
-        self._weights, self._b2 = weights, b2
-        self._means, self._squares = ([torch.zeros_like(w) for w in weights] for _ in range(2))
-        self._steps = [torch.zeros(()) for _ in weights]
-
-    @torch.no_grad()
-    def step(self, loss: Tensor, learning_rate: float) -> None:
-        """Move the weights along the gradient of a loss."""
-        with torch.enable_grad():
-            slopes = torch.autograd.grad(loss, self._weights)
-        adam(
-            self._weights, list(slopes), self._means, self._squares, [], self._steps,
-            foreach=False, amsgrad=False, beta1=0.9, beta2=self._b2, lr=learning_rate,
-            weight_decay=0.0, eps=1e-8, maximize=False,
-        )  # fmt: skip
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Moments and count of steps, by name."""
-        named = zip(self._means, self._squares, self._steps, strict=True)
+    def _named(self) -> dict[str, NDArray[Any]]:
+        layers = {f"hidden.{k}": layer for k, layer in enumerate(self.hidden)}
+        layers["output"] = self.output
         return {
-            f"adam.{k}.{part}": values.numpy().copy()
-            for k, group in enumerate(named)
-            for part, values in enumerate(group)
+            f"{name}.{part}": values
+            for name, layer in layers.items()
+            for part, values in layer._asdict().items()
         }
 
-    def load_arrays(self, state: State) -> None:
-        """Continue from what `arrays` gave."""
-        for k, group in enumerate(zip(self._means, self._squares, self._steps, strict=True)):
-            for part, values in enumerate(group):
-                values.copy_(torch.tensor(state[f"adam.{k}.{part}"]))
+
+def _layer(inputs: int, outputs: int, dice: np.random.RandomState) -> Layer:
+    """Xavier-uniform weights, the same as PyTorch draws by this seed."""
+    words = dice.randint(2**32, size=(outputs, inputs, 2), dtype=np.uint64)
+    drawn = (words[..., 0] << np.uint64(32) | words[..., 1]) & np.uint64(2**53 - 1)
+    bound = (6 / (inputs + outputs)) ** 0.5
+    return Layer(bound * (2 * (drawn / 2.0**53) - 1), np.zeros(outputs))

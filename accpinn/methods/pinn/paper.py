@@ -12,9 +12,10 @@ import torch
 from torch import Tensor
 
 from accpinn.methods.fit import Checkpoint, HoldoutLoss
+from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, output_columns
-from accpinn.methods.pinn.network import Adam, Network
+from accpinn.methods.pinn.network import Network
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
@@ -37,7 +38,8 @@ class PaperTraining(Training):
         sets = 1 if case == "I" else self.followers
         initial = np.tile(self._initial(), (sets, 1))
         self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ
-        self._unknowns = [*self.network.parameters(), self._parameters]
+        self._learnable = self.network.learnable()
+        self._unknowns = [*self._learnable.weights(), self._parameters]
         self._adam = Adam(self._unknowns)
         self._lbfgs: torch.optim.LBFGS | None = None
         self._test = _draw_test(segment.samples, config.test_share, config.seed)
@@ -106,17 +108,17 @@ class PaperTraining(Training):
 
     def _loss(self) -> LossTerms:
         time, data, mask = self._train
-        outputs, rates = self.network(time)
+        outputs, rates = self._learnable(time)
         return loss_terms(outputs, rates, data, self._theta(), self.config, mask, self.model)
 
     def outputs(self) -> FloatArray:
         """(N, 2M+1) the present surrogate on all instants."""
-        return self.network.curves(self.segment.time)
+        return self.network(self.segment.time)[0]
 
     @torch.no_grad()
     def learned(self) -> Learned:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
-        outputs, rates = self.network(self._time)
+        outputs, rates = self._learnable(self._time)
         loss = self._loss_at(~self._test, outputs, rates).values()
         arrays = self.network.arrays()
         findings: tuple[HoldoutLoss, ...] = ()

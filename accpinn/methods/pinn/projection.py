@@ -27,6 +27,7 @@ from scipy.linalg import cholesky, solve, solve_triangular
 
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import output_columns
+from accpinn.methods.pinn.network import Network
 from accpinn.methods.regression import Solution, solve_platoon
 from accpinn.model.cthp import Case
 from accpinn.units import FloatArray, Mask
@@ -95,6 +96,53 @@ class NormalEquations:
         """(K, K) ΦᵀΦ with a ridge."""
         values: FloatArray = self.grams[0, 0]
         return np.asarray(values + RIDGE * values.diagonal().mean() * np.eye(len(values)))
+
+
+class Projection:
+    """The output layer of a network on the instants of a segment."""
+
+    def __init__(
+        self, network: Network, time: FloatArray, measured: FloatArray, mask: Mask | None
+    ) -> None:
+        """Sum the products of the data and what does not pass through the hidden layers.
+
+        Args:
+            network: with Fourier features.
+            time: (N,) in s from the window's start.
+            measured: (N, 2M+1) in the order of `output_columns`.
+            mask: as for `NormalEquations.of`.
+        """
+        self.network, self._measured, self._mask = network, measured, mask
+        value, rate = network.features(time)
+        self.skipped = np.zeros((len(value), 2, value.shape[1] + 1))
+        """(N, 2, F + 1) a constant and the features, and their derivatives."""
+        self.skipped[:, 0, 0] = 1.0
+        self.skipped[:, 0, 1:], self.skipped[:, 1, 1:] = value, rate
+        self._sums = NormalEquations.of(self.skipped, measured, mask)
+
+    def hidden(self) -> FloatArray:
+        """(N, 2, width) the present activations and their derivatives."""
+        value, rate = self.skipped[:, :, 1:].swapaxes(0, 1)
+        return np.stack(self.network.activations(value, rate), axis=1)
+
+    def sums(self, hidden: FloatArray) -> NormalEquations:
+        """The normal equations of the whole output layer."""
+        return self._sums.extended(self.skipped, hidden, self._measured, self._mask)
+
+    def past_hidden(self, weights: FloatArray) -> FloatArray:
+        """(N, 2, 2M+1) what the skip connection contributes, for the output layer (K, 2M+1)."""
+        return _mapped(self.skipped, weights[: self.skipped.shape[2]])
+
+    def surrogate(self, hidden: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N, 2M+1) outputs and their rates."""
+        both = self.past_hidden(weights) + _mapped(hidden, weights[self.skipped.shape[2] :])
+        return both[:, 0], both[:, 1]
+
+
+def _mapped(columns: FloatArray, weights: FloatArray) -> FloatArray:
+    """(N, 2, L) from values and rates (N, 2, K) and weights (K, L)."""
+    flat = columns.reshape(-1, columns.shape[2]) @ weights
+    return np.asarray(flat.reshape(len(columns), 2, -1))
 
 
 def _products(left: FloatArray, right: FloatArray, count: int) -> FloatArray:

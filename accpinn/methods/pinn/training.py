@@ -29,6 +29,7 @@ from accpinn.methods.fit import (
     ResidualEstimate,
 )
 from accpinn.methods.method import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
+from accpinn.methods.pinn.calibrated import CalibratedTraining, drawn
 from accpinn.methods.pinn.config import (
     CALIBRATED,
     FAST,
@@ -40,6 +41,7 @@ from accpinn.methods.pinn.config import (
     PresetName,
 )
 from accpinn.methods.pinn.loss import Learned, Training, output_columns
+from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.model.registry import PAPER as PAPER_MODEL
@@ -94,7 +96,6 @@ def _needing_torch() -> Iterator[None]:
         ) from fault
 
 
-@_needing_torch()
 def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     """The surrogate of a fit from its stored weights alone.
 
@@ -106,19 +107,17 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     Raises:
         ConfigError: when the weights are missing, or another network's.
     """
-    from accpinn.methods.pinn.network import Network
-
     config = PinnConfig.from_json(fit.config)
     try:
         if 2 * duration * config.highest_frequency > MOST_FEATURES:
             raise ValueError(duration)
         network = Network(len(fit.parameters), config, duration)
         network.load_arrays(fit.arrays)
-    except (KeyError, ValueError, RuntimeError):
+    except (KeyError, ValueError):
         raise ConfigError(
             "The network's weights are missing, or another network's; train again."
         ) from None
-    return _motion(time, network.curves(time))
+    return _motion(time, network(time)[0])
 
 
 def _motion(time: FloatArray, outputs: FloatArray) -> Trajectories:
@@ -164,7 +163,6 @@ def _trained(
     """Train on a segment, or draw it with the parameters of several ``together``."""
     threads = _default(config.preset) if context.threads is None else _allowed(context.threads)
     require_memory(segment, config, law.model)
-    start_loading()
 
     def begin() -> tuple[Training, Recorder]:
         return _begun(segment, case, config, threads, together, law), Recorder()
@@ -249,7 +247,6 @@ def _biased(preset: PresetName, model: str) -> tuple[PaperEstimate | ResidualEst
     return (PaperEstimate(preset) if model == PAPER_MODEL else ResidualEstimate(preset),)
 
 
-@_needing_torch()
 def _together(
     segments: tuple[Segment, ...],
     case: Case,
@@ -282,28 +279,22 @@ def _together(
 
 def _drawn(segment: Segment, case: Case, config: PinnConfig, learned: Learned) -> Fit:
     """A further window's fit with the parameters that were learned."""
-    from accpinn.methods.pinn.fast import FastTraining
-
     started = time.perf_counter()
     require_memory(segment, config)
-    network = FastTraining(segment, case, config, 1, learned.solution, learned.terms)
-    while network.outcome is None:
-        network.advance()
-    curves = network.learned()
+    evidence = learned.loss["evidence"]
+    curves = drawn(segment, config, learned.solution, learned.terms, evidence)
     return Fit.of(
         "pinn",
         segment,
         case,
         learned.solution,
         surrogate=_motion(segment.time, curves.outputs),
-        outcome=network.outcome,
+        outcome=Outcome.CONVERGED,
         seconds=time.perf_counter() - started,
         config=config.to_json(),
-        loss=curves.loss | {"evidence": learned.loss["evidence"]},
-        iterations=network.progress.iteration,
+        loss=curves.loss,
         network_weights=curves.network_weights,
         arrays=curves.arrays,
-        findings=list(curves.findings),
         terms=learned.terms,
     )
 
@@ -316,10 +307,8 @@ def _begun(
     together: tuple[Segment, ...],
     law: Law,
 ) -> Training:
-    """The preset's training, imported only now; the search of `calibrated` needs no PyTorch."""
+    """The preset's training; `calibrated` needs no PyTorch."""
     if config.preset == "calibrated":
-        from accpinn.methods.pinn.calibrated import CalibratedTraining
-
         return CalibratedTraining(segment, case, config, threads, together, law)
     import_module("torch")
     if law.model != PAPER_MODEL:

@@ -8,9 +8,8 @@ import pytest
 
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import surrogate_errors
-from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome, Progress
+from accpinn.methods.fit import Fit, Outcome, Progress
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
-from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
@@ -54,11 +53,11 @@ class TestResult:
         errors = surrogate_errors(platoon(), fitted())
         assert errors.gap_mae.max() < 0.2
 
-    def test_converges_and_states_what_the_hidden_layers_contributed(self) -> None:
+    def test_converges_to_the_loss_of_its_curves(self) -> None:
         fit = fitted()
         assert fit.outcome is Outcome.CONVERGED
-        assert HiddenLayersGain(fit.loss["start"], fit.loss["total"]) in fit.findings
-        assert fit.loss["total"] <= fit.loss["start"]
+        terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
+        assert fit.history.total[-1] == fit.loss["total"] == pytest.approx(terms, rel=1e-12)
 
     def test_masked_instants_do_not_count(self) -> None:
         segment = platoon()
@@ -76,24 +75,13 @@ class TestProgress:
         seen: list[Progress] = []
         fit = train(platoon(), "II", CALIBRATED, on_progress=seen.append)
         phases = [moment.phase for moment in seen]
-        assert phases == sorted(phases, key=["evidence", "start", "Adam"].index)
+        assert phases == ["evidence"] * (len(phases) - 1) + ["curves"]
         assert [moment.iteration for moment in seen] == sorted({m.iteration for m in seen})
         evidence = np.array([moment.evidence for moment in seen])
         assert evidence[-1] > evidence[0]
         np.testing.assert_array_equal(fit.history.evidence, evidence)
         assert fit.history.deviations.shape == (len(seen), 2, 3)
         assert fit.loss["evidence"] == evidence[-1]
-
-    def test_curves_are_drawn_as_soon_as_there_is_an_output_layer(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr(training, "CURVE_EVERY", 0.0)  # as on a machine that is slow
-        seen: list[Progress] = []
-        fit = train(platoon(), "II", CALIBRATED, on_progress=seen.append)
-        drawn = [moment.surrogate is not None for moment in seen[:-1]]
-        assert drawn == [moment.phase != "evidence" for moment in seen[:-1]]
-        (first, *_) = [moment.surrogate for moment in seen if moment.surrogate]
-        np.testing.assert_allclose(first.speeds, fit.surrogate.speeds, atol=0.05)
 
 
 @pytest.mark.parametrize("stop", [0, 3])

@@ -1,4 +1,4 @@
-"""The fast preset: where it starts, what its cycles do, and parameters that are held."""
+"""The fast preset: where it starts, what its cycles do, and the curves of given parameters."""
 
 from dataclasses import replace
 
@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from accpinn.methods.fit import Outcome
+from accpinn.methods.pinn.calibrated import drawn
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Parameters
-from tests.support.driving import LAW, MIXED, driven
+from tests.support.driving import MIXED, driven
 from tests.support.methods import WEIGHTED
 
 SEGMENT = driven(MIXED, noise=0.05)
@@ -48,33 +49,10 @@ def test_a_cycle_that_does_not_lower_the_loss_is_taken_back_and_is_the_last() ->
         np.testing.assert_array_equal(values, weights[name])
 
 
-def test_held_parameters_do_not_move() -> None:
-    held = Solution.of(Parameters.of(np.tile([0.1, 0.2, 1.3], (3, 1))).theta)
-    training = FastTraining(SEGMENT, "II", FAST, held=held)
-    assert training.progress.phase == "start"
-    first = training.progress.total
-    while training.outcome is None:
-        training.advance()
-    learned = training.learned()
-    np.testing.assert_array_equal(learned.solution.theta, held.theta)
-    assert learned.loss["start"] == first >= learned.loss["total"]
-    assert training.outcome is Outcome.CONVERGED
-
-
-def test_the_seed_draws_other_hidden_layers_and_the_parameters_hardly_move() -> None:
-    fits = []
-    for seed in range(2):
-        training = started(replace(FAST, seed=seed))
-        fits.append(training.progress.parameters.values)
-    assert (fits[0] != fits[1]).any()
-    np.testing.assert_allclose(*fits, rtol=2e-3)
-
-
-def test_starts_at_the_output_layers_optimum_for_the_initial_values() -> None:
-    law = Parameters(*LAW)
-    training = FastTraining(driven(), "II", replace(FAST, initial=law))
-    best = training.progress.total
-    away = np.random.default_rng(0).standard_normal(training._best.weights.shape)
-    for size in (1e-3, -1e-3):
-        moved = replace(training._best, weights=training._best.weights + size * away)
-        assert float(training._loss(moved).total) > best
+def test_an_output_layer_for_given_parameters_has_the_loss_of_the_start() -> None:
+    """`calibrated` draws its curves by it."""
+    given = Solution.of(Parameters.of(np.tile([0.1, 0.2, 1.3], (3, 1))).theta)
+    config = replace(FAST, initial=Parameters(0.1, 0.2, 1.3))
+    learned = drawn(SEGMENT, config, given, None, evidence=2.0)
+    assert learned.loss["total"] == FastTraining(SEGMENT, "II", config).progress.total
+    assert learned.loss["evidence"] == 2.0

@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from accpinn.errors import ConfigError
+from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
 from accpinn.methods.pinn.loss import output_columns, stack_outputs
-from accpinn.methods.pinn.network import Adam, Network
+from accpinn.methods.pinn.network import Network
 from accpinn.methods.registry import METHODS
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample
@@ -56,7 +57,7 @@ def nested_rates(outputs: torch.Tensor, time: torch.Tensor) -> torch.Tensor:
 def test_tangent_is_automatic_differentiations_time_derivative(
     followers: int, config: PinnConfig
 ) -> None:
-    network = Network(followers, config, 20.0)
+    network = Network(followers, config, 20.0).learnable()
     time = torch.linspace(0, 20, 40, dtype=torch.float64, requires_grad=True)
     outputs, rates = network(time)
     expected = nested_rates(outputs, time)
@@ -69,10 +70,10 @@ def test_tangent_is_automatic_differentiations_time_derivative(
 def test_gradient_through_the_tangent_is_that_through_nested_differentiation(
     config: PinnConfig,
 ) -> None:
-    network = Network(2, config, 20.0)
+    network = Network(2, config, 20.0).learnable()
     time = torch.linspace(0, 20, 40, dtype=torch.float64, requires_grad=True)
     # The output layer's bias moves no rate.
-    weights = [*network.hidden.parameters(), network.output.weight]
+    weights = [*network.weights()][:-1]
     ours = torch.autograd.grad((network(time)[1] ** 2).sum(), weights)
     theirs = torch.autograd.grad((nested_rates(network(time)[0], time) ** 2).sum(), weights)
     for mine, nested in zip(ours, theirs, strict=True):
@@ -81,27 +82,41 @@ def test_gradient_through_the_tangent_is_that_through_nested_differentiation(
 
 def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_zero() -> None:
     assert [Network(m, PAPER, 300.0).size for m in (1, 3, 4)] == [7623, 7867, 7989]
-    layers = [part for part in Network(4, PAPER, 300.0).modules() if hasattr(part, "in_features")]
-    sizes = [(layer.in_features, layer.out_features) for layer in layers]
-    assert sizes == [(1, 60), (60, 60), (60, 60), (60, 9)]
+    network = Network(4, PAPER, 300.0)
+    layers = [*network.hidden, network.output]
+    assert [layer.weight.shape for layer in layers] == [(60, 1), (60, 60), (60, 60), (9, 60)]
+    by_torch = torch.Generator().manual_seed(PAPER.seed)
     for layer in layers:
-        bound = (6 / (layer.in_features + layer.out_features)) ** 0.5
-        size = layer.weight.detach().abs()
-        assert 0.9 * bound < float(size.max()) <= bound
-        # A uniform density has its standard deviation at bound/√3.
-        assert float(layer.weight.detach().std()) == pytest.approx(bound / 3**0.5, rel=0.2)
+        if layer is network.output:
+            by_torch.manual_seed(PAPER.seed + 1)
+        expected = torch.empty(layer.weight.shape, dtype=torch.float64)
+        torch.nn.init.xavier_uniform_(expected, generator=by_torch)
+        np.testing.assert_allclose(layer.weight, expected.numpy(), rtol=0, atol=1e-15)
         assert not layer.bias.any()
+
+
+@BOTH
+def test_tensors_share_the_arrays_and_give_the_same_curves(config: PinnConfig) -> None:
+    network, time = Network(2, config, 20.0), np.linspace(0, 20, 7)
+    learnable = network.learnable()
+    before = network(time)
+    with torch.no_grad():
+        for weights in learnable.weights():
+            weights += 0.1
+    assert np.abs(network(time)[0] - before[0]).max() > 0.01
+    for ours, theirs in zip(network(time), learnable(torch.from_numpy(time)), strict=True):
+        np.testing.assert_allclose(ours, theirs.detach().numpy(), rtol=1e-12, atol=1e-14)
 
 
 def test_weights_of_another_network_are_refused() -> None:
     mine = Network(1, FOURIER, 20.0)
     for other in (Network(1, replace(FOURIER, layers=2), 20.0).arrays(), {}):
-        with pytest.raises(RuntimeError):
+        with pytest.raises(ValueError, match="another network"):
             mine.load_arrays(other)
     fresh = Network(1, replace(FOURIER, seed=4), 20.0)
     fresh.load_arrays(mine.arrays() | {"unknowns": np.zeros(9)})
     time = np.linspace(0, 20, 7)
-    np.testing.assert_array_equal(fresh.curves(time), mine.curves(time))
+    np.testing.assert_array_equal(fresh(time)[0], mine(time)[0])
 
 
 def quartic(values: torch.Tensor, step: int) -> torch.Tensor:
