@@ -396,8 +396,9 @@ class Segment(_Platoon):
         )
 
     def _digest(self) -> str:
-        """SHA-256 of what determines an estimate: instants, speeds, gaps and more."""
-        content = hashlib.sha256(repr((self.vehicles, float(self.start))).encode())
+        """SHA-256 of what determines a result: instants, speeds, gaps and more."""
+        whose = (self.vehicles, float(self.start), *map(float, self.longest_time_gaps))
+        content = hashlib.sha256(repr(whose).encode())
         for values in (self.time, self.speeds, self.gaps):
             content.update(repr(values.shape).encode())
             content.update(np.ascontiguousarray(values, dtype="<f8").tobytes())

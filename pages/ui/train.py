@@ -70,8 +70,8 @@ OPTIONS: dict[str, tuple[str, float, str, str]] = {
                    " once α, β and τ stand still."),
     "seed": ("Seed", 1, EVERY, "Of the network's random initial weights and of the instants drawn"
              " at random. The same seed gives the same result."),
-    "learning_rate": ("Learning rate", 0.001, PAPERS, "Adam's step. Larger is faster, until the loss"
-                      " no longer falls; the paper's is 0.001."),
+    "learning_rate": ("Learning rate", 0.001, PAPERS, "Adam's step. Larger is faster, until the"
+                      " loss no longer falls; the paper's is 0.001."),
     "weight_initial": ("R, weight of the first instant (Ψ_R)", 0.1, PAPERS, "Of the squared error"
                        " at the first instant; 0 leaves it out, the authors' notebooks use 1."),
     **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, PAPERS, START_HELP)
