@@ -1,4 +1,4 @@
-"""Types in the signatures: units (SI throughout, converted when a file is read), arrays, masks."""
+"""Types in the signatures: units (SI throughout, converted when a file is read), arrays, values."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -22,6 +22,20 @@ def frozen(values: object, *, dtype: type = np.float64) -> FloatArray:
     array: FloatArray = np.array(values, dtype=dtype)
     array.setflags(write=False)
     return array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its interval; nan where nothing is known."""
+
+    value: float
+    lower: float
+    upper: float
+
+    @property
+    def is_inside(self) -> bool:
+        """Whether the value lies in its interval; one that is unknown does."""
+        return not (self.value < self.lower or self.value > self.upper)
 
 
 def known_mean(values: FloatArray) -> FloatArray:

@@ -4,7 +4,7 @@ Every car's windows in car-following under ACC are estimated by themselves. Then
 the centre m and spread S of the cars and the usual scale Σ₀ between windows of a car (see
 `accpinn.inference.population`) are those that the typical values of all cars have, found in rounds:
 each car is sampled under the present m, S and Σ₀, which then become those of the samples. Runs of
-one car in one campaign count as one car. It prints the entries of `POPULATIONS`, of all models or
+one car in one campaign count as one car. It prints the rows of `populations.csv`, of all models or
 of those named: `python -m bench.population FOLDER idm fvdm`.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.coordinates import count_of, log_prior
-from accpinn.inference.population import Population, sampled_population
+from accpinn.inference.population import PARTS, Population, sampled_population
 from accpinn.inference.window_posterior import window_posterior
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.recordings.files import read
@@ -92,10 +92,9 @@ def main() -> None:
     for model in sys.argv[2:] or FOLLOWING:
         cars = [drawn for drawn in cars_of(windows, model).values() if len(drawn)]
         population = learn(cars, model)
-        print(f'    "{model}": _population(')
-        for values in (population.centre, population.cars, population.windows):
-            print(f"        {np.round(values, 4).tolist()},")
-        print("    ),", flush=True)
+        for part in PARTS:
+            for row in np.atleast_2d(getattr(population, part)).round(4).tolist():
+                print(model, part, *row, sep=",", flush=True)
         print(f"# {len(cars)} cars, {sum(map(len, cars))} windows", file=sys.stderr, flush=True)
 
 

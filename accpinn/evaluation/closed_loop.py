@@ -16,7 +16,7 @@ import numpy as np
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Trajectories
+from accpinn.model.cthp import Trajectories, collides
 from accpinn.model.registry import simulate
 from accpinn.segment.cut import BRIDGE, SLACK
 from accpinn.segment.segment import Segment
@@ -191,7 +191,7 @@ def closed_loop_findings(
     """
     if simulated is None:
         return ()
-    touching = (simulated.gaps <= 0) & (segment.measured_gaps > 0)
+    touching = collides(simulated.gaps) & (segment.measured_gaps > 0)
     diverged = _diverged(segment, simulated)
     floor = np.minimum(BACKWARDS, segment.speeds[:, 1:].min(axis=0))
     backwards = (simulated.speeds[:, 1:] < floor) & ~diverged

@@ -36,7 +36,7 @@ from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
 from accpinn.segment.segment import Segment, median_speeds
-from accpinn.units import FloatArray, MetresPerSecond, Seconds
+from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
 
 THINNING = 2
 """One of so many draws of the typical value is kept."""
@@ -61,14 +61,18 @@ class HeterogeneousWindows(Finding, frozen=True):
 
 
 @dataclass(frozen=True)
-class Span:
+class Span(Estimate):
     """A value with its interval as the car's typical one, and the interval in a further window."""
 
-    value: float
-    lower: float
-    upper: float
     further_lower: float
     further_upper: float
+
+    @classmethod
+    def of(cls, parts: Sequence[FloatArray], level: float) -> Self:
+        """From the value (), draws (n,) of the typical one and draws (n,) in a further window."""
+        value, typical, further = parts
+        ends = [end for drawn in (typical, further) for end in interval_ends(drawn, level)]
+        return cls(float(value), *map(float, ends))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +155,7 @@ class Answer:
         return self.parameters, self.typical, self.further
 
     def _span(self, parts: Sequence[FloatArray], follower: int) -> Span:
-        value, typical, further = parts
-        ends = [known_ends(drawn[:, follower], self.level) for drawn in (typical, further)]
-        return Span(float(value[follower]), *(float(end) for pair in ends for end in pair))
+        return Span.of([part[..., follower] for part in parts], self.level)
 
 
 def answer(
@@ -237,7 +239,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         windows=estimates,
         windows_lower=Parameters.of(np.where(estimates.everything == 0.0, 0.0, lower)),
         windows_upper=Parameters.of(upper),
-        windows_gap=np.array(known_ends(time_gap(model, alone, gap_at), LEVEL)),
+        windows_gap=np.array(interval_ends(time_gap(model, alone, gap_at), LEVEL)),
         differ=differ,
         trust=tuple(
             trust(segments, vehicle, row, model, parameters[row[0]], estimates[:, row[0]])
@@ -250,14 +252,6 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         ),
         seconds=time.perf_counter() - started,
     )
-
-
-def known_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """`interval_ends` of the finite draws (n, ..); nan where fewer than half are finite."""
-    known = np.isfinite(values).mean(axis=0) >= 0.5
-    kept = np.where(known & np.isfinite(values), values, np.where(known, np.nan, 0.0))
-    lower, upper = np.nanquantile(kept, ((1.0 - level) / 2.0, (1.0 + level) / 2.0), axis=0)
-    return np.where(known, lower, np.nan), np.where(known, upper, np.nan)
 
 
 def _stated(speeds: FloatArray) -> MetresPerSecond:

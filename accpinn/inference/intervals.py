@@ -345,10 +345,13 @@ def _sample(
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper quantiles over the first axis; nan where a value is nan."""
-    tail = (1.0 - level) / 2.0
-    lower, upper = np.quantile(values, (tail, 1.0 - tail), axis=0)
-    return lower, upper
+    """Lower and upper quantiles over the first axis of what is not nan; nan where most is."""
+    tails = (1.0 - level) / 2.0, (1.0 + level) / 2.0
+    ends = np.quantile(values, tails, axis=0)
+    partly = np.isnan(ends[0]) & (np.isnan(values).mean(axis=0) <= 0.5)
+    if partly.any():
+        ends[:, partly] = np.nanquantile(values[:, partly], tails, axis=0)
+    return ends[0], ends[1]
 
 
 def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[UncertaintyFinding]:

@@ -29,7 +29,7 @@ from accpinn.inference.intervals import Uncertainty, interval_ends
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
 from accpinn.methods.state_space import discretise
-from accpinn.model.cthp import Case, Parameters, motion_matrix
+from accpinn.model.cthp import Case, Parameters, collides, motion_matrix
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
@@ -130,7 +130,7 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
     lower, upper = interval_ends(gaps, uncertainty.level)
     inside = np.where(np.isnan(measured - lower), np.nan, (lower <= measured) & (measured <= upper))
     shares = known_mean(inside)
-    touching = ((gaps <= 0) & (measured > 0)).any(axis=1).mean(axis=0)
+    touching = (collides(gaps) & (measured > 0)).any(axis=1).mean(axis=0)
     findings = tuple(
         BandCoverage(vehicle, float(share), uncertainty.level, float(touch))
         for vehicle, share, touch in zip(segment.vehicles[1:], shares, touching, strict=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Parameters, collides
 from accpinn.model.registry import simulate, time_gap
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond
@@ -107,15 +107,15 @@ def trust(
         speed,
         float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
         float(np.sqrt(np.nanmean([np.nanvar(pair.measured_gaps) for pair in pairs]))),
-        any(collides for _, collides in off),
+        any(collided for _, collided in off),
     )
 
 
 def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, bool]:
     """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
-    errors, collides = [np.empty(0)], False
+    errors, collided = [np.empty(0)], False
     if not np.isfinite(answer.everything).all():
-        return errors[0], collides
+        return errors[0], collided
     for piece in simulable(pair):
         rows, measured = piece.rows, pair.measured_gaps[piece.rows, 0]
         start = pair.speeds[piece.first, 1:], pair.gaps[piece.first]
@@ -124,5 +124,5 @@ def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, 
             driven = simulate(model, answer[None], times, ahead, *start)
         gaps = np.nan_to_num(driven.gaps[:, 0], nan=FAR)
         errors.append(gaps - measured)
-        collides |= bool(((gaps <= 0) & (measured > 0)).any())
-    return np.concatenate(errors), collides
+        collided |= bool((collides(gaps) & (measured > 0)).any())
+    return np.concatenate(errors), collided

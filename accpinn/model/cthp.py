@@ -18,7 +18,7 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accpinn.units import FloatArray, Seconds, frozen
+from accpinn.units import FloatArray, Mask, Metres, Seconds, frozen
 
 Case = Literal["I", "II"]
 """Case I: one parameter set for the platoon. Case II: one per follower."""
@@ -181,6 +181,8 @@ LARGEST = Parameters(10.0, 10.0, 100.0)
 """Bounds of searches: gains a hundred times, a headway fifty times what cars have."""
 LARGEST_ALPHA_TAU = 10.0
 """Bound of ατ in searches over θ, in 1/s."""
+TOUCH: Metres = 1e-6
+"""Depth to which rounding alone makes a gap negative that ends at 0 behind a leader at rest."""
 
 
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
@@ -207,6 +209,11 @@ class Trajectories:
     """(N, M+1) in m/s, leader first."""
     gaps: FloatArray
     """(N, M) in m."""
+
+
+def collides(gaps: FloatArray) -> Mask:
+    """(..) where a vehicle is in the one ahead by simulated gaps (..) in m; nowhere at nan."""
+    return np.asarray(gaps < -TOUCH)
 
 
 def simulate(

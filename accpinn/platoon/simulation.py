@@ -33,11 +33,11 @@ from scipy.linalg import expm
 from accpinn.errors import ParameterError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.model import cthp
-from accpinn.model.cthp import Parameters, Trajectories, motion_matrix, orbit
+from accpinn.model.cthp import Parameters, Trajectories, collides, motion_matrix, orbit
 from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.stability.criteria import checked, response, slowest_rate
-from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
+from accpinn.units import FloatArray, PerSecond, Seconds, frozen
 
 SAMPLE_TIME: Seconds = 0.1
 """Sample time of the recordings and of a simulation, by default."""
@@ -46,8 +46,6 @@ SAMPLES_PER_PERIOD = 24
 MOST_SAMPLES = 200_000
 FASTEST: PerSecond = 1e6
 """Fastest reaction; beyond it a step of any use loses the slow motion to rounding."""
-TOUCH: Metres = 1e-6
-"""Depth to which rounding alone makes a gap negative that ends at 0 behind a leader at rest."""
 NONLINEAR_STEP: Seconds = 0.05
 """Largest step of the integration: with half of it speeds differ by less than 1 mm/s."""
 SLACK: Seconds = 1e-9
@@ -346,9 +344,10 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
     """The first collision of each follower; between samples the gap is taken as straight."""
     collisions = []
     for follower, gap in enumerate(driven.gaps.T, 1):
-        used_up = np.flatnonzero(gap < (-TOUCH if gap[0] > 0 else TOUCH))
-        if len(used_up):
-            k = int(used_up[0])
+        used_up = collides(gap)
+        used_up[0] = gap[0] <= 0
+        if used_up.any():
+            k = int(used_up.argmax())
             back = gap[k] / (gap[k] - gap[k - 1]) if k else 0.0
             step = driven.time[k] - driven.time[k - 1] if k else 0.0
             collisions.append(Collision(follower, float(driven.time[k] - back * step)))

@@ -19,7 +19,6 @@ Source: Milanés and Shladover, Transportation Research Part C 48 (2014) 285-300
 """
 
 import re
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
@@ -44,7 +43,7 @@ from accpinn.stability.report import stability_at
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
-from accpinn.units import FloatArray, MetresPerSecond, Seconds
+from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
 
 if TYPE_CHECKING:  # loads pandas, which few commands need
     from accpinn.study.groups import Groups
@@ -254,18 +253,22 @@ def groups_document(grouped: "Groups") -> dict[str, Any]:
                     {name: group.span(name) for name in group.names},
                     {f"{speed * 3.6:.0f}": group.time_gap(speed) for speed in SPEEDS},
                 ),
-                **{name: {key: asdict(spread) for key, spread in getattr(group, name).items()}
+                **{name: {key: _estimate(spread) for key, spread in getattr(group, name).items()}
                    for name in ("between_windows", "between_vehicles")},
                 "mean_time_gap": {
                     "median": group.mean_time_gap.value,
-                    "quartiles": [group.mean_time_gap.low, group.mean_time_gap.high],
+                    "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
                 },
-                "l2_stable": asdict(group.l2_stable),
-                "linf_stable": asdict(group.linf_stable),
+                "l2_stable": _estimate(group.l2_stable),
+                "linf_stable": _estimate(group.linf_stable),
             }
             for group in grouped.groups
         ],
     }  # fmt: skip
+
+
+def _estimate(of: Estimate) -> dict[str, float]:
+    return {"value": of.value, "low": of.lower, "high": of.upper}
 
 
 def _trust_document(trust: Trust) -> dict[str, Any]:

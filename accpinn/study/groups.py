@@ -32,7 +32,6 @@ from accpinn.inference.answer import (
     Car,
     Span,
     car_of,
-    known_ends,
     middle_of,
 )
 from accpinn.inference.coordinates import count_of, parameters_of, possible
@@ -46,7 +45,7 @@ from accpinn.segment.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows
-from accpinn.units import FloatArray, MetresPerSecond
+from accpinn.units import Estimate, FloatArray, MetresPerSecond
 
 GROUPABLE = ("make", "model", "distance_setting", "campaign", "mode", "name", "file", "date")
 """Columns that rows may be grouped by."""
@@ -62,28 +61,6 @@ KEPT_CARS = 1024
 """Vehicles whose answers are kept, so that other filters and groups take no time."""
 
 
-@dataclass(frozen=True)
-class Share:
-    """A value of a group with the ends of its range; nan where nothing is known."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class Spread:
-    """The deviation within which 68 % lie, with its interval.
-
-    That of a CTHP's terms and of parameters that may be negative is absolute, all others are
-    relative.
-    """
-
-    value: float
-    low: float
-    high: float
-
-
 @dataclass(frozen=True, eq=False)
 class Group:
     """What the windows of a group say, under one model."""
@@ -94,7 +71,7 @@ class Group:
     """Followers of windows: K."""
     vehicles: int
     """Different names within a campaign; where a file names none, its vehicles count by number."""
-    mean_time_gap: Share
+    mean_time_gap: Estimate
     """In s: the median, and the quartiles of the windows."""
     model: str
     level: float
@@ -115,43 +92,45 @@ class Group:
 
     def span(self, name: str) -> Span:
         """One parameter, by its name."""
-        return self._span([value_of(self.model, part, name) for part in self._parts])
+        return Span.of([value_of(self.model, part, name) for part in self._parts], self.level)
 
     def gain(self, name: str) -> Span:
         """α or β; of a model that is no CTHP at the median speed of the group's vehicles."""
-        return self._span([getattr(part, name) for part in self._parts])
+        return Span.of([getattr(part, name) for part in self._parts], self.level)
 
     def time_gap(self, speed: MetresPerSecond) -> Span:
         """The time gap in equilibrium at a speed, in s."""
-        return self._span([time_gap(self.model, part, speed) for part in self._parts])
+        return Span.of([time_gap(self.model, part, speed) for part in self._parts], self.level)
 
     @cached_property
-    def between_windows(self) -> dict[str, Spread]:
-        """How far windows of one vehicle differ; empty where no vehicle has two.
+    def between_windows(self) -> dict[str, Estimate]:
+        """Within what deviation 68 % of a vehicle's windows lie; empty where none has two.
 
-        The keys are the model's parameters; of a CTHP time_gap (at 100 km/h) is in place of tau.
+        That of a CTHP's terms and of parameters that may be negative is absolute, all others are
+        relative. The keys are the model's parameters; of a CTHP time_gap (at 100 km/h) is in place
+        of tau.
         """
         variances = [np.diagonal(car.covariance, axis1=1, axis2=2) for car in self.differing]
         return self._spread(np.mean(variances, axis=0)) if variances else {}
 
     @cached_property
-    def between_vehicles(self) -> dict[str, Spread]:
+    def between_vehicles(self) -> dict[str, Estimate]:
         """How far the typical values of vehicles differ, as above; empty for one vehicle."""
         if len(self.cars) < 2:
             return {}
         return self._spread(np.diagonal(self.drawn.covariance, axis1=1, axis2=2))
 
     @cached_property
-    def l2_stable(self) -> Share:
+    def l2_stable(self) -> Estimate:
         """The share of vehicles that are L₂ string stable."""
         return self._share(l2_margin)
 
     @cached_property
-    def linf_stable(self) -> Share:
+    def linf_stable(self) -> Estimate:
         """The share of vehicles that are L∞ string stable, by the exact criterion."""
         return self._share(exact_margin)
 
-    def _share(self, margin: Any) -> Share:
+    def _share(self, margin: Any) -> Estimate:
         drawn = (
             parameters_of(self.model, _evenly(possible(self.model, car.value, at), JUDGED), at)
             for car, at in zip(self.cars, self.speeds.tolist(), strict=True)
@@ -168,12 +147,7 @@ class Group:
         )
         return parameters_of(self.model, self.drawn.middle, at), value, further
 
-    def _span(self, parts: Sequence[FloatArray]) -> Span:
-        value, typical, further = parts
-        ends = [known_ends(drawn, self.level) for drawn in (typical, further)]
-        return Span(float(value), *(float(end) for pair in ends for end in pair))
-
-    def _spread(self, variances: FloatArray) -> dict[str, Spread]:
+    def _spread(self, variances: FloatArray) -> dict[str, Estimate]:
         names = self.names
         deviations = np.sqrt(variances)
         if self.model in CTHPS:
@@ -182,7 +156,7 @@ class Group:
             deviations = deviations * [p.spread for p in FOLLOWING[self.model].parameters]
         low, high = interval_ends(deviations, self.level)
         rows = np.array([np.median(deviations, axis=0), low, high]).T
-        return {name: Spread(*map(float, row)) for name, row in zip(names, rows, strict=True)}
+        return {name: Estimate(*map(float, row)) for name, row in zip(names, rows, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -269,7 +243,7 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> 
         values=tuple(map(str, key)),
         windows=len(rows),
         vehicles=len(who.drop_duplicates()),
-        mean_time_gap=Share(*quartiles),
+        mean_time_gap=Estimate(*quartiles),
         model=model,
         level=level,
         drawn=_together(cars, model),
@@ -319,11 +293,11 @@ def _evenly(drawn: FloatArray, count: int) -> FloatArray:
     return np.asarray(drawn[np.linspace(0, len(drawn) - 1, min(len(drawn), count)).astype(int)])
 
 
-def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
+def share(probabilities: FloatArray, level: float = LEVEL) -> Estimate:
     """The share of stable vehicles, from the probability (V,) of each to be stable."""
     count = len(probabilities)
     if not count:
-        return Share(np.nan, np.nan, np.nan)
+        return Estimate(np.nan, np.nan, np.nan)
     weights = np.ones(1)  # of each possible number of stable ones
     for p in probabilities:
         weights = np.convolve(weights, [1.0 - p, p])
@@ -337,4 +311,4 @@ def share(probabilities: FloatArray, level: float = LEVEL) -> Share:
 
     tail, value = (1.0 - level) / 2.0, float(np.mean(probabilities))
     # A share of 0 or 1 is an end of its interval.
-    return Share(value, min(quantile(tail), value), max(quantile(1.0 - tail), value))
+    return Estimate(value, min(quantile(tail), value), max(quantile(1.0 - tail), value))

@@ -27,6 +27,7 @@ from accpinn.findings import Finding, Labelled
 from accpinn.inference.gain_check import LEAST, compared
 from accpinn.methods.fit import Undetermined
 from accpinn.methods.following import Drives, estimate
+from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, following_model
 from accpinn.recordings.recording import Recording, Window
@@ -49,8 +50,6 @@ SLOW: MetresPerSecond = 5.0
 """Least measured speed at which the time gap has an error."""
 LARGEST: Metres = 100.0
 """Errors of the gap are clipped to this; a simulation that diverges gets it."""
-TOUCH: Metres = 0.1
-"""Depth to which a gap may fall below zero without a collision: the CTHP stops at gap 0."""
 CONFIDENCE = 0.95
 LEAST_WINDOWS = 3
 """Fewer windows say nothing about which model is better."""
@@ -357,7 +356,7 @@ def _scores(
     errors = np.where(known, errors.clip(-LARGEST, LARGEST), np.nan)
     fast = np.where(drives.speeds > SLOW, drives.speeds, np.nan)
     rmse, time_gap_rmse = (_rms(part) for part in (errors, errors / fast))
-    collided: Mask = np.asarray((known & ~(driven > -TOUCH)).any(axis=0))
+    collided: Mask = np.asarray((known & collides(driven)).any(axis=0))
     return tuple(
         ModelScore(
             key,

@@ -13,6 +13,7 @@ from accpinn.inference.intervals import (
     NotDetermined,
     OutsideInterval,
     gain_band,
+    interval_ends,
     intervals,
     parameter_intervals,
     within,
@@ -174,3 +175,12 @@ def test_one_segments_methods_share_the_draws() -> None:
     assert other.draws is one.draws
     assert not other.inside.any()
     assert one.inside[0, 2]
+
+
+def test_ends_are_those_of_the_known_draws_where_half_are_known() -> None:
+    draws = np.tile(np.arange(101.0)[:, None], 4)
+    draws[:50, 1] = draws[:51, 2] = draws[:, 3] = np.nan
+    lower, upper = interval_ends(draws, 0.8)
+    np.testing.assert_allclose(lower, [10.0, 55.0, np.nan, np.nan])
+    np.testing.assert_allclose(upper, [90.0, 95.0, np.nan, np.nan])
+    assert interval_ends(draws[:, 1], 0.8) == (lower[1], upper[1])

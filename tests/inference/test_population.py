@@ -8,10 +8,10 @@ from scipy.stats import t as student
 
 from accpinn.inference import population
 from accpinn.inference.population import (
-    POPULATIONS,
     TAILS,
     Population,
     Sampled,
+    population_of,
     sampled_population,
 )
 from accpinn.units import FloatArray
@@ -122,7 +122,7 @@ def test_held_coordinates_leave_those_of_the_others() -> None:
     np.testing.assert_array_equal(*values)
 
 
-KNOWN = POPULATIONS["cthp"]
+KNOWN = population_of("cthp", 3)
 NEARLY = 0.05
 
 

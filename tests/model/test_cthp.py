@@ -9,7 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from accpinn.model.cthp import LINEAR_NAMES, Parameters, motion_matrix, orbit, regressors, simulate
+from accpinn.model.cthp import (
+    LINEAR_NAMES,
+    Parameters,
+    collides,
+    motion_matrix,
+    orbit,
+    regressors,
+    simulate,
+)
 from accpinn.units import FloatArray
 from tests.support.driving import motion
 
@@ -116,3 +124,13 @@ class TestMotionMatrix:
         expected = [one.theta @ row for one, row in zip(platoon, rows, strict=True)]
         np.testing.assert_allclose(rates[0::2], -np.diff(speeds), atol=1e-12)
         np.testing.assert_allclose(rates[1::2], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_gap_that_ends_at_zero_is_no_collision_and_one_below_it_is() -> None:
+    gaps = np.array([2.0, 0.0, -1e-13, -0.05, -1e6, np.nan])
+    assert collides(gaps).tolist() == [False, False, False, True, True, False]
+    time = np.arange(0.0, 200.0, 0.1)
+    speed = np.clip(20.0 - time, 0.0, None)
+    stopping = simulate(Parameters([0.5], [1.0], [1.5]), time, speed, [20.0], [30.0]).gaps
+    assert abs(stopping[-1, 0]) < 1e-9
+    assert not collides(stopping).any()

@@ -29,7 +29,7 @@ def test_the_answer_of_a_vehicle_is_that_of_its_windows() -> None:
     assert tau.lower < 1.5 < tau.upper
     assert tau.further_upper - tau.further_lower > 3 * (tau.upper - tau.lower)
     between = many.between_windows["time_gap"]
-    assert between.low < 0.1 * 1.5 / 1.68 < between.high, "of τ + s₀/v"
+    assert between.lower < 0.1 * 1.5 / 1.68 < between.upper, "of τ + s₀/v"
     assert many.between_vehicles == {}
     # One window says nothing of how windows differ; what other cars taught widens its interval.
     assert single.between_windows == {}
@@ -88,16 +88,16 @@ def test_a_share_of_certain_followers_is_jeffreys_interval() -> None:
     found = share(np.array([1.0] * 7 + [0.0] * 3))
     expected = beta(7.5, 3.5).ppf([0.05, 0.95])
     assert found.value == pytest.approx(0.7)
-    np.testing.assert_allclose([found.low, found.high], expected, atol=1e-6)
+    np.testing.assert_allclose([found.lower, found.upper], expected, atol=1e-6)
     doubtful = share(np.full(10, 0.7))
-    assert doubtful.low < found.low < found.high < doubtful.high
-    assert share(np.zeros(3)).low == 0
+    assert doubtful.lower < found.lower < found.upper < doubtful.upper
+    assert share(np.zeros(3)).lower == 0
 
 
 def test_the_share_of_thousands_is_that_of_the_whole_mixture() -> None:
     count, p = 3000, 0.3
     found, stable = share(np.full(count, p)), np.arange(count + 1)
-    for end, tail in ((found.low, 0.05), (found.high, 0.95)):
+    for end, tail in ((found.lower, 0.05), (found.upper, 0.95)):
         below = beta(stable + 0.5, count - stable + 0.5).cdf(end)
         assert binom(count, p).pmf(stable) @ below == pytest.approx(tail, abs=1e-6)
 

@@ -30,7 +30,7 @@ def headline(whole: Group) -> str:
         return "Nothing is known of string stability."
     if count == 1:
         return f"L₂ string stable with a probability of {probability(share.value)}."
-    low, high = (f"{100 * part:.0f}" for part in (share.low, share.high))
+    low, high = (f"{100 * part:.0f}" for part in (share.lower, share.upper))
     said = probability(share.value)
     return (
         f"{said[0].upper()}{said[1:]} of the {count} vehicles are L₂ string stable; of all such"

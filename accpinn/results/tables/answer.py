@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.inference.answer import SPEEDS, Answer, Span
+from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.model import registry
 from accpinn.model.cthp import Case
 from accpinn.model.registry import CTHPS
@@ -18,7 +18,6 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.table import (
     Column,
-    Estimate,
     Filled,
     Range,
     Table,
@@ -50,22 +49,19 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     labels = [info.label(number) if number else EVERY_FOLLOWER for number in numbers]
     followers = range(len(numbers))
 
-    def cells(spans: list[Span]) -> list[Estimate]:
-        return [Estimate(span.value, span.lower, span.upper) for span in spans]
-
     level = f"Typical value ({100 * answer.level:.0f} % interval)"
     gaps = {speed: [answer.time_gap(speed, k) for k in followers] for speed in SPEEDS}
     filled: list[Filled] = [(Column("Follower"), labels)]
     filled += [
         (
             Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2, level, key=_gap_key(speed)),
-            cells(spans),
+            spans,
         )
         for speed, spans in gaps.items()
     ]
     for name, column in columns_of(answer.model).items():
         spans = [answer.span(name, k) for k in followers]
-        filled.append((replace(column, group=level, key=name), cells(spans)))
+        filled.append((replace(column, group=level, key=name), spans))
     last = answer.stated_speed
     further = [Range(s.further_lower, s.further_upper) for s in gaps[last]]
     title, group = f"Time gap at {last * 3.6:.0f} km/h", "Further window"

@@ -19,7 +19,6 @@ from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.results.tables.table import (
     Cell,
     Column,
-    Estimate,
     Filled,
     Table,
     estimate_cells,
@@ -30,6 +29,7 @@ from accpinn.segment.segment import SegmentInfo
 from accpinn.study.analysis import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.result import Result
+from accpinn.units import Estimate
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (

@@ -11,14 +11,13 @@ from accpinn.results.tables.table import (
     ABSENT,
     Cell,
     Column,
-    Estimate,
     Filled,
     Range,
     Table,
 )
-from accpinn.study.groups import Group, Groups, Share, Spread
+from accpinn.study.groups import Group, Groups
 from accpinn.study.studies import Failure
-from accpinn.units import MetresPerSecond
+from accpinn.units import Estimate, MetresPerSecond
 
 HEADINGS = {
     "make": "Make",
@@ -88,7 +87,7 @@ def spread_table(grouped: Groups) -> Table:
     """
     groups = grouped.groups
     columns = _heads(grouped)
-    kinds: tuple[tuple[str, Callable[[Group], dict[str, Spread]]], ...] = (
+    kinds: tuple[tuple[str, Callable[[Group], dict[str, Estimate]]], ...] = (
         ("Between windows of a vehicle", lambda group: group.between_windows),
         ("Between vehicles", lambda group: group.between_vehicles),
     )
@@ -128,22 +127,22 @@ def _heads(grouped: Groups) -> list[Filled]:
 
 
 def _estimate(span: Span) -> Cell:
-    return None if isnan(span.value) else Estimate(span.value, span.lower, span.upper)
+    return None if isnan(span.value) else span
 
 
 def _further(span: Span) -> Cell:
     return None if isnan(span.value) else Range(span.further_lower, span.further_upper)
 
 
-def _spread(spread: Spread | None, factor: float) -> Cell:
+def _spread(spread: Estimate | None, factor: float) -> Cell:
     if spread is None:
         return None
-    return Estimate(*(factor * value for value in (spread.value, spread.low, spread.high)))
+    return Estimate(*(factor * value for value in (spread.value, spread.lower, spread.upper)))
 
 
-def _share(share: Share, group: Group) -> Cell:
+def _share(share: Estimate, group: Group) -> Cell:
     """Of one vehicle its probability, else the share with its interval."""
-    value, low, high = (100 * part for part in (share.value, share.low, share.high))
+    value, low, high = (100 * part for part in (share.value, share.lower, share.upper))
     if isnan(value) or len(group.cars) == 1:
         return value
     return Estimate(value, low, high)

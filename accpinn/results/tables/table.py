@@ -20,7 +20,7 @@ from markupsafe import Markup
 from accpinn.channels import Quantity
 from accpinn.findings import probability
 from accpinn.results.glossary import meaning_of
-from accpinn.units import FloatArray
+from accpinn.units import Estimate, FloatArray
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -29,21 +29,8 @@ if TYPE_CHECKING:
 class Range(NamedTuple):
     """An interval as one cell; an end may be infinite, both are nan where nothing is known."""
 
-    low: float
-    high: float
-
-
-class Estimate(NamedTuple):
-    """A value with its interval as one cell, printed with the digits that the interval supports."""
-
-    value: float
-    low: float
-    high: float
-
-    @property
-    def is_inside(self) -> bool:
-        """Whether the value lies in its interval; one that is unknown does."""
-        return not (self.value < self.low or self.value > self.high)
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True)
@@ -184,19 +171,19 @@ class Column:
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
         """As "0.0147" and "0.0095–0.0198"."""
-        column = replace(self, digits=supported_digits(cell.low, cell.high, self.digits or 0))
-        ends = replace(column, is_chance=False)._range(Range(cell.low, cell.high))
+        column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
+        ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends.replace(" to ", "–")
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)
-        if math.isnan(cell.low) or math.isnan(cell.high):
+        if math.isnan(cell.lower) or math.isnan(cell.upper):
             return ABSENT
         if low and high:
-            return f"{self.shown(cell.low)} to {self.shown(cell.high)}"
+            return f"{self.shown(cell.lower)} to {self.shown(cell.upper)}"
         if low:
-            return f"{self.shown(cell.low)} or more"
-        return f"up to {self.shown(cell.high)}" if high else "anything"
+            return f"{self.shown(cell.lower)} or more"
+        return f"up to {self.shown(cell.upper)}" if high else "anything"
 
 
 Filled = tuple[Column, Iterable[Cell]]
@@ -372,6 +359,8 @@ def _endings(cells: Sequence[Cell]) -> tuple[str, ...]:
 
 def _parts(cell: Cell, count: int) -> tuple[Cell, ...]:
     """A cell as so many; a single value stands first."""
+    if isinstance(cell, Estimate):
+        return cell.value, cell.lower, cell.upper
     return cell if isinstance(cell, tuple) else (cell, *(None,) * (count - 1))
 
 

@@ -35,6 +35,7 @@ from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.study.run import run
+from accpinn.units import Estimate
 from tests.support.openacc_files import recording
 from tests.support.samples import FOLDER, PLATOON
 
@@ -109,7 +110,11 @@ def test_intervals_stand_beside_the_parameters(
     segment: Segment, fit: Fit, uncertainty: Uncertainty
 ) -> None:
     table = parameter_table(result(segment, fit, uncertainty))
-    assert column(table, "τ", GROUP) == [None, (1.52034, 1.2, np.inf), (1.0, 1.0, 1.3)]
+    assert column(table, "τ", GROUP) == [
+        None,
+        Estimate(1.52034, 1.2, np.inf),
+        Estimate(1.0, 1.0, 1.3),
+    ]
     head, leader, first, _ = (line.split(",") for line in table.to_csv().splitlines())
     assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
     assert (leader[1:4], first[1:4]) == (["", "", ""], ["0.01037", "0.0", "0.02"])
@@ -117,7 +122,7 @@ def test_intervals_stand_beside_the_parameters(
     assert "0.072 (0.050--0.090)" in table.to_latex()
     alone = intervals_table(segment.info, uncertainty)
     likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
-    assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
+    assert [(cell.lower, cell.upper) for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
     shares = np.multiply(100, uncertainty.probability_l2)
     np.testing.assert_allclose(column(alone, "L₂", PROBABILITY), shares)
     beside = comparison_table(segment.info, {"PiNN": LEARNED}, "II", uncertainty)

@@ -21,6 +21,7 @@ from accpinn.results.tables.stability import (
 )
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import assessment, stability_report
+from accpinn.units import Estimate
 from tests.support.samples import PLATOON, sample
 from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
 
@@ -63,16 +64,16 @@ def test_intervals_and_probabilities() -> None:
     table = stability_table(learned, report, uncertainty)
     cells = dict(zip([(c.group, c.title) for c in table.columns], table.rows[0], strict=True))
     assert cells[LINF, "Probability"] == pytest.approx(100 * uncertainty.probability_linf[0])
-    assert cells[L2, "Amplified below"][1:] == (
-        uncertainty.crossover.lower[0], uncertainty.crossover.upper[0],
-    )  # fmt: skip
+    below, ends = cells[L2, "Amplified below"], uncertainty.crossover
+    assert (below.lower, below.upper) == (ends.lower[0], ends.upper[0])
     verdicts = verdict_table(learned, report, uncertainty)
     cells = dict(zip([(c.group, c.title) for c in verdicts.columns], verdicts.rows[0], strict=True))
     assert cells[L2, "Probability"] == pytest.approx(100 * uncertainty.probability_l2[0])
     assert cells[L2, "Verdict"] == WORDS[assessment(uncertainty.probability_l2[0])]
-    assert (cells[L2, "Peak"].low, cells[L2, "Peak"].high) == tuple(decibels)
+    assert (cells[L2, "Peak"].lower, cells[L2, "Peak"].upper) == tuple(decibels)
     gain = uncertainty.linf_gain
-    assert cells[LINF, "‖h‖₁"][1:] == (gain.lower[0], gain.upper[0])
+    norm = cells[LINF, "‖h‖₁"]
+    assert (norm.lower, norm.upper) == (gain.lower[0], gain.upper[0])
 
 
 def test_given_parameters_have_verdicts_by_the_criteria() -> None:
@@ -94,7 +95,7 @@ def test_the_measured_gain_as_a_table() -> None:
     found = measured_gain(segment, 0)
     table = measured_gain_table(segment.labels[1], found)
     assert len(table.rows) == len(found.omega)
-    assert table.rows[3][1] == (found.gain[3], found.lower[3], found.upper[3])
+    assert table.rows[3][1] == Estimate(found.gain[3], found.lower[3], found.upper[3])
     assert table.to_latex().isascii()
 
 

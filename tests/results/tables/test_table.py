@@ -14,13 +14,13 @@ from accpinn.findings import probability
 from accpinn.results.tables.table import (
     ABSENT,
     Column,
-    Estimate,
     Range,
     Table,
     between,
     latex,
     percent_cells,
 )
+from accpinn.units import Estimate
 
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
 INF, NAN = float("inf"), float("nan")
