@@ -16,7 +16,8 @@ from accpinn.model.published import PUBLISHED
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
-from accpinn.results.export import parameter_card, snapshot_types, sumo_types
+from accpinn.results.documents import parameter_card
+from accpinn.results.export import snapshot_types, sumo_types
 from tests.support import sumo
 from tests.support.snapshots import small
 
