@@ -32,7 +32,7 @@ from .recordings.download import download as download
 from .recordings.files import read as read
 from .recordings.mapping import CsvMapping as CsvMapping
 from .recordings.recording import Recording as Recording
-from .results.export import parameter_card as parameter_card
+from .results.documents import parameter_card as parameter_card
 from .results.export import sumo_types as sumo_types
 from .results.messages import messages as messages
 from .results.report import render_report as render_report

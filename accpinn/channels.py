@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -95,3 +95,9 @@ MODE_NAMES = ("Human", "ACC")
 
 MAX_VEHICLES = 99
 """Highest vehicle number in the name of a column."""
+
+
+def fields(of: object, *names: str) -> dict[str, Any]:
+    """Those attributes of an object under their own names, arrays as lists."""
+    values = {name: getattr(of, name) for name in names}
+    return {n: v.tolist() if hasattr(v, "tolist") else v for n, v in values.items()}

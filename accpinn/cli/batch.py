@@ -9,14 +9,15 @@ from typing import Any
 
 from tqdm import tqdm
 
+from accpinn.channels import fields
 from accpinn.cli.options import add_method_help
-from accpinn.cli.output import fields, interruptible, print_json, show, show_result
+from accpinn.cli.output import interruptible, print_json, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
-from accpinn.results.export import groups_document
+from accpinn.results.documents import groups_document
 from accpinn.results.messages.database import summary_line
 from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table

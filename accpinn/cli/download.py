@@ -7,7 +7,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from accpinn.cli.output import complain, fields, interruptible, print_json, show
+from accpinn.channels import fields
+from accpinn.cli.output import complain, interruptible, print_json, show
 from accpinn.cli.recording import add_json_option
 from accpinn.recordings.catalogue import Run, find
 from accpinn.recordings.download import PUBLISHED_AT, DownloadState, download

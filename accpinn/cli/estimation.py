@@ -11,14 +11,6 @@ from typing import Any
 
 from tqdm import tqdm
 
-from accpinn.cli.documents import (
-    describe_comparison,
-    describe_fit,
-    describe_starts,
-    incidents,
-    notes,
-    warnings,
-)
 from accpinn.cli.options import (
     add_method_help,
     add_model_options,
@@ -39,6 +31,14 @@ from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, PAPER, following_model
+from accpinn.results.documents import (
+    describe_comparison,
+    describe_fit,
+    describe_starts,
+    incidents,
+    notes,
+    warnings,
+)
 from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards

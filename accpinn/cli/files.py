@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from accpinn.channels import PARAMETERS, by_key
-from accpinn.cli.output import complain, fields, note, print_json, progress, show, show_result
+from accpinn.channels import PARAMETERS, by_key, fields
+from accpinn.cli.output import complain, note, print_json, progress, show, show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
-from accpinn.results.export import SAMPLES, parameter_card, snapshot_types
+from accpinn.results.documents import parameter_card
+from accpinn.results.export import SAMPLES, snapshot_types
 from accpinn.results.tables.table import Column, Table
 from accpinn.results.tables.verification import verification_table
 from accpinn.study.result import Result

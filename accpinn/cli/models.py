@@ -11,7 +11,7 @@ from accpinn.cli.recording import chosen_recording
 from accpinn.errors import ConfigError
 from accpinn.model.registry import JUDGED, following_model
 from accpinn.recordings.recording import Window
-from accpinn.results.export import judgement_document
+from accpinn.results.documents import judgement_document
 from accpinn.results.messages import messages
 from accpinn.results.tables.models import judged_table, model_parameters_table
 from accpinn.segment.cut import DURATION

@@ -131,9 +131,3 @@ def interruptible() -> Iterator[Event]:
     finally:
         for kind, handler in before.items():
             signal.signal(kind, handler)
-
-
-def fields(of: object, *names: str) -> dict[str, Any]:
-    """Those attributes of an object under their own names, arrays as lists."""
-    values = {name: getattr(of, name) for name in names}
-    return {n: v.tolist() if hasattr(v, "tolist") else v for n, v in values.items()}

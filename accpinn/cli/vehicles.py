@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from accpinn.channels import PARAMETER_KEYS, PARAMETERS
-from accpinn.cli.output import fields, show_result
+from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
+from accpinn.cli.output import show_result
 from accpinn.cli.recording import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import Uncertainty
@@ -12,7 +12,7 @@ from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
-from accpinn.results.export import check_document
+from accpinn.results.documents import check_document
 from accpinn.results.judged import Judged, judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption

@@ -1,4 +1,4 @@
-"""Results for other programs: vehicle types of the traffic simulator SUMO, and a parameter card.
+"""Vehicle types of the traffic simulator SUMO.
 
 SUMO's car-following model ACC switches between speed control and three forms of gap control (gap
 control, gap closing, collision avoidance), each of them
@@ -19,34 +19,17 @@ Source: Milanés and Shladover, Transportation Research Part C 48 (2014) 285-300
 """
 
 import re
-from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-import msgspec
 import numpy as np
 
-from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError, ParameterError
-from accpinn.findings import Labelled
-from accpinn.inference.answer import SPEEDS, Answer, Span
-from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.inference.trust import Trust
-from accpinn.methods.following import LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.idm import IDM
 from accpinn.model.registry import PAPER
-from accpinn.recordings.catalogue import make_and_model
-from accpinn.results.messages import messages
-from accpinn.segment.segment import SegmentInfo
-from accpinn.stability.report import stability_at
-from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
-from accpinn.study.snapshot import ATTRIBUTION_TEXT
-from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
-
-if TYPE_CHECKING:  # loads pandas, which few commands need
-    from accpinn.study.groups import Groups
+from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 SAMPLES = 100
 """Number of posterior draws in a distribution of vehicle types."""
@@ -72,7 +55,6 @@ ABOUT_IDM = (
 )
 SUMO_IDM = {"a": "accel", "b": "decel", "T": "tau", "s0": "minGap", "v0": "maxSpeed"}
 """Names of the IDM's parameters in SUMO."""
-CARD_FORMAT = "accpinn parameter card 1"
 
 
 def sumo_types(
@@ -167,178 +149,3 @@ def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
         draws = answer.typical[((np.arange(count) + 0.5) * most / count).astype(int)]
     names = snapshot.info.names[1:]
     return sumo_types(names, answer.parameters, draws, answer.speeds, answer.model)
-
-
-def parameter_card(snapshot: Result) -> dict[str, Any]:
-    """The parameters of a snapshot with intervals, provenance and attribution, ready for JSON."""
-    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
-    return {
-        "format": CARD_FORMAT,
-        "model": {
-            "name": "constant time-headway policy",
-            "equations": ["dp/dt = Δv", "dv/dt = α (p - τ v) + β Δv"],
-            "units": {quantity.key: quantity.unit for quantity in PARAMETERS},
-        },
-        "level": uncertainty.level,
-        "interval_method": uncertainty.method,
-        "vehicles": [_card_of(snapshot, k) for k in range(info.followers)],
-        "answer": answer_document(info, snapshot.answer),
-        "provenance": {
-            "source": info.source,
-            "sha256": info.sha256,
-            "start": info.window.start,
-            "duration": info.window.duration,
-            "vehicles": list(info.vehicles),
-            **{key: snapshot.facts.get(key) for key in ("campaign", "date", "distance_setting")},
-            "method": fit.method,
-            "case": fit.case,
-            "settings": fit.config,
-            "outcome": fit.outcome.name.lower(),
-            "snapshot": snapshot.id,
-            "created": snapshot.created,
-            "accpinn": snapshot.origin.accpinn,
-        },
-        "attribution": ATTRIBUTION_TEXT,
-    }
-
-
-def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
-    """The answer as every document has it: one entry a follower, ready for JSON."""
-    entries = []
-    for k, (vehicle, name) in enumerate(zip(info.vehicles[1:], info.names[1:], strict=True)):
-        spans = {parameter: answer.span(parameter, k) for parameter in answer.names}
-        median = float(answer.speeds[k])
-        gaps = {f"{speed * 3.6:.0f}": answer.time_gap(speed, k) for speed in SPEEDS}
-        gaps["median"] = answer.time_gap(median, k)
-        entries.append(
-            {
-                "vehicle": vehicle,
-                "name": name,
-                "model": answer.model,
-                **_spans(spans, gaps),
-                "median_speed": median,
-                "windows": len(answer.windows),
-                "windows_differ_p": float(answer.differ[k]),
-                "trust": _trust_document(answer.trust[min(k, len(answer.trust) - 1)]),
-                "level": answer.level,
-            }
-        )
-    return entries
-
-
-def _spans(parameters: dict[str, Span], gaps: dict[str, Span]) -> dict[str, Any]:
-    """Values and intervals of parameters by name and of time gaps by speed."""
-    document: dict[str, Any] = {}
-    for prefix, named, spans in (("", "parameters", parameters), ("time_gap_", "time_gap", gaps)):
-        document[named] = {key: span.value for key, span in spans.items()}
-        document[f"{prefix}intervals"] = {key: [s.lower, s.upper] for key, s in spans.items()}
-        document[f"{prefix}further_window"] = {
-            key: [s.further_lower, s.further_upper] for key, s in spans.items()
-        }
-    return document
-
-
-def groups_document(grouped: "Groups") -> dict[str, Any]:
-    """The groups of a batch, ready for JSON."""
-    return {
-        "by": list(grouped.by),
-        "model": grouped.model,
-        "level": grouped.level,
-        "groups": [
-            {
-                **dict(zip(grouped.by, group.values, strict=True)),
-                "windows": group.windows,
-                "vehicles": group.vehicles,
-                **_spans(
-                    {name: group.span(name) for name in group.names},
-                    {f"{speed * 3.6:.0f}": group.time_gap(speed) for speed in SPEEDS},
-                ),
-                **{name: {key: _estimate(spread) for key, spread in getattr(group, name).items()}
-                   for name in ("between_windows", "between_vehicles")},
-                "mean_time_gap": {
-                    "median": group.mean_time_gap.value,
-                    "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
-                },
-                "l2_stable": _estimate(group.l2_stable),
-                "linf_stable": _estimate(group.linf_stable),
-            }
-            for group in grouped.groups
-        ],
-    }  # fmt: skip
-
-
-def _estimate(of: Estimate) -> dict[str, float]:
-    return {"value": of.value, "low": of.lower, "high": of.upper}
-
-
-def _trust_document(trust: Trust) -> dict[str, Any]:
-    document = msgspec.structs.asdict(trust)
-    del document["vehicle"]
-    return {**document, "reproduced": trust.is_reproduced, "in_words": trust.in_words}
-
-
-def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:
-    """How far the answer's gain is from the measured one, ready for JSON."""
-    return {**msgspec.structs.asdict(check), "sentence": check.sentence(about)}
-
-
-def judgement_document(judged: Judgement) -> dict[str, Any]:
-    """The models of one follower as the command line and files have them, ready for JSON."""
-    low, speed, high = judged.speeds
-    return {
-        "vehicle": judged.info.vehicles[1],
-        "name": judged.info.names[1],
-        "windows": [[window.start, window.duration] for window in judged.windows],
-        "speeds": {"low": low, "median": speed, "high": high},
-        "models": [
-            _score_document(score, speed, share)
-            for score, share in zip(judged.scores, wins([judged]), strict=True)
-        ],
-        "best": judged.ranked[0].model.key,
-        "clear": judged.is_clear,
-        "sentences": messages(judged.findings, judged.info),
-    }
-
-
-def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> dict[str, Any]:
-    model, vehicle = score.model, stability_at(score.model, score.theta, speed)
-    named = zip(model.names, score.theta, score.lower, score.upper, score.determined, strict=True)
-    return {
-        "model": model.key,
-        "title": model.title,
-        "parameters": {
-            name: {"value": value, "interval": [low, high], "determined": bool(known)}
-            for name, value, low, high, known in named
-        },
-        "level": LEVEL,
-        "gap_rmse": score.rmse.tolist(),
-        "time_gap_rmse": score.time_gap_rmse.tolist(),
-        "collided": score.collided.tolist(),
-        "wins": float(share),
-        "gain_error": score.gain_error,
-        "stability": vehicle
-        and {
-            "speed": speed,
-            "peak_db": vehicle.peak.db,
-            "l2_stable": vehicle.l2.stable,
-            "linf_gain": vehicle.linf_gain,
-        },
-    }
-
-
-def _card_of(snapshot: Result, k: int) -> dict[str, Any]:
-    uncertainty, name = snapshot.uncertainty, snapshot.info.names[k + 1]
-    make, model = make_and_model(name)
-    card: dict[str, Any] = {
-        "vehicle": snapshot.info.vehicles[k + 1],
-        "name": name,
-        "make": make,
-        "model": model,
-    }
-    sets = (snapshot.parameters, uncertainty.lower, uncertainty.upper)
-    ends = (parameters[k].values.tolist() for parameters in sets)
-    for quantity, value, low, high in zip(PARAMETERS, *ends, strict=True):
-        card[quantity.key] = {"value": value, "low": low, "high": high, "unit": quantity.unit}
-    card["probability_l2_stable"] = float(uncertainty.probability_l2[k])
-    card["probability_linf_stable"] = float(uncertainty.probability_linf[k])
-    return card

@@ -19,9 +19,12 @@ from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import (
     BEHAVIOURS,
     BY_ESTIMATES,
+    CRITERIA,
     GIVEN_PARAMETERS,
     MEASURED,
     TITLES,
+    about_bode,
+    about_map,
     against_measured,
     criteria_differ,
     headline,
@@ -154,10 +157,8 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
     measured = figures.measured_of(result) if result and source.checks else ()
     figure = figures.bode(chosen, source.report, uncertainty, measured, HEIGHT)
     event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
-    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
     st.caption(
-        "Diamonds: peaks. Rings: below that frequency the vehicle amplifies. Click on a curve"
-        f" to simulate a platoon at that frequency.{band}"
+        f"{about_bode(uncertainty)} Click on a curve to simulate a platoon at that frequency."
         + (" Points with bars: the measured gain and its band." if measured else ""),
         help=MEASURED if measured else None,
     )
@@ -261,11 +262,7 @@ def _show_speeds(source: Chosen) -> None:
 def _show_criteria(source: Chosen) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
     chosen, known = source.vehicles, source.uncertainty
-    st.caption(
-        "Criteria and gains of each vehicle, in their order in the platoon: stable where a"
-        " criterion is above 0 and a gain is at 1. Dotted: from the leader to that follower,"
-        " through all vehicles before it."
-    )
+    st.caption(CRITERIA)
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(chosen, source.report), "stability_criteria")
     table = stability_table(chosen, source.report, known)
@@ -306,13 +303,8 @@ def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) 
         show.key(figures.MAP_KEY)
     chart = figures.stability_map(chosen, source.report, held, plane, shaded)
     show.chart(chart, "stability_map")
-    kept = "α" if plane == "beta" else "β"
-    st.caption(
-        f"Boundaries at {escape_markdown(chosen.labels[held])}'s {kept}; above them the vehicle is"
-        " stable. Hatched: stable by the paper's L∞ criterion, but peaks grow."
-        + (f" Rings: vehicles with a {kept} of their own." if len(chosen) > 1 else "")
-        + (f" {cloud_caption(chart, shaded, plane)}" if shaded else "")
-    )
+    said = escape_markdown(about_map(chosen, held, "α" if plane == "beta" else "β"))
+    st.caption(said + (f" {cloud_caption(chart, shaded, plane)}" if shaded else ""))
 
 
 def _show_reasons(workspace: Workspace, source: Chosen) -> None:

@@ -114,7 +114,6 @@ def home(camera: Camera) -> None:
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
         page.get_by_text("Next: do these vehicles amplify").click()
-        page.get_by_text("Estimates and intervals assume").wait_for()
         chart(page, "stability_bode")
         idle(page)
         camera.shoot(page, "stability_learned")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from accpinn.cli import main
-from accpinn.cli.documents import describe_fit
 from accpinn.cli.estimation import fit_text
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
+from accpinn.results.documents import describe_fit
 from accpinn.results.messages import messages
 from accpinn.study.result import Result
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict

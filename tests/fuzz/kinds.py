@@ -27,7 +27,8 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read, read_all
 from accpinn.recordings.mapping import load_mapping
 from accpinn.recordings.recording import Recording
-from accpinn.results.export import parameter_card, snapshot_types
+from accpinn.results.documents import parameter_card
+from accpinn.results.export import snapshot_types
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.report import render_report, tables_of

@@ -32,12 +32,9 @@ def known() -> Uncertainty:
 
 
 def checked(
-    uncertainty: Uncertainty,
-    outcome: Outcome = Outcome.CONVERGED,
-    findings: Any = (),
-    hits: Any = (),
+    uncertainty: Uncertainty, outcome: Outcome = Outcome.CONVERGED, found: Any = (), hits: Any = ()
 ) -> tuple[Check, ...]:
-    fit = SimpleNamespace(outcome=outcome, findings=findings)
+    fit = SimpleNamespace(outcome=outcome, findings=found)
     evaluation = SimpleNamespace(all_findings=hits, whiteness=SimpleNamespace(findings=()))
     parts: Any = {"fit": fit, "uncertainty": uncertainty, "evaluation": evaluation, "info": INFO}
     return checks(SimpleNamespace(**parts))

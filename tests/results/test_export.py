@@ -1,4 +1,4 @@
-"""The file for SUMO, which SUMO itself must read as the CTHP, and the parameter card."""
+"""The file for SUMO, which SUMO itself must read as the CTHP or IDM, and the parameter card."""
 
 import importlib.util
 import json
@@ -12,22 +12,20 @@ import pytest
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.model.published import PUBLISHED
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
-from accpinn.results.export import parameter_card, snapshot_types, sumo_types
+from accpinn.results.documents import parameter_card
+from accpinn.results.export import snapshot_types, sumo_types
 from tests.support import sumo
 from tests.support.snapshots import small
 
-LATE = ParameterSet(
-    "intercept, delay and lag",
-    ("A", "B", "C"),
-    Parameters(
-        [0.08, 0.1, 0.09], [0.4, 0.3, 0.5], [0.8, 0.7, 1.2],
-        s0=[8.0, 5.0, 0.0], delay=[0.5, 0.9, 0.0], lag=[0.0, 0.0, 0.4],
-    ),
+LATE = Parameters(
+    [0.08, 0.1, 0.09], [0.4, 0.3, 0.5], [0.8, 0.7, 1.2],
+    s0=[8.0, 5.0, 0.0], delay=[0.5, 0.9, 0.0], lag=[0.0, 0.0, 0.4],
 )  # fmt: skip
+IDM = np.array([[1.0, 2.0, 1.1, 4.0, 38.0, 0.3], [0.8, 5.0, 0.9, 6.0, 45.0, 0.5]])
 PROGRAM = Path(__file__).parents[1] / "support" / "sumo.py"
 
 
@@ -35,39 +33,30 @@ def ids(types: str) -> list[str]:
     return [str(one.get("id")) for one in ElementTree.fromstring(types).findall("vType")]
 
 
+def idm(key: str) -> Parameters:
+    model = FOLLOWING[key]
+    return model.linearisations(IDM[:, : len(model.parameters)].T, sumo.SPEED)
+
+
 @pytest.mark.skipif(importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed")
-@pytest.mark.parametrize("frequency", [0.1, 0.2])
-@pytest.mark.parametrize("published", [*PUBLISHED, LATE], ids=lambda one: one.title)
-def test_sumo_answers_as_our_platoon(published: ParameterSet, frequency: float) -> None:
-    types = sumo_types(published.names, published.parameters)
-    headways = published.parameters.time_gap(sumo.SPEED).tolist()
+@pytest.mark.parametrize(
+    ("model", "vehicles", "frequency"),
+    [
+        *(("cthp", vehicles, frequency) for frequency in (0.1, 0.2)
+          for vehicles in (*(one.parameters for one in PUBLISHED), LATE)),
+        *((key, idm(key), 0.2) for key in ("idm", "idm-delay")),
+    ],
+)  # fmt: skip
+def test_sumo_answers_as_our_platoon(model: str, vehicles: Parameters, frequency: float) -> None:
+    types = sumo_types(tuple("ABCDEFGH"[: len(vehicles.alpha)]), vehicles, model=model)
+    headways = vehicles.time_gap(sumo.SPEED).tolist()
     given = {"types": types, "ids": ids(types), "headways": headways, "frequency": frequency}
     ran = subprocess.run(
         [sys.executable, str(PROGRAM)], input=json.dumps(given), capture_output=True, text=True,
         check=True,
     )  # fmt: skip
     leader = Sinusoid(frequency, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
-    expected = simulate_platoon(published.parameters, leader).amplitudes
-    found = json.loads(ran.stdout.splitlines()[-1])
-    np.testing.assert_allclose(found, expected.measured, rtol=0.02)
-
-
-@pytest.mark.skipif(importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed")
-@pytest.mark.parametrize("key", ["idm", "idm-delay"])
-def test_sumos_own_idm_answers_as_our_platoon(key: str) -> None:
-    theta = [[1.0, 2.0, 1.1, 4.0, 38.0, 0.3], [0.8, 5.0, 0.9, 6.0, 45.0, 0.5]]
-    model = FOLLOWING[key]
-    own = np.array(theta)[:, : len(model.parameters)]
-    vehicles = model.linearisations(own.T, sumo.SPEED)
-    types = sumo_types(("A", "B"), vehicles, model=key)
-    headways = vehicles.time_gap(sumo.SPEED).tolist()
-    given = {"types": types, "ids": ids(types), "headways": headways, "frequency": 0.2}
-    ran = subprocess.run(
-        [sys.executable, str(PROGRAM)], input=json.dumps(given), capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
-    leader = Sinusoid(0.2, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
-    expected = simulate_platoon(vehicles, leader, model=key).amplitudes
+    expected = simulate_platoon(vehicles, leader, model=model).amplitudes
     found = json.loads(ran.stdout.splitlines()[-1])
     np.testing.assert_allclose(found, expected.measured, rtol=0.02)
 
@@ -89,8 +78,8 @@ def test_types_hold_the_parameters_and_every_sample() -> None:
         # Each is one of the draws, to the digits that the file has.
         drawn = np.array([float(one.get("gapControlGainSpace", "")) for one in mixture])
         assert len(set(drawn)) == 5
-        for alpha in drawn:
-            assert np.isclose(answer.typical.alpha[:, k], alpha, rtol=1e-9, atol=0).any()
+        apart = np.abs(answer.typical.alpha[:, [k]] / drawn - 1).min(axis=0)
+        assert (apart < 1e-9).all()
         assert sum(float(one.get("probability", "")) for one in mixture) == pytest.approx(1)
     assert not ElementTree.fromstring(snapshot_types(snapshot, 0)).findall("vTypeDistribution")
 
@@ -104,13 +93,11 @@ def test_names_become_identifiers_and_an_undetermined_headway_is_refused() -> No
 
 def test_a_card_names_parameters_intervals_and_where_they_come_from() -> None:
     snapshot = small()
-    known = snapshot.uncertainty
-    card = parameter_card(snapshot)
+    card, known, info = parameter_card(snapshot), snapshot.uncertainty, snapshot.info
     for k, vehicle in enumerate(card["vehicles"]):
-        tau = vehicle["tau"]
-        assert tau["value"] == snapshot.fit.parameters.tau[k]
-        assert (tau["low"], tau["high"]) == (known.lower.tau[k], known.upper.tau[k])
-        assert tau["unit"] == "s"
-    assert card["provenance"]["sha256"] == snapshot.info.sha256
-    assert card["provenance"]["duration"] == snapshot.info.window.duration
+        ends = [one.tau[k] for one in (snapshot.fit.parameters, known.lower, known.upper)]
+        named = zip(("value", "low", "high", "unit"), (*ends, "s"), strict=True)
+        assert vehicle["tau"] == dict(named)
+    assert card["provenance"]["sha256"] == info.sha256
+    assert card["provenance"]["duration"] == info.window.duration
     assert "CC BY 4.0" in card["attribution"]

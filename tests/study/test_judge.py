@@ -10,7 +10,7 @@ from accpinn.errors import SegmentError, SnapshotError
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
-from accpinn.results.export import judgement_document
+from accpinn.results.documents import judgement_document
 from accpinn.results.report import tables_of
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis

@@ -8,6 +8,7 @@ from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
 from accpinn.model.registry import CTHPS, PAPER, TITLES
 from accpinn.results.judged import Judged
+from accpinn.results.tables.answer import counted_windows
 from accpinn.results.tables.table import between, supported_digits
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import assessment
@@ -26,13 +27,11 @@ def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
         answer: that is judged.
         speed: at which a model that is no CTHP is linearised; by default each vehicle's median.
     """
-    count = len(answer.windows)
-    windows = "one window" if count == 1 else f"{count} windows"
     at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
     at = "" if answer.model in CTHPS else f", linearised at {at}"
     return (
         f"The verdict is that of the answer: {TITLES[answer.model]}, typical values over"
-        f" {windows}{at}."
+        f" {counted_windows(answer)}{at}."
     )
 
 

@@ -75,8 +75,29 @@ MEASURED = (
     " rad/s, which the sentences compare; faint: less, but above that of unrelated signals."
 )
 """What the measured gain in the Bode magnitude is."""
+CRITERIA = (
+    "Criteria and gains of each vehicle, in their order in the platoon: stable where a criterion is"
+    " above 0 and a gain is at 1. Dotted: from the leader to that follower, through all vehicles"
+    " before it."
+)
+"""What the criteria along the platoon are."""
 SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""
+
+
+def about_bode(uncertainty: Uncertainty | None) -> str:
+    """What is drawn over the Bode magnitudes."""
+    band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
+    return f"Diamonds: peaks. Rings: below that frequency the vehicle amplifies.{band}"
+
+
+def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
+    """What the map of stability is that holds the parameter of one vehicle."""
+    rings = f" Rings: vehicles with a {parameter} of their own." if len(chosen) > 1 else ""
+    return (
+        f"Boundaries at {chosen.labels[held]}'s {parameter}; above them the vehicle is stable."
+        f" Hatched: stable by the paper's L∞ criterion, but peaks grow.{rings}"
+    )
 
 
 def reason(

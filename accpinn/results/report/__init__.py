@@ -43,9 +43,12 @@ from accpinn.results.messages import summary as words
 from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
 from accpinn.results.messages.stability import (
     BY_ESTIMATES,
+    CRITERIA,
     MEASURED,
     PLACES,
     Places,
+    about_bode,
+    about_map,
     against_measured,
     by_linearisation,
     reason,
@@ -339,30 +342,19 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         return
     measured = stability_figures.measured_of(snapshot) if subject.checks else ()
     bode = stability_figures.bode(vehicles, report, uncertainty, measured)
-    words = (
-        "Bode magnitude from the speed of the vehicle ahead to the vehicle's own. Diamonds: peaks."
-        " Rings: below that frequency the vehicle amplifies."
-        + (f" Shaded: {100 * uncertainty.level:.0f} % intervals." if uncertainty else "")
-        + (f" {MEASURED}" if measured else "")
-    )
-    yield Picture("bode", with_legend(bode), words)
+    said = f"Bode magnitude from the speed ahead to the vehicle's own. {about_bode(uncertainty)}"
+    yield Picture("bode", with_legend(bode), f"{said} {MEASURED}" if measured else said)
     if len(vehicles) > 1:
-        words = (
-            "Criteria (stable above 0) and gains (stable at 1) along the platoon; dotted: from the"
-            " leader to that follower."
-        )
         chart = stability_figures.criteria_by_vehicle(vehicles, report)
-        yield Picture("criteria", with_legend(chart), words)
-    held = len(vehicles) - 1
+        yield Picture("criteria", with_legend(chart), CRITERIA)
     if is_lagged(vehicles.parameters):
         return
+    held = len(vehicles) - 1
     chart = stability_figures.stability_map(vehicles, report, held, "beta", uncertainty)
-    words = (
-        f"Boundaries at the α of {vehicles.labels[held]}; above a line a vehicle is stable by that"
-        " criterion. Hatched: L∞ stable by the paper's criterion, but not by the exact one."
-        + (f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}" if uncertainty else "")
-    )
-    yield Picture("map", with_legend(chart), words)
+    said = about_map(vehicles, held)
+    if uncertainty:
+        said += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
+    yield Picture("map", with_legend(chart), said)
 
 
 def _places(snapshot: Result) -> Places:

@@ -10,26 +10,13 @@ from accpinn.model import registry
 from accpinn.model.cthp import Case
 from accpinn.model.registry import CTHPS
 from accpinn.results.tables import estimates
-from accpinn.results.tables.estimates import (
-    EVERY_FOLLOWER,
-    PARAMETER_COLUMNS,
-    TERM_COLUMNS,
-    parameter_rows,
-)
-from accpinn.results.tables.table import (
-    Column,
-    Filled,
-    Range,
-    Table,
-    estimate_cells,
-)
+from accpinn.results.tables.estimates import parameter_rows, row_labels
+from accpinn.results.tables.table import Column, Filled, Range, Table, estimate_cells
 from accpinn.segment.segment import SegmentInfo
 from accpinn.units import MetresPerSecond
 
 ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
-_COLUMNS = {column.key: column for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS)}
-COLUMNS = {name: replace(_COLUMNS[name], key="") for name in ORDER}
-"""Parameters of the CTHPs by name, in the order in which they are shown."""
+"""Parameters of the CTHPs in the order in which they are shown."""
 
 
 def columns_of(model: str) -> dict[str, Column]:
@@ -39,6 +26,20 @@ def columns_of(model: str) -> dict[str, Column]:
     return {name: columns[name] for name in names}
 
 
+def gap_column(
+    speed: MetresPerSecond, group: str = "", title: str = "Time gap at", key: str = ""
+) -> Column:
+    """The time gap in equilibrium at a speed; ``key`` goes before its name in CSV files."""
+    at = f"{speed * 3.6:.0f}"
+    return Column(f"{title} {at} km/h", "s", 2, group, key=f"{key}time_gap_at_{at}_kmh_s")
+
+
+def counted_windows(answer: Answer) -> str:
+    """As "one window" or "3 windows"."""
+    count = len(answer.windows)
+    return "one window" if count == 1 else f"{count} windows"
+
+
 def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     """One row a follower, or one for all that share their parameters.
 
@@ -46,34 +47,24 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     interval of the time gap in a further window of the same car.
     """
     numbers = parameter_rows(info, case)
-    labels = [info.label(number) if number else EVERY_FOLLOWER for number in numbers]
-    followers = range(len(numbers))
-
-    level = f"Typical value ({100 * answer.level:.0f} % interval)"
-    gaps = {speed: [answer.time_gap(speed, k) for k in followers] for speed in SPEEDS}
-    filled: list[Filled] = [(Column("Follower"), labels)]
-    filled += [
-        (
-            Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2, level, key=_gap_key(speed)),
-            spans,
-        )
-        for speed, spans in gaps.items()
+    level, last = f"Typical value ({100 * answer.level:.0f} % interval)", answer.stated_speed
+    spans = [
+        (gap_column(speed, level), [answer.time_gap(speed, k) for k in range(len(numbers))])
+        for speed in SPEEDS
     ]
+    further = dict(zip(SPEEDS, spans, strict=True))[last][1]
     for name, column in columns_of(answer.model).items():
-        spans = [answer.span(name, k) for k in followers]
-        filled.append((replace(column, group=level, key=name), spans))
-    last = answer.stated_speed
-    further = [Range(s.further_lower, s.further_upper) for s in gaps[last]]
-    title, group = f"Time gap at {last * 3.6:.0f} km/h", "Further window"
-    filled.append((Column(title, "s", 2, group, key=f"further_{_gap_key(last)}"), further))
-    count = len(answer.windows)
-    windows = "one window" if count == 1 else f"{count} windows"
-    return Table.of(f"Answer: {registry.TITLES[answer.model]}, {windows}", filled)
-
-
-def _gap_key(speed: MetresPerSecond) -> str:
-    """The name of a time gap in CSV files."""
-    return f"time_gap_at_{speed * 3.6:.0f}_kmh_s"
+        own = [answer.span(name, k) for k in range(len(numbers))]
+        spans.append((replace(column, group=level), own))
+    return Table.of(
+        f"Answer: {registry.TITLES[answer.model]}, {counted_windows(answer)}",
+        [
+            (Column("Follower"), row_labels(info, numbers)),
+            *spans,
+            (gap_column(last, "Further window", key="further_"),
+             [Range(s.further_lower, s.further_upper) for s in further]),
+        ],
+    )  # fmt: skip
 
 
 def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
@@ -86,7 +77,7 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     gaps = registry.time_gap(answer.model, answer.windows, speed)[:, follower]
     filled: list[Filled] = [
         (Column("Window"), [str(info.window) for info in infos]),
-        (Column(f"Time gap at {speed * 3.6:.0f} km/h", "s", 2), gaps.tolist()),
+        (gap_column(speed), gaps.tolist()),
     ]
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
     how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
@@ -94,7 +85,6 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     for name, column in columns_of(answer.model).items():
         value, low, high = (answer.values(part, name)[:, follower] for part in parts)
         ends = np.minimum(value, low), np.maximum(value, high)
-        shown = replace(column, group=group, key=name)
-        filled.append((shown, estimate_cells(value, *ends)))
+        filled.append((replace(column, group=group), estimate_cells(value, *ends)))
     label = infos[0].labels[follower + 1]
     return Table.of(f"{label}: {registry.TITLES[answer.model]}, each window alone", filled)

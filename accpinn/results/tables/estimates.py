@@ -118,7 +118,7 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
         gaps, speeds = (errors.gap_mae, errors.speed_mae[-len(driving) :]) if errors else ((), ())
         parts.append((followers, [(Column("p", "m", digits, group), gaps)]))
         parts.append((driving, [(Column("v", "m/s", 3, group), speeds)]))
-    columns: list[Filled] = [(Column("Vehicle"), _labels(info, numbers))]
+    columns: list[Filled] = [(Column("Vehicle"), row_labels(info, numbers))]
     for vehicles, filled in parts:
         for column, cells in filled:
             known_cells = dict(zip(vehicles, cells, strict=False))
@@ -139,7 +139,8 @@ def parameter_rows(info: SegmentInfo, case: Case) -> tuple[int, ...]:
     return (0,) if info.shares(case) else info.vehicles[1:]
 
 
-def _labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
+def row_labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
+    """The labels of vehicles; 0 stands for all followers."""
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
@@ -204,7 +205,7 @@ def comparison_table(
         for k, column in enumerate(columns)
         for name, parameters in estimates.items()
     ]
-    followers = (Column("Vehicle"), _labels(info, numbers))
+    followers = (Column("Vehicle"), row_labels(info, numbers))
     return Table.of(f"Estimates side by side, {where(info)}", [followers, *filled])
 
 
@@ -220,7 +221,7 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
     return Table.of(
         f"Uncertainty, {where(info)}",
         [
-            (Column("Follower"), _labels(info, numbers)),
+            (Column("Follower"), row_labels(info, numbers)),
             *((column, [*cells][: len(numbers)]) for column, cells in filled),
         ],
     )

@@ -6,18 +6,11 @@ from math import isnan
 
 from accpinn.inference.answer import SPEEDS, Span
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.results.tables.answer import columns_of
-from accpinn.results.tables.table import (
-    ABSENT,
-    Cell,
-    Column,
-    Filled,
-    Range,
-    Table,
-)
+from accpinn.results.tables.answer import columns_of, gap_column
+from accpinn.results.tables.table import ABSENT, Cell, Column, Filled, Range, Table
 from accpinn.study.groups import Group, Groups
 from accpinn.study.studies import Failure
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Estimate
 
 HEADINGS = {
     "make": "Make",
@@ -43,35 +36,28 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
         is_wide: whether every interval is shown, and what a further window has; else the table fits
             100 characters.
     """
-    groups = grouped.groups
-    level = f"{100 * grouped.level:g} % interval"
-    caption = f"{TITLES[grouped.model]}, typical value ({level})"
-
-    def gaps(speed: MetresPerSecond) -> list[Cell]:
-        return [_estimate(group.time_gap(speed)) for group in groups]
-
-    fastest = f"Time gap at {FASTEST * 3.6:.0f} km/h"
-    columns, own = _heads(grouped), columns_of(grouped.model)
+    groups, own = grouped.groups, columns_of(grouped.model)
+    caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
+    gaps = {speed: [_estimate(group.time_gap(speed)) for group in groups] for speed in SPEEDS}
     if not is_wide:
-        base = grouped.model.split("-")[0]
-        digits = NARROW.get(base) or dict.fromkeys(list(own)[:3], 2)
-        columns += [
-            (Column("Time gap", "s", 2), gaps(FASTEST)),
+        digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
+        columns = [
+            *(filled for filled in _heads(grouped) if filled[0].title != "Vehicles"),
+            (Column("Time gap", "s", 2), gaps[FASTEST]),
             *((replace(own[name], digits=count, group=""), [g.span(name).value for g in groups])
               for name, count in digits.items()),
             (Column.chance("L₂"), [100 * group.l2_stable.value for group in groups]),
         ]  # fmt: skip
-        columns = [filled for filled in columns if filled[0].title != "Vehicles"]
-        return Table.of(f"{caption}; t{fastest[1:]}; L₂: stable", columns)
-    columns += [
-        *((Column(f"at {speed * 3.6:.0f} km/h", "s", 2, GAP, key=_gap_key(speed)), gaps(speed))
-          for speed in (FASTEST, SPEEDS[0])),
-        (Column(f"Further window, at {FASTEST * 3.6:.0f} km/h", "s", 2, GAP,
-                key=f"further_window_{_gap_key(FASTEST)}"),
-         [_further(group.time_gap(FASTEST)) for group in groups]),
+        at = gap_column(FASTEST, title="time gap at").title
+        return Table.of(f"{caption}; {at}; L₂: stable", columns)
+    further = gap_column(FASTEST, GAP, "Further window, at", key="further_window_")
+    columns = [
+        *_heads(grouped),
+        *((gap_column(speed, GAP, "at"), gaps[speed]) for speed in (FASTEST, SPEEDS[0])),
+        (further, [_further(group.time_gap(FASTEST)) for group in groups]),
         (Column("Mean, measured", "s", 2, GAP, key="mean_time_gap_s"),
          [group.mean_time_gap.value for group in groups]),
-        *((replace(column, key=name), [_estimate(group.span(name)) for group in groups])
+        *((column, [_estimate(group.span(name)) for group in groups])
           for name, column in own.items()),
         (Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]),
         (Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]),
@@ -80,36 +66,23 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
 
 
 def spread_table(grouped: Groups) -> Table:
-    """One row a group: how far its windows and its vehicles differ, with intervals.
-
-    Args:
-        grouped: the groups of a batch.
-    """
-    groups = grouped.groups
-    columns = _heads(grouped)
+    """One row a group: how far its windows and its vehicles differ, with intervals."""
+    columns, shown = _heads(grouped), columns_of(grouped.model)
+    relative = {p.name for p in FOLLOWING[grouped.model].parameters if p.is_positive}
+    if grouped.model in CTHPS:
+        relative, shown = {"time_gap", "alpha", "beta"}, {"time_gap": gap_column(FASTEST)} | shown
+        del shown["tau"]
     kinds: tuple[tuple[str, Callable[[Group], dict[str, Estimate]]], ...] = (
         ("Between windows of a vehicle", lambda group: group.between_windows),
         ("Between vehicles", lambda group: group.between_vehicles),
     )
-    fastest = Column(f"Time gap at {FASTEST * 3.6:.0f} km/h", "%", 0)
-    relative = {p.name for p in FOLLOWING[grouped.model].parameters if p.is_positive}
-    shown, columns_shown = dict[str, Column](), columns_of(grouped.model)
-    if grouped.model in CTHPS:
-        relative, shown = {"alpha", "beta"}, {"time_gap": fastest}
-        del columns_shown["tau"]
-    for name, column in columns_shown.items():
-        shown[name] = replace(column, unit="%", digits=0) if name in relative else column
     for title, spreads in kinds:
         for name, column in shown.items():
-            factor = 100 if column.unit == "%" else 1
-            cells = [_spread(spreads(group).get(name), factor) for group in groups]
-            columns.append((replace(column, group=title, key=""), cells))
+            scaled = replace(column, unit="%", digits=0) if name in relative else column
+            factor = 100 if name in relative else 1
+            cells = [_spread(spreads(group).get(name), factor) for group in grouped.groups]
+            columns.append((replace(scaled, group=title, key=""), cells))
     return Table.of(f"Standard deviations, {100 * grouped.level:g} % intervals", columns)
-
-
-def _gap_key(speed: MetresPerSecond) -> str:
-    """The name of a time gap in CSV files."""
-    return f"time_gap_at_{speed * 3.6:.0f}_km_h_s"
 
 
 def _heads(grouped: Groups) -> list[Filled]:

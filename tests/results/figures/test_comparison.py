@@ -1,70 +1,56 @@
-"""Figures that compare methods: what they draw is what was estimated."""
+"""Figures of the answer and of methods side by side: what they draw is what was estimated."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import accpinn
 from accpinn.inference.identifiability import INCREASE, profiles
-from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.inference.intervals import intervals
 from accpinn.methods import recursive, splines
-from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.answer import DRAWN, joint
 from accpinn.results.figures.style import FOLLOWERS
-from accpinn.segment.segment import Segment
+from tests.support.command import STUDY
 from tests.support.figures import rectangles
 from tests.support.samples import NOISY, sample
 
 COLOUR = "#0c7eae"
+SEGMENT, TRUE = sample(NOISY).segment, sample(NOISY).truth[0]
+TRUTH = Parameters.of(TRUE)
 
 
-@pytest.fixture(scope="module")
-def segment() -> Segment:
-    return sample(NOISY).segment
-
-
-@pytest.fixture(scope="module")
-def fit(segment: Segment) -> Fit:
-    return splines.fit(segment)
-
-
-@pytest.fixture(scope="module")
-def uncertainty(segment: Segment, fit: Fit) -> Uncertainty:
-    return intervals(segment, fit)
-
-
-def test_estimates_intervals_and_truth_stand_where_they_belong(
-    fit: Fit, uncertainty: Uncertainty
-) -> None:
-    row = figures.NamedEstimate("PiNN (fast preset)", fit.parameters.values[0])
-    old = figures.NamedEstimate("Before <b>", 1.1 * fit.parameters.values[0], earlier=True)
-    truth = Parameters.of(sample(NOISY).truth[0])
-    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, truth)
-    for which, trace in enumerate(figure.data):
-        np.testing.assert_allclose(trace.x, [row.values[which], old.values[which]])
-        assert list(trace.marker.symbol) == ["circle", "circle-open"]
+def test_estimates_intervals_and_truth_stand_where_they_belong() -> None:
+    fit = splines.fit(SEGMENT)
+    uncertainty, found = intervals(SEGMENT, fit), fit.parameters.values[0]
+    row = figures.NamedEstimate("PiNN (fast preset)", found)
+    old = figures.NamedEstimate("Before <b>", 1.1 * found, earlier=True)
+    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, TRUTH)
+    drawn = np.transpose([trace.x for trace in figure.data])
+    np.testing.assert_allclose(drawn, [found, old.values])
+    assert {tuple(trace.marker.symbol) for trace in figure.data} == {("circle", "circle-open")}
     assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before &lt;b&gt;"]
-    bands = rectangles(figure)
-    np.testing.assert_allclose([band.x0 for band in bands], uncertainty.lower.values[0])
-    np.testing.assert_allclose([band.x1 for band in bands], uncertainty.upper.values[0])
+    ends = [(band.x0, band.x1) for band in rectangles(figure)]
+    both = uncertainty.lower.values[0], uncertainty.upper.values[0]
+    np.testing.assert_allclose(ends, np.transpose(both))
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
-    np.testing.assert_allclose(dashed, sample(NOISY).truth[0])
+    np.testing.assert_allclose(dashed, TRUE)
     beside = replace(row, ends=np.array([row.values - 1.0, row.values + 2.0]))
     for trace in figures.estimates([beside], COLOUR, uncertainty, 0).data:
         np.testing.assert_allclose([trace.error_x.arrayminus, trace.error_x.array], [[1.0], [2.0]])
-    ends = uncertainty.upper.values.copy()
-    ends[0, 2] = np.inf
+    unbounded = uncertainty.upper.values.copy()
+    unbounded[0, 2] = np.inf
+    unbounded = replace(uncertainty, upper=Parameters.of(unbounded))
     undetermined = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))
-    unbounded = replace(uncertainty, upper=Parameters.of(ends))
     figure = figures.estimates([undetermined], COLOUR, unbounded, 0)
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 
 
-def test_tracks_end_at_the_estimate_in_the_recordings_time(segment: Segment) -> None:
-    track = recursive.fit(segment).track
-    truth = Parameters.of(sample(NOISY).truth[0])
-    figure = figures.tracks([("A", track), ("B", track)], 0, truth, start=320.0)
+def test_tracks_end_at_the_estimate_in_the_recordings_time() -> None:
+    track = recursive.fit(SEGMENT).track
+    figure = figures.tracks([("A", track), ("B", track)], 0, TRUTH, start=320.0)
     lines = [trace for trace in figure.data if trace.name == "A"]
     last = track.parameters.values[-1, 0]
     np.testing.assert_allclose([line.y[-1] for line in lines], last)
@@ -76,11 +62,11 @@ def test_tracks_end_at_the_estimate_in_the_recordings_time(segment: Segment) -> 
     colours = {trace.line.color for trace in figure.data if trace.name}
     assert len(colours) == 2
     assert colours.isdisjoint(FOLLOWERS), "lines of methods do not look like vehicles"
-    assert [shape.y0 for shape in figure.layout.shapes] == list(sample(NOISY).truth[0])
+    assert [shape.y0 for shape in figure.layout.shapes] == list(TRUE)
 
 
-def test_profiles_reach_the_dashed_line_at_their_ends(segment: Segment) -> None:
-    (found,) = profiles(segment)
+def test_profiles_reach_the_dashed_line_at_their_ends() -> None:
+    (found,) = profiles(SEGMENT)
     lower, upper = np.array([0.0, 0.02, np.nan]), np.array([0.3, np.inf, np.nan])
     figure = figures.profiles(found, COLOUR, lower, upper)
     for one, trace in zip(found, figure.data, strict=True):
@@ -91,3 +77,18 @@ def test_profiles_reach_the_dashed_line_at_their_ends(segment: Segment) -> None:
     assert [band.x0 for band in bands] == [0.0, 0.02], "the third has no interval"
     assert bands[0].x1 == 0.3 < figure.layout.xaxis.range[1]
     assert bands[1].x1 == figure.layout.xaxis2.range[1], "it has no end"
+
+
+@pytest.mark.parametrize(("model", "panels", "rows"), [("cthp", 3, 2), ("cthp-s0-delay", 6, 3)])
+def test_each_pair_of_the_answers_parameters_has_a_panel(
+    model: str, panels: int, rows: int
+) -> None:
+    answer = accpinn.fit(STUDY, 0, 60, method="least-squares", model=model).answer
+    figure = joint(answer, 0, COLOUR)
+    clouds = [trace for trace in figure.data if len(trace.x) == DRAWN]
+    points = [trace for trace in figure.data if len(trace.x) == 1]
+    assert len(clouds) == len(points) == panels
+    assert len({(cloud.xaxis, cloud.yaxis) for cloud in clouds}) == panels
+    assert (points[0].x[0], points[0].y[0]) == (answer.parameters.alpha, answer.parameters.beta)
+    assert np.isin(clouds[0].x, answer.typical.alpha[:, 0]).all()
+    assert len([axis for axis in figure.select_yaxes() if axis.title.text]) == rows

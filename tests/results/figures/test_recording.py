@@ -4,43 +4,36 @@ import numpy as np
 import pytest
 
 from accpinn.recordings.recording import Window
-from accpinn.results.figures.recording import (
-    driver_ribbons,
-    motion,
-    overview,
-    regime_key,
-    regime_ribbons,
-    speeds_thumbnail,
-)
+from accpinn.results.figures import recording as figures
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
 from tests.support.figures import names
 from tests.support.openacc_files import platoon, recording
 
+WINDOW = Window(5.0, 25.0)
+
 
 def test_overview_draws_all_vehicles_and_the_window() -> None:
-    figure = overview(recording(), (1, 2), Window(5.0, 25.0))
+    figure = figures.overview(recording(), (1, 2), WINDOW)
     assert names(figure) == ["1 A", "2 B", "2 B", "3 C", "3 C"]
     assert [trace.opacity for trace in figure.data] == [1, 1, 1, 0.35, 0.35]
     (shape,) = figure.layout.shapes
     assert (shape.x0, shape.x1) == (5.0, 25.0)
-    axes = (figure.layout.yaxis, figure.layout.yaxis2, figure.layout.xaxis2)
-    assert [axis.title.text for axis in axes] == ["Speed [m/s]", "Space-gap [m]", "Time [s]"]
     assert (figure.layout.dragmode, figure.layout.selectdirection) == ("select", "h")
-    again = overview(recording(), (2, 3), Window(0, 20)).layout.uirevision
-    other = overview(recording(names="XYZ"), (1, 2), Window(0, 20)).layout.uirevision
+    again = figures.overview(recording(), (2, 3), Window(0, 20)).layout.uirevision
+    other = figures.overview(recording(names="XYZ"), (1, 2), Window(0, 20)).layout.uirevision
     assert figure.layout.uirevision == again != other, "the zoom is kept until another recording"
 
 
 def test_views_of_the_followers_and_one_that_is_highlighted() -> None:
-    run = recording()
-    relative = overview(run, (1, 2, 3), Window(5.0, 25.0), view="relative")
+    run, vehicles = recording(), (1, 2, 3)
+    relative = figures.overview(run, vehicles, WINDOW, view="relative")
     assert names(relative) == ["2 B", "3 C"]
     np.testing.assert_allclose(relative.data[1].y, run.speed[:, 1] - run.speed[:, 2])
-    gaps = overview(run, (1, 2, 3), Window(5.0, 25.0), view="time gap", highlight=3)
+    gaps = figures.overview(run, vehicles, WINDOW, view="time gap", highlight=3)
     np.testing.assert_allclose(gaps.data[0].y, run.gap[:, 0] / run.speed[:, 1])
     assert [trace.opacity for trace in gaps.data] == [0.35, 1]
-    motion = overview(run, (1, 2, 3), Window(5.0, 25.0), highlight=3)
+    motion = figures.overview(run, vehicles, WINDOW, highlight=3)
     strong = [(trace.name, trace.yaxis) for trace in motion.data if trace.opacity == 1]
     assert strong == [("2 B", "y"), ("3 C", "y"), ("3 C", "y2")], "and the speed ahead of it"
 
@@ -48,8 +41,7 @@ def test_views_of_the_followers_and_one_that_is_highlighted() -> None:
 def test_ten_vehicles_are_drawn_with_no_more_points_than_two() -> None:
     def points(vehicles: int) -> int:
         run = recording(platoon(vehicles, 6000), "ABCDEFGHIJK"[:vehicles])
-        figure = overview(run, run.present, Window(5.0, 25.0))
-        return sum(len(trace.x) for trace in figure.data)
+        return sum(len(trace.x) for trace in figures.overview(run, run.present, WINDOW).data)
 
     assert points(11) < 3 * points(2)
 
@@ -61,9 +53,9 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     run = recording(frame)
     whole = cut(run, 0.0, run.duration, allow_missing=True)
     regimes = label_regimes(whole, run)
-    drivers = driver_ribbons(run, (1, 2, 3))
-    figure = overview(run, (1, 2, 3), Window(20.0, 35.0), [drivers, regime_ribbons(whole, regimes)])
-    assert driver_ribbons(recording(), (1, 2)) == [], "nobody drives by hand"
+    ribbons = figures.driver_ribbons(run, (1, 2, 3)), figures.regime_ribbons(whole, regimes)
+    figure = figures.overview(run, (1, 2, 3), Window(20.0, 35.0), ribbons)
+    assert figures.driver_ribbons(recording(), (1, 2)) == [], "nobody drives by hand"
     first, second = (
         {trace.name: trace for trace in figure.data if trace.yaxis == axis} for axis in ("y3", "y4")
     )
@@ -71,24 +63,17 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     assert first["3 by hand"].x[:2] == pytest.approx((0.0, 4.9))
     assert second["2 missing"].x[:2] == pytest.approx((9.95, 14.95))
     assert figure.layout.yaxis4.categoryarray == ("3", "2")
-    assert "missing" in dict(regime_key(regimes))
+    assert "missing" in dict(figures.regime_key(regimes))
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
 
 
-def test_small_pictures_have_every_vehicle() -> None:
-    segment = cut(recording(), 5.0, 30.0)
-    figure = motion(segment.info, segment.measured)
-    assert names(figure) == ["1 A (leader)", "2 B", "2 B", "3 C", "3 C"]
+def test_small_pictures_have_every_vehicle_and_names_are_not_read_as_html() -> None:
+    run = recording(names=["<script>", "B<b>", "C"])
+    segment = cut(run, 5.0, 30.0)
+    figure = figures.motion(segment.info, segment.measured)
     assert {(trace.x[0], trace.x[-1]) for trace in figure.data} == {(5.0, 35.0)}, "its own time"
-    figure = speeds_thumbnail(segment)
+    assert names(figure)[1:] == ["2 B&lt;b&gt;", "2 B&lt;b&gt;", "3 C", "3 C"]
+    assert "<" not in "".join(names(figure) + names(figures.overview(run, (1, 2), WINDOW)))
+    figure = figures.speeds_thumbnail(segment)
     assert len(figure.data) == 3
     assert [axis.visible for axis in (figure.layout.xaxis, figure.layout.yaxis)] == [False, False]
-
-
-def test_names_from_files_are_not_read_as_html() -> None:
-    run = recording(names=["<script>alert(1)</script>", "B<b>", "C"])
-    segment = cut(run, 0.0, 30.0)
-    drawn = (overview(run, (1, 2), Window(0.0, 20.0)), motion(segment.info, segment.measured))
-    for figure in drawn:
-        assert "<" not in "".join(names(figure))
-        assert "2 B&lt;b&gt;" in names(figure)

@@ -10,66 +10,63 @@ from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.registry import FOLLOWING
+from accpinn.results.figures import models
 from accpinn.results.figures import stability as figures
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import StabilityReport, VehicleStability, stability_report
+from accpinn.stability.report import stability_at, stability_report
 from accpinn.units import FloatArray
 from tests.support import draws
 from tests.support.figures import legend, named, names, rectangles
 from tests.support.samples import PLATOON, sample
 from tests.support.vehicles import CALM, NO_REACTION, UNDAMPED, row
 
+REPORT = stability_report(ASTAZERO.parameters)
+LABELS = ASTAZERO.labels
+IDM = np.array([0.6, 1.6, 0.9, 3.0, 45.0])
+
+
+def decibels(vehicles: Parameters, omega: object) -> FloatArray:
+    return 20 * np.log10(np.abs(response(vehicles, np.asarray(omega))))
+
 
 @pytest.fixture(scope="module")
-def astazero() -> StabilityReport:
-    return stability_report(ASTAZERO.parameters)
+def figure() -> go.Figure:
+    return figures.bode(ASTAZERO, REPORT)
 
 
-@pytest.fixture(scope="module")
-def figure(astazero: StabilityReport) -> go.Figure:
-    return figures.bode(ASTAZERO, astazero)
+def test_bode_curves_are_the_magnitude_in_db_with_their_vehicle(figure: go.Figure) -> None:
+    curves = [named(figure, label) for label in LABELS]
+    np.testing.assert_allclose(
+        curves[0].y, decibels(ASTAZERO.parameters[:1], curves[0].x)[0], atol=1e-9
+    )
+    whole = named(figure, "Leader to last follower")
+    np.testing.assert_allclose(whole.y, np.sum([curve.y for curve in curves], axis=0), atol=1e-9)
+    assert whole.line.dash == "dash"
+    assert [{*curve.customdata} for curve in (*curves, whole)] == [{0}, {1}, {2}, {3}, {-1}]
+    assert all("markers" in curve.mode for curve in curves), "lines alone cannot be clicked"
+    assert [trace.name for trace in legend(figure)] == [*LABELS, whole.name]
 
 
-class TestBode:
-    def test_curves_are_the_magnitude_in_db(self, figure: go.Figure) -> None:
-        curve = named(figure, "Audi A6")
-        expected = 20 * np.log10(np.abs(response(ASTAZERO.parameters[:1], np.asarray(curve.x))[0]))
-        np.testing.assert_allclose(curve.y, expected, atol=1e-9)
-        whole = named(figure, "Leader to last follower")
-        parts = sum(np.asarray(named(figure, label).y) for label in ASTAZERO.labels)
-        np.testing.assert_allclose(whole.y, parts, atol=1e-9)
-        assert whole.line.dash == "dash"
-
-    def test_peaks_and_crossovers_are_marked_on_the_curves(
-        self, figure: go.Figure, astazero: StabilityReport
-    ) -> None:
-        peaks = [vehicle.peak for vehicle in astazero.vehicles]
-        for name, x, y in (
-            ("peak", [p.omega for p in peaks], [p.db for p in peaks]),
-            ("crossover", [v.crossover for v in astazero.vehicles], [0.0] * 4),
-        ):
-            marks = named(figure, name)
-            assert (list(marks.x), list(marks.y)) == (x, y)
-            assert list(marks.marker.color) == list(figures.colours(ASTAZERO))
-            curves = [np.interp(at, named(figure, label).x, named(figure, label).y)
-                      for at, label in zip(x, ASTAZERO.labels, strict=True)]  # fmt: skip
-            np.testing.assert_allclose(curves, y, atol=0.02)
-
-    def test_every_point_says_whose_it_is(self, figure: go.Figure) -> None:
-        lines = [*ASTAZERO.labels, "Leader to last follower"]
-        for k, label in enumerate(lines):
-            assert set(named(figure, label).customdata) == {k if k < 4 else -1}
-            assert "markers" in named(figure, label).mode, "lines alone cannot be clicked"
-        assert list(named(figure, "peak").customdata) == [0, 1, 2, 3]
-        assert [trace.name for trace in legend(figure)] == lines
-
-    def test_the_amplified_range_is_shaded_from_0_db_up(
-        self, figure: go.Figure, astazero: StabilityReport
-    ) -> None:
-        (area,), (low, high) = rectangles(figure), figure.layout.yaxis.range
-        assert (area.y0, area.y1) == (0, high)
-        assert low < figures.FLOOR < astazero.platoon.peaks[-1].db < high
+def test_peaks_and_crossovers_are_marked_on_the_curves_and_amplification_is_shaded(
+    figure: go.Figure,
+) -> None:
+    peaks = [vehicle.peak for vehicle in REPORT.vehicles]
+    for name, x, y in (
+        ("peak", [p.omega for p in peaks], [p.db for p in peaks]),
+        ("crossover", [v.crossover for v in REPORT.vehicles], [0.0] * 4),
+    ):
+        marks = named(figure, name)
+        assert (list(marks.x), list(marks.y)) == (x, y)
+        assert list(marks.marker.color) == list(figures.colours(ASTAZERO))
+        curves = [np.interp(at, named(figure, label).x, named(figure, label).y)
+                  for at, label in zip(x, LABELS, strict=True)]  # fmt: skip
+        np.testing.assert_allclose(curves, y, atol=0.02)
+    assert list(named(figure, "peak").customdata) == [0, 1, 2, 3]
+    (area,), (low, high) = rectangles(figure), figure.layout.yaxis.range
+    assert (area.y0, area.y1) == (0, high)
+    assert low < figures.FLOOR < REPORT.platoon.peaks[-1].db < high
 
 
 @pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
@@ -77,85 +74,70 @@ def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
     pair = ParameterSet("Mine", ("<b>odd</b>", "calm"), row(vehicle, CALM))
     report = stability_report(pair.parameters)
     figure = figures.bode(pair, report)
-    assert np.isfinite(figure.layout.yaxis.range).all()
-    assert figure.layout.yaxis.range[1] <= figures.CEILING
-    for trace in figure.data[:2]:
-        assert np.isfinite(trace.y).all()
     plane = figures.stability_map(pair, report, 0, "beta")
-    assert np.isfinite(plane.layout.yaxis.range).all()
-    for drawn in (figure, plane, figures.criteria_by_vehicle(pair, report)):
-        assert "<b>" not in drawn.to_json(), "names from files are no HTML"
+    assert figure.layout.yaxis.range[1] <= figures.CEILING
+    drawn = [trace.y for trace in figure.data[:2]]
+    for shown in (*drawn, figure.layout.yaxis.range, plane.layout.yaxis.range):
+        assert np.isfinite(shown).all()
+    for chart in (figure, plane, figures.criteria_by_vehicle(pair, report)):
+        assert "<b>" not in chart.to_json(), "names from files are no HTML"
 
 
-class TestCriteria:
-    def test_are_those_of_each_vehicle(self, astazero: StabilityReport) -> None:
-        figure = figures.criteria_by_vehicle(ASTAZERO, astazero)
-        expected = {
-            "L₂ criterion": [v.l2.value for v in astazero.vehicles],
-            "L∞ criterion of the paper": [v.linf_paper.value for v in astazero.vehicles],
-            "Peak of |H|": [v.peak.gain for v in astazero.vehicles],
-            "Exact L∞ gain ‖h‖₁": [v.linf_gain for v in astazero.vehicles],
-            "|H| from the leader": [peak.gain for peak in astazero.platoon.peaks],
-            "‖h‖₁ from the leader": list(astazero.platoon.linf.gain),
-        }
-        assert {trace.name: list(trace.y) for trace in figure.data} == expected
-        assert all(list(trace.x) == [1, 2, 3, 4] for trace in figure.data)
-        levels = [shape.y0 for shape in figure.layout.shapes]
-        assert levels == [0, 1], "one line a panel between stable and unstable"
-
-    def test_vehicles_go_by_their_labels(self, astazero: StabilityReport) -> None:
-        ours = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
-        report = stability_report(ours.parameters)
-        assert figures.criteria_by_vehicle(ours, report).layout.xaxis2.ticktext == ours.labels
-        axis = figures.criteria_by_vehicle(ASTAZERO, astazero).layout.xaxis2
-        assert tuple(name.replace("<br>", " ") for name in axis.ticktext) == ASTAZERO.labels
+def test_criteria_are_those_of_each_vehicle() -> None:
+    figure = figures.criteria_by_vehicle(ASTAZERO, REPORT)
+    assert {trace.name: list(trace.y) for trace in figure.data} == {
+        "L₂ criterion": [v.l2.value for v in REPORT.vehicles],
+        "L∞ criterion of the paper": [v.linf_paper.value for v in REPORT.vehicles],
+        "Peak of |H|": [v.peak.gain for v in REPORT.vehicles],
+        "Exact L∞ gain ‖h‖₁": [v.linf_gain for v in REPORT.vehicles],
+        "|H| from the leader": [peak.gain for peak in REPORT.platoon.peaks],
+        "‖h‖₁ from the leader": list(REPORT.platoon.linf.gain),
+    }
+    assert all(list(trace.x) == [1, 2, 3, 4] for trace in figure.data)
+    assert [shape.y0 for shape in figure.layout.shapes] == [0, 1], "stable beyond, one a panel"
+    shown = figure.layout.xaxis2.ticktext
+    assert tuple(name.replace("<br>", " ") for name in shown) == LABELS
+    ours = ParameterSet("run", ("X", "Y"), row(CALM, CALM), (3, 4, 5), ("4 X", "5 Y"))
+    figure = figures.criteria_by_vehicle(ours, stability_report(ours.parameters))
+    assert figure.layout.xaxis2.ticktext == ours.labels
 
 
-class TestMap:
-    @pytest.mark.parametrize("plane", ["beta", "alpha"])
-    @pytest.mark.parametrize("held", [0, 3])
-    def test_boundaries_separate_stable_from_unstable(
-        self, astazero: StabilityReport, plane: figures.Plane, held: int
-    ) -> None:
-        def verdicts(vehicle: VehicleStability) -> dict[str, bool]:
-            verdicts = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
-            return dict(zip(figures.BOUNDARIES, (v.stable for v in verdicts), strict=True))
+@pytest.mark.parametrize("plane", ["beta", "alpha"])
+@pytest.mark.parametrize("held", [0, 3])
+def test_boundaries_separate_stable_from_unstable(plane: figures.Plane, held: int) -> None:
+    figure, kept = figures.stability_map(ASTAZERO, REPORT, held, plane), ASTAZERO.parameters[held]
+    for at, name in enumerate(figures.BOUNDARIES):
+        line = named(figure, name)
+        for x, tau in list(zip(line.x, line.y, strict=True))[20::60]:
+            if tau <= 0:
+                continue
+            gains = (kept.alpha, x) if plane == "beta" else (x, kept.beta)
+            pair = Parameters.of([[*gains, tau * 0.999], [*gains, tau * 1.001]])
+            found = [
+                (v.l2, v.linf_paper, v.linf_exact)[at] for v in stability_report(pair).vehicles
+            ]
+            assert [verdict.stable for verdict in found] == [False, True]
 
-        figure = figures.stability_map(ASTAZERO, astazero, held, plane)
-        kept = ASTAZERO.parameters[held]
-        for name in figures.BOUNDARIES:
-            line = named(figure, name)
-            for x, tau in list(zip(line.x, line.y, strict=True))[20::60]:
-                if tau <= 0:
-                    continue
-                gains = (kept.alpha, x) if plane == "beta" else (x, kept.beta)
-                pair = Parameters.of([[*gains, tau * 0.999], [*gains, tau * 1.001]])
-                below, above = map(verdicts, stability_report(pair).vehicles)
-                assert (below[name], above[name]) == (False, True)
 
-    def test_shows_every_vehicle_and_fills_the_one_it_is_about(
-        self, astazero: StabilityReport
-    ) -> None:
-        figure = figures.stability_map(ASTAZERO, astazero, 1, "beta")
-        dots, (_, high) = figure.data[-1], figure.layout.yaxis.range
-        assert list(dots.x) == ASTAZERO.parameters.beta.tolist()
-        assert list(dots.y) == ASTAZERO.parameters.tau.tolist()
-        assert list(dots.marker.symbol) == ["circle-open", "circle", "circle-open", "circle-open"]
-        assert max(dots.x) <= figure.layout.xaxis.range[1]
-        assert max(*dots.y, astazero.vehicles[1].smallest_tau.linf_exact) <= high
-        assert figure.layout.xaxis.title.text == "β, gain on relative speed [1/s]"
-        assert [trace.name for trace in legend(figure)] == list(figures.BOUNDARIES)
+def test_a_map_shows_every_vehicle_and_fills_the_one_it_is_about() -> None:
+    figure = figures.stability_map(ASTAZERO, REPORT, 1, "beta")
+    dots, (_, high) = figure.data[-1], figure.layout.yaxis.range
+    assert list(dots.x) == ASTAZERO.parameters.beta.tolist()
+    assert list(dots.y) == ASTAZERO.parameters.tau.tolist()
+    assert list(dots.marker.symbol) == ["circle-open", "circle", "circle-open", "circle-open"]
+    assert max(dots.x) <= figure.layout.xaxis.range[1]
+    assert max(*dots.y, REPORT.vehicles[1].smallest_tau.linf_exact) <= high
+    assert [trace.name for trace in legend(figure)] == list(figures.BOUNDARIES)
 
-    def test_areas_do_not_overlap_and_hatch_where_the_paper_differs(
-        self, astazero: StabilityReport
-    ) -> None:
-        figure = figures.stability_map(ASTAZERO, astazero, 3, "beta")
-        areas = [np.asarray(trace.y) for trace in figure.data if trace.line.width == 0]
-        l2_unstable, only_linf, stable, *hatched = areas[1:]
-        assert (l2_unstable <= only_linf + 1e-12).all()
-        assert (only_linf <= stable).all()
-        assert (hatched[0] <= hatched[1]).all()
-        assert (hatched[0] < hatched[1]).any(), "the paper's criterion calls the Tesla stable"
+
+def test_areas_do_not_overlap_and_hatch_where_the_paper_differs() -> None:
+    figure = figures.stability_map(ASTAZERO, REPORT, 3, "beta")
+    areas = [np.asarray(trace.y) for trace in figure.data if trace.line.width == 0]
+    l2_unstable, only_linf, stable, low, high = areas[1:]
+    assert (l2_unstable <= only_linf + 1e-12).all()
+    assert (only_linf <= stable).all()
+    assert (low <= high).all()
+    assert (low < high).any(), "the paper's criterion calls the Tesla stable"
 
 
 @pytest.fixture(scope="module")
@@ -167,62 +149,52 @@ def learned() -> tuple[ParameterSet, Uncertainty]:
     return ParameterSet("Learned", segment.names[1:], fit.parameters), uncertainty
 
 
-class TestUncertainty:
-    def test_bands_hold_nine_tenths_of_the_draws_beneath_the_curves(
-        self, learned: tuple[ParameterSet, Uncertainty]
-    ) -> None:
-        vehicles, uncertainty = learned
-        report = stability_report(vehicles.parameters)
-        before = figures.bode(vehicles, report)
-        figure = figures.bode(vehicles, report, uncertainty)
-        assert names(figure)[len(vehicles) :] == names(before)
-        assert figure.layout == before.layout
-        for k in range(len(vehicles)):
-            band = named(figure, f"band {k}")
-            (omega, _), (low, high) = (np.reshape(axis, (2, -1)) for axis in (band.x, band.y))
-            high = high[::-1]
-            drawn = np.abs(response(uncertainty.draws[:, k], omega))
-            drawn = 20 * np.log10(drawn)
-            # Ends are rounded to 0.001 dB: once what lies so close counts as inside, once not.
-            within = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
-            deep = ((low + 1e-3 <= drawn) & (drawn <= high - 1e-3)).mean(axis=0)
-            assert (within > uncertainty.level - 0.01).all()
-            assert (deep < uncertainty.level + 0.01).all()
-            assert (high - low > 0.05).any()
-        draws = uncertainty.draws.values.copy()
-        draws[:, 0] = np.nan
-        unknown = replace(uncertainty, draws=Parameters.of(draws))
-        assert "band 0" not in names(figures.bode(vehicles, report, unknown))
+def test_bands_hold_nine_tenths_of_the_draws_beneath_the_curves(
+    learned: tuple[ParameterSet, Uncertainty],
+) -> None:
+    vehicles, uncertainty = learned
+    report = stability_report(vehicles.parameters)
+    before, figure = (figures.bode(vehicles, report, known) for known in (None, uncertainty))
+    assert names(figure)[len(vehicles) :] == names(before)
+    assert figure.layout == before.layout
+    for k in range(len(vehicles)):
+        band = named(figure, f"band {k}")
+        (omega, _), (low, high) = (np.reshape(axis, (2, -1)) for axis in (band.x, band.y))
+        high, drawn = high[::-1], decibels(uncertainty.draws[:, k], omega)
+        # Ends are rounded to 0.001 dB: once what lies so close counts as inside, once not.
+        within = ((low - 1e-3 <= drawn) & (drawn <= high + 1e-3)).mean(axis=0)
+        deep = ((low + 1e-3 <= drawn) & (drawn <= high - 1e-3)).mean(axis=0)
+        assert (within > uncertainty.level - 0.01).all()
+        assert (deep < uncertainty.level + 0.01).all()
+        assert (high - low > 0.05).any()
+    unknown = uncertainty.draws.values.copy()
+    unknown[:, 0] = np.nan
+    unknown = replace(uncertainty, draws=Parameters.of(unknown))
+    assert "band 0" not in names(figures.bode(vehicles, report, unknown))
 
-    @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
-    def test_clouds_are_draws(
-        self, learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
-    ) -> None:
-        vehicles, uncertainty = learned
-        report = stability_report(vehicles.parameters)
-        cloud = named(figures.stability_map(vehicles, report, 0, plane, uncertainty), "cloud 1")
-        assert len(cloud.x) <= figures.CLOUD
-        drawn = uncertainty.draws.values[:, 1][:, [column, 2]]
-        for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
-            assert np.abs(drawn - [x, y]).sum(axis=1).min() < 1e-3
 
-    def test_draws_that_have_no_place_on_the_map_are_counted(
-        self, learned: tuple[ParameterSet, Uncertainty]
-    ) -> None:
-        vehicles, uncertainty = learned
-        chart = figures.stability_map(vehicles, stability_report(vehicles.parameters), 0, "beta")
+@pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
+def test_clouds_are_draws_and_those_without_a_place_on_the_map_are_counted(
+    learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
+) -> None:
+    vehicles, uncertainty = learned
+    report = stability_report(vehicles.parameters)
+    figure = figures.stability_map(vehicles, report, 0, plane, uncertainty)
+    cloud, drawn = named(figure, "cloud 1"), uncertainty.draws.values[:, 1][:, [column, 2]]
+    assert len(cloud.x) <= figures.CLOUD
+    for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
+        assert np.abs(drawn - [x, y]).sum(axis=1).min() < 1e-3
 
-        def caption(draws: FloatArray) -> str:
-            changed = replace(uncertainty, draws=Parameters.of(draws))
-            return figures.cloud_caption(chart, changed, "beta")
+    def caption(draws: FloatArray) -> str:
+        changed = replace(uncertainty, draws=Parameters.of(draws))
+        return figures.cloud_caption(figure, changed, plane)
 
-        draws = uncertainty.draws.values.copy()
-        draws[..., 1:] = 0.1, 1.0
-        assert "%" not in caption(draws)
-        count = len(draws)
-        draws[: count // 10, 0, 2] = 99.0
-        assert f"{10 / len(vehicles):.0f} % of them lie beyond" in caption(draws)
-        assert "%" not in caption(np.full_like(draws, np.nan))
+    moved = uncertainty.draws.values.copy()
+    moved[..., column], moved[..., 2] = 0.1, 1.0
+    assert "%" not in caption(moved)
+    moved[: len(moved) // 10, 0, 2] = 99.0
+    assert f"{10 / len(vehicles):.0f} % of them lie beyond" in caption(moved)
+    assert "%" not in caption(np.full_like(moved, np.nan))
 
 
 def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> None:
@@ -238,10 +210,27 @@ def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> Non
     assert len(faint.x) == (~clear).sum()
     assert faint.opacity < points.opacity
     curve = named(figure, "Audi, model")
-    gain = np.abs(response(ASTAZERO.parameters[:1], np.asarray(curve.x)))[0]
-    np.testing.assert_allclose(curve.y, 20 * np.log10(gain))
+    np.testing.assert_allclose(curve.y, decibels(ASTAZERO.parameters[:1], curve.x)[0])
     assert len(legend(figure)) == 3
     (area,) = (trace for trace in figure.data if trace.fill == "toself")
     assert np.isfinite(area.y).all()
     alone = figures.measured_bode(measured, "BMW", "#d8660c")
     assert not any(trace.fill or "model" in trace.name for trace in alone.data)
+
+
+def test_the_peak_gain_over_speed_has_its_band_and_the_recorded_speeds() -> None:
+    """Each is that of the model's linearisation at the speed."""
+    idm = FOLLOWING["idm"]
+    drawn = IDM * np.exp(0.05 * np.random.default_rng(0).standard_normal((200, 5)))
+    follower = models.Follower("A <b>", "#0c7eae", idm, IDM, drawn)
+    figure = models.peak_over_speed([follower], (15.0, 25.0), 20.0)
+    band, curve = figure.data
+    assert curve.name == "A &lt;b&gt;"
+    lower, upper = band.y[: models.SPEEDS], band.y[models.SPEEDS :][::-1]
+    assert ((lower <= curve.y) & (curve.y <= upper)).all()
+    assert lower[0] < curve.y[0] < upper[0]
+    peaks = [stability_at(idm, IDM, kmh / 3.6).peak.db for kmh in curve.x[::6]]
+    np.testing.assert_allclose(curve.y[::6], peaks)
+    (recorded,) = rectangles(figure)
+    np.testing.assert_allclose([recorded.x0, recorded.x1], [54.0, 90.0])
+    assert figure.layout.yaxis.range[1] > upper.max()

@@ -143,7 +143,6 @@ def test_a_stack_has_the_panels_of_plotly_with_titles_and_lines() -> None:
     expected = make_subplots(rows=3, cols=1, shared_xaxes=True, row_heights=(3, 1, 1))
     expected.add_scatter(x=[1.0], y=[2.0], row=2, col=1)
     expected.add_hline(y=0.5, row=2, col=1)
-    expected.update_yaxes(title_text="Speed [m/s]", row=2, col=1)
     chart = style.Chart("x", 100, style.stack(3, 1, 1, spacing=0.1), (GAP, SPEED, GAP))
     chart.add([1.0], [2.0], panel=2)
     chart.level("y2", 0.5, {})
@@ -154,12 +153,8 @@ def test_a_stack_has_the_panels_of_plotly_with_titles_and_lines() -> None:
     (mine,), (theirs,) = (one.layout.shapes for one in (figure, expected))
     assert mine.to_plotly_json() | {"layer": None} == theirs.to_plotly_json() | {"layer": None}
     for axis in ("xaxis", "xaxis2", "xaxis3", "yaxis", "yaxis2", "yaxis3"):
-        kept = {"domain", "anchor", "matches", "showticklabels"}
-        mine, theirs = (one.layout[axis].to_plotly_json() for one in (figure, expected))
-        assert {key: mine[key] for key in kept & {*mine}} == {
-            key: theirs[key] for key in kept & {*theirs}
-        }
-    titles = [figure.layout[f"yaxis{place}"].title.text for place in ("", 2, 3)]
-    assert titles == ["Space-gap [m]", "Speed [m/s]", "Mine"]
-    assert figure.layout.xaxis3.title.text == "Time [s]"
+        for kept in ("domain", "anchor", "matches", "showticklabels"):
+            assert figure.layout[axis][kept] == expected.layout[axis][kept]
+    titles = [figure.layout[axis].title.text for axis in ("yaxis", "yaxis2", "yaxis3", "xaxis3")]
+    assert titles == ["Space-gap [m]", "Speed [m/s]", "Mine", "Time [s]"]
     assert figure.layout.yaxis2.dtick == 1

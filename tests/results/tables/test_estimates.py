@@ -1,6 +1,8 @@
-"""Tables of estimates: the right numbers under the right headings."""
+"""Tables of estimates, stability and amplitudes: the right numbers under the right headings."""
 
-from dataclasses import replace
+import csv
+import io
+from dataclasses import astuple, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,10 +11,14 @@ import pytest
 
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.inference.intervals import Uncertainty, intervals
+from accpinn.methods import splines
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon.leader import Sinusoid, SpeedStep
+from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.results.tables.estimates import (
@@ -28,34 +34,34 @@ from accpinn.results.tables.estimates import (
     parameter_table,
 )
 from accpinn.results.tables.recording import quality_table
+from accpinn.results.tables.stability import (
+    WORDS,
+    amplitude_table,
+    criteria_part,
+    measured_gain_table,
+    stability_table,
+    verdict_table,
+)
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import Quality, assess_quality
-from accpinn.segment.segment import Segment
+from accpinn.segment.quality import assess_quality
+from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.report import assessment, stability_report
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.study.run import run
-from accpinn.units import Estimate
 from tests.support.openacc_files import recording
-from tests.support.samples import FOLDER, PLATOON
+from tests.support.samples import FOLDER, PLATOON, sample
+from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
 
-GROUP = "Estimate (90 % interval)"
+GROUP, OWN, SIMULATED = (
+    "Estimate (90 % interval)", "Surrogate fit, MAE", "Closed-loop simulation, MAE"
+)  # fmt: skip
+L2, LINF = "L₂ string stability", "L∞ string stability"
 LEARNED = Parameters.of([[0.01037, 0.07235, 1.52034], [0.1, 0.2, 1.0]])
-
-
-@pytest.fixture
-def segment() -> Segment:
-    return cut(recording(names=("Audi(A8)", "BMW", "Tesla")), 5.0, 30.0)
-
-
-@pytest.fixture
-def quality(segment: Segment) -> Quality:
-    return assess_quality(segment)
-
-
-@pytest.fixture
-def fit() -> Fit:
-    return Fit("pinn", "II", LEARNED, None, Outcome.FINISHED, 1.0, FAST.to_json())
+SEGMENT = cut(recording(names=("Audi(A8)", "BMW", "Tesla")), 5.0, 30.0)
+INFO, QUALITY = SEGMENT.info, assess_quality(SEGMENT)
+FIT = Fit("pinn", "II", LEARNED, None, Outcome.FINISHED, 1.0, FAST.to_json())
 
 
 def errors(scale: float) -> TrackingErrors:
@@ -64,116 +70,104 @@ def errors(scale: float) -> TrackingErrors:
 
 
 def column(table: Table, title: str, group: str = "") -> list[Any]:
-    """The cells of the one column of that title and group."""
+    """The cells of the one column of that title and group; an estimate as a tuple."""
     (k,) = (k for k, c in enumerate(table.columns) if (c.title, c.group) == (title, group))
-    return [row[k] for row in table.rows]
+    cells = [row[k] for row in table.rows]
+    return [astuple(cell) if isinstance(cell, Estimate) else cell for cell in cells]
 
 
-@pytest.fixture
-def uncertainty(segment: Segment, fit: Fit) -> Uncertainty:
+@pytest.fixture(scope="module")
+def uncertainty() -> Uncertainty:
     lower = Parameters.of([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
     upper = Parameters.of([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
-    return replace(intervals(segment, fit, draws=10), lower=lower, upper=upper)
+    return replace(intervals(SEGMENT, FIT, draws=10), lower=lower, upper=upper)
 
 
-def result(
-    segment: Segment, fit: Fit, uncertainty: Uncertainty | None = None, with_errors: bool = True
-) -> Any:
+def result(fit: Fit = FIT, known: Uncertainty | None = None, **changes: Any) -> Any:
     """What a table reads of a result."""
-    kinds = (errors(0.01), errors(1.0)) if with_errors else (None, None)
-    evaluation = SimpleNamespace(surrogate=kinds[0], closed_loop=kinds[1])
-    return SimpleNamespace(
-        info=segment.info, fit=fit, quality=assess_quality(segment), evaluation=evaluation,
-        uncertainty=uncertainty, infos=(segment.info,),
-    )  # fmt: skip
+    evaluation = SimpleNamespace(surrogate=errors(0.01), closed_loop=errors(1.0))
+    parts = {"info": INFO, "fit": fit, "quality": QUALITY, "evaluation": evaluation,
+             "uncertainty": known, "infos": (INFO,)}  # fmt: skip
+    return SimpleNamespace(**parts | changes)
 
 
-def test_parameters_and_errors_of_both_kinds(segment: Segment, fit: Fit, quality: Quality) -> None:
-    table = parameter_table(result(segment, fit), with_intervals=False)
+def test_parameters_and_errors_of_both_kinds() -> None:
+    table = parameter_table(result(), with_intervals=False)
     assert column(table, "Vehicle") == ["1 Audi (A8)", "2 BMW", "3 Tesla"]
     assert column(table, "α") == [None, 0.01037, 0.1]
-    assert column(table, "Mean time gap") == [None, *quality.mean_time_gap]
-    own, simulated = "Surrogate fit, MAE", "Closed-loop simulation, MAE"
-    assert column(table, "p", own) == [None, 0.04, 0.05]
-    assert column(table, "v", own) == [0.01, 0.02, 0.03]
-    assert column(table, "p", simulated) == [None, 4.0, 5.0]
-    assert column(table, "v", simulated) == [None, 2.0, 3.0], "the leader's speed is given"
+    assert column(table, "Mean time gap") == [None, *QUALITY.mean_time_gap]
+    assert column(table, "p", OWN) == [None, 0.04, 0.05]
+    assert column(table, "v", OWN) == [0.01, 0.02, 0.03]
+    assert column(table, "p", SIMULATED) == [None, 4.0, 5.0]
+    assert column(table, "v", SIMULATED) == [None, 2.0, 3.0], "the leader's speed is given"
     assert "run.csv, 5–35 s" in table.caption
     assert "fast preset" in table.caption
-    lost = replace(fit, parameters=Parameters.of([[0.0, 0.2, np.nan], LEARNED.values[1]]))
-    table = parameter_table(result(segment, lost, with_errors=False), with_intervals=False)
+    lost = replace(FIT, parameters=Parameters.of([[0.0, 0.2, np.nan], LEARNED.values[1]]))
+    without = SimpleNamespace(surrogate=None, closed_loop=None)
+    table = parameter_table(result(lost, evaluation=without), with_intervals=False)
     assert table.to_csv().splitlines()[2].startswith("2 BMW,0.0,0.2,,")
     assert all(row[5:] == (None,) * 4 for row in table.rows), "empty, not zero"
 
 
-def test_intervals_stand_beside_the_parameters(
-    segment: Segment, fit: Fit, uncertainty: Uncertainty
-) -> None:
-    table = parameter_table(result(segment, fit, uncertainty))
-    assert column(table, "τ", GROUP) == [
-        None,
-        Estimate(1.52034, 1.2, np.inf),
-        Estimate(1.0, 1.0, 1.3),
-    ]
+def test_intervals_stand_beside_the_parameters(uncertainty: Uncertainty) -> None:
+    table = parameter_table(result(known=uncertainty))
+    assert column(table, "τ", GROUP) == [None, (1.52034, 1.2, np.inf), (1.0, 1.0, 1.3)]
     head, leader, first, _ = (line.split(",") for line in table.to_csv().splitlines())
     assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
     assert (leader[1:4], first[1:4]) == (["", "", ""], ["0.01037", "0.0", "0.02"])
     assert len(set(head)) == len(head) == len(first)
     assert "0.072 (0.050--0.090)" in table.to_latex()
-    alone = intervals_table(segment.info, uncertainty)
+    alone = intervals_table(INFO, uncertainty)
     likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
-    assert [(cell.lower, cell.upper) for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
+    assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
     shares = np.multiply(100, uncertainty.probability_l2)
     np.testing.assert_allclose(column(alone, "L₂", PROBABILITY), shares)
-    beside = comparison_table(segment.info, {"PiNN": LEARNED}, "II", uncertainty)
+    beside = comparison_table(INFO, {"PiNN": LEARNED}, "II", uncertainty)
     assert [c.digits for c in beside.columns] == [None, 3, 3, 2], "as the intervals support"
 
 
 def test_followers_that_share_their_parameters_have_one_row_for_them(
-    segment: Segment, fit: Fit, uncertainty: Uncertainty
+    uncertainty: Uncertainty,
 ) -> None:
-    shared = replace(fit, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
-    table = parameter_table(result(segment, shared, uncertainty))
+    shared = replace(FIT, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
+    table = parameter_table(result(shared, uncertainty))
     assert column(table, "Vehicle") == ["1 Audi (A8)", EVERY_FOLLOWER, "2 BMW", "3 Tesla"]
     assert [cell is None for cell in column(table, "τ", GROUP)] == [True, False, True, True]
-    assert column(table, "p", "Surrogate fit, MAE") == [None, None, 0.04, 0.05]
-    assert len(intervals_table(segment.info, uncertainty, "I").rows) == 1
-    assert len(comparison_table(segment.info, {"PiNN": LEARNED}, "I").rows) == 1
+    assert column(table, "p", OWN) == [None, None, 0.04, 0.05]
+    assert len(intervals_table(INFO, uncertainty, "I").rows) == 1
+    assert len(comparison_table(INFO, {"PiNN": LEARNED}, "I").rows) == 1
 
 
-def test_excluded_regimes_stand_in_every_title(
-    segment: Segment, fit: Fit, quality: Quality
-) -> None:
+def test_excluded_regimes_stand_in_every_title() -> None:
     """So that they also stand in an exported table."""
-    without = replace(segment, excluded_regimes=("catching up", "manual"))
+    without = replace(SEGMENT, excluded_regimes=("catching up", "manual")).info
     for table in (
-        parameter_table(result(without, fit), with_intervals=False),
-        comparison_table(without.info, {"PiNN": LEARNED}),
-        quality_table(without.info, quality, fit),
+        parameter_table(result(info=without), with_intervals=False),
+        comparison_table(without, {"PiNN": LEARNED}),
+        quality_table(without, QUALITY, FIT),
     ):
         assert "without catching up, manual" in table.caption
-    assert "without" not in comparison_table(segment.info, {"PiNN": LEARNED}).caption
+    assert "without" not in comparison_table(INFO, {"PiNN": LEARNED}).caption
 
 
-def test_preview_of_the_window(segment: Segment, fit: Fit, quality: Quality) -> None:
-    table = quality_table(segment.info, quality, fit)
-    shares = np.multiply(100, quality.car_following)
+def test_preview_of_the_window() -> None:
+    table = quality_table(INFO, QUALITY, FIT)
+    shares = np.multiply(100, QUALITY.car_following)
     np.testing.assert_allclose(column(table, "Car-following"), shares)
     assert column(table, "α", "Least-squares estimate") == LEARNED.alpha.tolist()
-    np.testing.assert_array_equal(column(table, "Condition number"), quality.condition)
+    np.testing.assert_array_equal(column(table, "Condition number"), QUALITY.condition)
 
 
 def test_a_row_a_method_and_an_earlier_fit_beside_the_present_one() -> None:
     source = read(FOLDER / f"{PLATOON}.csv")
     asked = Analysis.of(source, (Window(0.0, 60.0),), method="least-squares")
     rows = results_among(compare(asked, source, ("least-squares", "splines")))
-    info, then = rows[0].info, rows[0]
-    table = methods_table(info, rows, 1)
+    then, gaps = rows[0], "MAE of the space-gap"
+    table = methods_table(then.info, rows, 1)
     assert column(table, "Method") == ["Least squares", "Splines"]
     assert column(table, "β") == [row.parameters.beta[1] for row in rows]
-    gaps, held = "MAE of the space-gap", then.evaluation.holdout
     assert column(table, "Surrogate fit", gaps)[0] is None
-    assert column(table, "Hold-out", gaps)[0] == held.gap_mae[1]
+    assert column(table, "Hold-out", gaps)[0] == then.evaluation.holdout.gap_mae[1]
 
     now = run(replace(asked, case="I"), source)
     table = earlier_table([then], {"least-squares": now}, vehicle=3)
@@ -187,13 +181,92 @@ def test_a_row_a_method_and_an_earlier_fit_beside_the_present_one() -> None:
     assert len(earlier_table([then], {}, vehicle=3).columns) == 5, "nothing to compare with"
 
 
-def test_a_method_is_called_by_what_it_was_trained_with(fit: Fit) -> None:
+def test_a_method_is_called_by_what_it_was_trained_with() -> None:
     assert set(TITLES) == set(METHODS)
-    assert name_of(fit) == "PiNN (fast preset)"
-    assert name_of(replace(fit, config=fit.config | {"seed": 3})) == (
-        "PiNN (fast preset, own options)"
-    )
-    stopped = replace(fit, config=PAPER.to_json(), outcome=Outcome.STOPPED)
-    assert name_of(stopped) == "PiNN (paper preset, stopped)"
-    assert name_of(replace(fit, method="splines", config={})) == "Splines"
-    assert name_of(replace(fit, method="retired")) == "retired"
+    seeded = replace(FIT, config=FIT.config | {"seed": 3})
+    stopped = replace(FIT, config=PAPER.to_json(), outcome=Outcome.STOPPED)
+    other, retired = replace(FIT, method="splines", config={}), replace(FIT, method="retired")
+    assert [name_of(fit) for fit in (FIT, seeded, stopped, other, retired)] == [
+        "PiNN (fast preset)", "PiNN (fast preset, own options)", "PiNN (paper preset, stopped)",
+        "Splines", "retired",
+    ]  # fmt: skip
+
+
+def test_the_papers_verdicts_and_the_exact_gain_beside() -> None:
+    report = stability_report(ASTAZERO.parameters)
+    table, short = stability_table(ASTAZERO, report), verdict_table(ASTAZERO, report)
+    assert column(table, "Vehicle")[3] == "Tesla Model 3"
+    for title, group, tesla in (
+        ("Stable", L2, "NO"),
+        ("Paper's criterion", LINF, "YES"),
+        ("Exact criterion", LINF, "NO"),
+        ("‖h‖₁", LINF, pytest.approx(1.0954, abs=5e-5)),
+        ("Peak", L2, pytest.approx(0.3395, abs=5e-5)),
+        ("L₂", "Smallest stable τ", pytest.approx(2.0534, abs=5e-5)),
+    ):
+        cells = column(table, title, group)
+        assert cells[3] == tesla
+        if title in ("Stable", "Exact criterion", "Peak"):
+            assert column(short, title, group) == cells
+    assert table.to_latex().isascii(), "every letter has its command"
+    kept = {(one.group, one.title) for one in short.columns}
+    assert not {(L2, "Probability"), (LINF, "Paper's criterion")} & kept
+    assert "α" not in [one.title for one in criteria_part(table).columns]
+
+
+def test_what_has_no_meaning_is_empty() -> None:
+    pair = ParameterSet("Mine", ("calm", "stuck"), row(CALM, NO_GAP_CONTROL))
+    text = stability_table(pair, stability_report(pair.parameters)).to_csv()
+    calm, stuck = csv.DictReader(io.StringIO(text))
+    assert calm["l2_string_stability_amplified_below_rad_per_s"] == ""
+    assert calm["l2_string_stability_at_omega_rad_per_s"] == ""
+    assert calm["l2_string_stability_stable"] == "YES"
+    assert stuck["tau"] == stuck["smallest_stable_tau_l2_s"] == ""
+    assert stuck["l2_string_stability_stable"] == "YES, marginal"
+
+
+def test_verdicts_have_intervals_and_probabilities() -> None:
+    segment = sample(PLATOON).segment
+    fit = splines.fit(segment)
+    known = intervals(segment, fit)
+    learned = ParameterSet("Learned", segment.names[1:], fit.parameters)
+    report, peak, gain = stability_report(learned.parameters), known.peak_gain, known.linf_gain
+    table, verdicts = (make(learned, report, known) for make in (stability_table, verdict_table))
+    assert column(table, "Amplified below", L2)[0][1:] == (
+        known.crossover.lower[0], known.crossover.upper[0],
+    )  # fmt: skip
+    assert column(table, "Probability", LINF)[0] == pytest.approx(100 * known.probability_linf[0])
+    stable = known.probability_l2
+    assert column(verdicts, "Probability", L2) == pytest.approx(100 * stable)
+    assert column(verdicts, "Verdict", L2) == [WORDS[assessment(share)] for share in stable]
+    decibels = 20 * np.log10([peak.lower[0], peak.upper[0]])
+    assert column(verdicts, "Peak", L2)[0][1:] == tuple(decibels)
+    assert column(verdicts, "‖h‖₁", LINF)[0][1:] == (gain.lower[0], gain.upper[0])
+
+
+def test_the_measured_gain_as_a_table() -> None:
+    segment = sample(PLATOON).segment
+    found = measured_gain(segment, 0)
+    table = measured_gain_table(segment.labels[1], found)
+    assert len(table.rows) == len(found.omega)
+    assert table.rows[3][1] == Estimate(found.gain[3], found.lower[3], found.upper[3])
+    assert table.to_latex().isascii()
+
+
+def test_amplitudes_and_smallest_gaps() -> None:
+    wave = simulate_platoon(ASTAZERO.parameters, Sinusoid(0.25))
+    table = amplitude_table(wave)
+    assert column(table, "Vehicle")[:2] == ["Leader", "Follower 1"]
+    assert column(table, "Amplitude") == wave.amplitudes.measured.tolist()
+    assert column(table, "Smallest gap") == [None, *wave.minimum_gap.tolist()]
+    crash = simulate_platoon(ASTAZERO.parameters[[0] * 8], Sinusoid(0.214))
+    table = amplitude_table(crash)
+    assert 1 < crash.survivors < len(table.rows)
+    for title in ("Amplitude", "Smallest gap"):
+        cells = column(table, title)
+        assert np.isnan(cells[crash.survivors :]).all()
+        assert np.isfinite(cells[1 : crash.survivors]).all()
+    step = simulate_platoon(ASTAZERO.parameters, SpeedStep())
+    table = amplitude_table(step, ("Leader", *ASTAZERO.labels))
+    assert column(table, "Vehicle") == ["Leader", *ASTAZERO.labels]
+    assert column(table, "Largest deviation") == step.largest_deviation.tolist()

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from accpinn.findings import probability
 from accpinn.results.tables.table import (
     ABSENT,
+    Cell,
     Column,
     Range,
     Table,
@@ -24,6 +25,7 @@ from accpinn.units import Estimate
 
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
 INF, NAN = float("inf"), float("nan")
+LEARNED = Column("x", digits=4)
 TABLE = Table.of(
     "Two followers",
     [
@@ -67,150 +69,137 @@ def read_csv(table: Table) -> list[list[str]]:
     return list(csv.reader(io.StringIO(table.to_csv())))
 
 
-class TestCells:
-    def test_a_dash_stands_for_what_does_not_exist(self) -> None:
-        column = Column("τ", "s", 3)
-        assert {column.shown(value) for value in (None, NAN, INF)} == {ABSENT}
-        assert column.shown(1.5204) == "1.520"
-        assert column.heading == "τ [s]"
-        short = Column("Time", "s", 2, least=True)
-        assert [short.shown(v) for v in (0.0, 0.0004, 0.006)] == ["0.00", "< 0.01", "0.01"]
-
-    @pytest.mark.parametrize(
-        ("low", "high", "shown"),
-        [(0.5, 1.25, "0.50 to 1.25"), (0.5, INF, "0.50 or more"), (-INF, 2.0, "up to 2.00"),
-         (-INF, INF, "anything"), (NAN, INF, ABSENT)],
-    )  # fmt: skip
-    def test_an_interval_in_words(self, low: float, high: float, shown: str) -> None:
-        assert between(low, high, 2) == shown
-
-
-class TestText:
-    def test_columns_are_aligned_below_their_groups(self) -> None:
-        lines = TABLE.to_text().splitlines()
-        assert lines[0] == "Two followers"
-        assert len({len(line) for line in lines[1:]}) == 1, "right edges are flush"
-        assert lines[1].split("  ")[-1] == "Surrogate fit, MAE"
-        assert lines[3].split("  ")[0] == "2 BMW"
-        assert "0.0100 to 0.0200  1.200 or more" in lines[3]
-        assert lines[4].split() == ["3", "Tesla", ABSENT, ABSENT, ABSENT]
+@pytest.mark.parametrize(
+    ("column", "cell", "shown"),
+    [
+        *((Column("τ", "s", 3), cell, ABSENT) for cell in (None, NAN, INF)),
+        (Column("τ", "s", 3), 1.5204, "1.520"),
+        (Column("Time", "s", 2, least=True), 0.0, "0.00"),
+        (Column("Time", "s", 2, least=True), 0.0004, "< 0.01"),
+        (Column("Time", "s", 2, least=True), 0.006, "0.01"),
+        (LEARNED, Estimate(0.014712, 0.0095, 0.0198), "0.0147 (0.0095–0.0198)"),
+        (LEARNED, Estimate(0.0864, 0.057, 0.0921), "0.086 (0.057–0.092)"),
+        (LEARNED, Estimate(1.5203, 1.29, 1.89), "1.52 (1.29–1.89)"),
+        (LEARNED, Estimate(3.0, 0.0, 60.0), "3 (0–60)"),
+        (LEARNED, Estimate(1.5203, 1.29, INF), "1.52 (1.29 or more)"),
+        (LEARNED, Estimate(0.2, NAN, NAN), "0.20 (–)"),
+        (LEARNED, Estimate(NAN, 1.0, 1.4), "– (1.00–1.40)"),
+        (Column.chance("Stable"), Estimate(0.0, 0.0, 57.0), "under 1 (0–57)"),
+    ],
+)
+def test_a_cell_has_the_digits_that_it_supports(column: Column, cell: Cell, shown: str) -> None:
+    assert column.shown(cell) == shown
 
 
 @pytest.mark.parametrize(
-    ("cell", "shown"),
-    [
-        (Estimate(0.014712, 0.0095, 0.0198), "0.0147 (0.0095–0.0198)"),
-        (Estimate(0.0864, 0.057, 0.0921), "0.086 (0.057–0.092)"),
-        (Estimate(1.5203, 1.29, 1.89), "1.52 (1.29–1.89)"),
-        (Estimate(3.0, 0.0, 60.0), "3 (0–60)"),
-        (Estimate(1.5203, 1.29, np.inf), "1.52 (1.29 or more)"),
-        (Estimate(0.2, np.nan, np.nan), "0.20 (–)"),
-        (Estimate(np.nan, 1.0, 1.4), "– (1.00–1.40)"),
-    ],
-)
-def test_an_estimate_has_the_digits_that_its_interval_supports(cell: Estimate, shown: str) -> None:
-    assert Column("x", digits=4).shown(cell) == shown
-
-
-class TestCsv:
-    def test_intervals_take_two_columns_and_numbers_all_digits(self) -> None:
-        head, first, second = read_csv(TABLE)
-        assert head == [
-            "follower", "alpha_low", "alpha_high", "tau_low", "tau_high", "surrogate_fit_mae_p_m",
-        ]  # fmt: skip
-        assert first == ["2 BMW", "0.01", "0.02", "1.2", "inf", "0.123456789"]
-        assert second == ["3 Tesla", "", "", "", "", ""]
-
-    @pytest.mark.parametrize(
-        ("column", "name"),
-        [
-            (Column("Car-following", "%"), "car_following_percent"),
-            (Column("Δv, std.", "m/s"), "delta_v_std_m_per_s"),
-            (Column("α", "1/s²", group="Learned"), "learned_alpha_per_s2"),
-            (Column("L₂", "%", group="Stability"), "stability_l2_percent"),
-            (Column("τ", "s", key="tau"), "tau"),
-        ],
-    )
-    def test_names_are_words_joined_by_underscores(self, column: Column, name: str) -> None:
-        assert column.csv_name == name
-
-    @pytest.mark.parametrize(
-        "text", ["=1+1", "+1+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "-x"]
-    )
-    def test_no_text_is_a_formula_to_a_spreadsheet(self, text: str) -> None:
-        table = Table.of("", [(Column("Vehicle"), [text]), (Column("τ", digits=2), [-1.5])])
-        assert read_csv(table)[1] == [f"'{text}", "-1.5"]
-
-        alone = [(Column("Vehicle"), ["-0.12", "+1.2", "2 Tesla"])]
-        assert read_csv(Table.of("", alone))[1:] == [["-0.12"], ["+1.2"], ["2 Tesla"]]
-
-
-class TestLatex:
-    def test_is_a_table_of_the_same_cells(self) -> None:
-        text = TABLE.to_latex()
-        assert r"\begin{tabular}{lrrr}" in text
-        assert r"$\alpha$ [1/s$^2$]" in text
-        assert r"2 BMW & 0.0100 to 0.0200 & 1.200 or more & 0.12 \\" in text
-        assert r"\cmidrule(lr){2-3} \cmidrule(lr){4-4}" in text
-        assert text.count(r"\\") == 2 + len(TABLE.rows)
-
-    def test_has_every_symbol_of_the_tables(self) -> None:
-        assert "U+" not in latex("αβτΔλω∞₀₁₂²−≤‖")
-
-    @pytest.mark.parametrize(
-        ("text", "shown"),
-        [("a\n\nb", "a  b"), ("[x]", "{}[x]"), ("\u202ea", "(U+202E)a"), ("😀", "(U+1F600)"),
-         ("Škoda é", "Škoda é")],
-    )  # fmt: skip
-    def test_is_stopped_by_no_name(self, text: str, shown: str) -> None:
-        assert latex(text) == shown
-
-    @pytest.mark.parametrize("name", NASTY)
-    def test_interprets_nothing_of_a_name(self, name: str) -> None:
-        shown = latex(name)
-        commands = set(re.findall(r"\\[a-zA-Z]+", shown))
-        assert commands <= {r"\textbackslash", r"\textasciitilde", r"\textasciicircum",
-                            r"\textless", r"\textgreater"}  # fmt: skip
-        bare = re.sub(r"\\[a-zA-Z]+\{\}|\\[{}$&#%_]", "", shown)
-        assert not set(bare) & set("\\{}$&#%_^~<>")
-
-
-class TestHtml:
-    def test_has_groups_headings_and_rows(self) -> None:
-        groups, head, first, _ = Cells(TABLE.to_html()).rows
-        assert groups == ["", "90 % interval", "Surrogate fit, MAE"]
-        assert head == ["Follower", "α [1/s²]", "τ [s]", "p [m]"]
-        assert first == ["2 BMW", "0.0100 to 0.0200", "1.200 or more", "0.12"]
-
-    @pytest.mark.parametrize("name", NASTY)
-    def test_shows_a_name_as_it_is(self, name: str) -> None:
-        read = Cells(Table(name, (Column(name),), ((name,),)).coloured(["#123456"]).to_html())
-        assert read.rows == [[name], [name]]
-        assert "script" not in read.elements
-
-    @given(st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=30))
-    def test_any_name_survives_html_and_csv(self, name: str) -> None:
-        table = Table("", (Column("Vehicle"), Column("α", digits=2)), ((name, 1.0),))
-        assert Cells(table.to_html()).elements == {
-            "figure", "div", "table", "thead", "tr", "th", "tbody", "td",
-        }  # fmt: skip
-        assert read_csv(table)[1][0].removeprefix("'") == name.removeprefix("'")
-
-    def test_a_long_name_is_whole_in_the_cells_title(self) -> None:
-        name = 'A "very" long name of a vehicle'
-        table = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",)))
-        assert table.to_html().count(" title=") == 1
-        assert 'title="A &#34;very&#34; long name of a vehicle"' in table.to_html()
+    ("low", "high", "shown"),
+    [(0.5, 1.25, "0.50 to 1.25"), (0.5, INF, "0.50 or more"), (-INF, 2.0, "up to 2.00"),
+     (-INF, INF, "anything"), (NAN, INF, ABSENT)],
+)  # fmt: skip
+def test_an_interval_in_words(low: float, high: float, shown: str) -> None:
+    assert between(low, high, 2) == shown
 
 
 def test_a_probability_is_said_as_in_sentences_and_exact_in_csv() -> None:
     shares = (0.0, 0.004, 0.5, 0.99, 1.0)
-    table = Table.of(
-        "", [(Column("Name"), "abcde"), (Column.chance("Stable"), percent_cells(shares))]
-    )
+    filled = (Column.chance("Stable"), percent_cells(shares))
+    table = Table.of("", [(Column("Name"), "abcde"), filled])
     cells = [row.split(maxsplit=1)[1] for row in table.to_text().splitlines()[1:]]
     assert [f"{cell} %" for cell in cells] == [probability(share) for share in shares]
-    assert [float(row.split(",")[1]) for row in table.to_csv().splitlines()[1:]] == [
-        100 * share for share in shares
+    assert [float(row[1]) for row in read_csv(table)[1:]] == [100 * share for share in shares]
+
+
+def test_columns_of_a_text_are_aligned_below_their_groups() -> None:
+    lines = TABLE.to_text().splitlines()
+    assert lines[0] == "Two followers"
+    assert len({len(line) for line in lines[1:]}) == 1, "right edges are flush"
+    assert lines[1].split("  ")[-1] == "Surrogate fit, MAE"
+    assert lines[3].split("  ")[0] == "2 BMW"
+    assert "0.0100 to 0.0200  1.200 or more" in lines[3]
+    assert lines[4].split() == ["3", "Tesla", ABSENT, ABSENT, ABSENT]
+
+
+def test_intervals_take_two_columns_of_a_csv_file_and_numbers_all_digits() -> None:
+    assert read_csv(TABLE) == [
+        ["follower", "alpha_low", "alpha_high", "tau_low", "tau_high", "surrogate_fit_mae_p_m"],
+        ["2 BMW", "0.01", "0.02", "1.2", "inf", "0.123456789"],
+        ["3 Tesla", "", "", "", "", ""],
     ]
-    assert Column.chance("Stable").shown(Estimate(0.0, 0.0, 57.0)) == "under 1 (0–57)"
+
+
+@pytest.mark.parametrize(
+    ("column", "name"),
+    [
+        (Column("Car-following", "%"), "car_following_percent"),
+        (Column("Δv, std.", "m/s"), "delta_v_std_m_per_s"),
+        (Column("α", "1/s²", group="Learned"), "learned_alpha_per_s2"),
+        (Column("L₂", "%", group="Stability"), "stability_l2_percent"),
+        (Column("τ", "s", key="tau"), "tau"),
+    ],
+)
+def test_names_in_csv_are_words_joined_by_underscores(column: Column, name: str) -> None:
+    assert column.csv_name == name
+
+
+def test_no_text_in_csv_is_a_formula_to_a_spreadsheet() -> None:
+    texts = ["=1+1", "+1+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "-x"]
+    numbers = ["-0.12", "+1.2", "2 Tesla"]
+    table = Table.of(
+        "", [(Column("Vehicle"), texts + numbers), (Column("τ", digits=2), 9 * [-1.5])]
+    )
+    assert read_csv(table)[1:] == [[text, "-1.5"] for text in (*(f"'{t}" for t in texts), *numbers)]
+
+
+def test_latex_is_a_table_of_the_same_cells() -> None:
+    text = TABLE.to_latex()
+    for part in (
+        r"\begin{tabular}{lrrr}",
+        r"$\alpha$ [1/s$^2$]",
+        r"2 BMW & 0.0100 to 0.0200 & 1.200 or more & 0.12 \\",
+        r"\cmidrule(lr){2-3} \cmidrule(lr){4-4}",
+    ):
+        assert part in text
+    assert text.count(r"\\") == 2 + len(TABLE.rows)
+    assert "U+" not in latex("αβτΔλω∞₀₁₂²−≤‖")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("a\n\nb", "a  b"), ("[x]", "{}[x]"), ("\u202ea", "(U+202E)a"), ("😀", "(U+1F600)"),
+     ("Škoda é", "Škoda é")],
+)  # fmt: skip
+def test_latex_is_stopped_by_no_name(text: str, shown: str) -> None:
+    assert latex(text) == shown
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_latex_and_html_show_a_name_as_it_is(name: str) -> None:
+    shown = latex(name)
+    commands = set(re.findall(r"\\[a-zA-Z]+", shown))
+    assert commands <= {r"\textbackslash", r"\textasciitilde", r"\textasciicircum", r"\textless",
+                        r"\textgreater"}  # fmt: skip
+    bare = re.sub(r"\\[a-zA-Z]+\{\}|\\[{}$&#%_]", "", shown)
+    assert not set(bare) & set("\\{}$&#%_^~<>")
+    read = Cells(Table(name, (Column(name),), ((name,),)).coloured(["#123456"]).to_html())
+    assert read.rows == [[name], [name]]
+    assert "script" not in read.elements
+
+
+@given(st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=30))
+def test_any_name_survives_html_and_csv(name: str) -> None:
+    table = Table("", (Column("Vehicle"), Column("α", digits=2)), ((name, 1.0),))
+    elements = {"figure", "div", "table", "thead", "tr", "th", "tbody", "td"}
+    assert Cells(table.to_html()).elements == elements
+    assert read_csv(table)[1][0].removeprefix("'") == name.removeprefix("'")
+
+
+def test_html_has_groups_headings_and_rows() -> None:
+    assert Cells(TABLE.to_html()).rows[:3] == [
+        ["", "90 % interval", "Surrogate fit, MAE"],
+        ["Follower", "α [1/s²]", "τ [s]", "p [m]"],
+        ["2 BMW", "0.0100 to 0.0200", "1.200 or more", "0.12"],
+    ]
+    name = 'A "very" long name of a vehicle'
+    long = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",))).to_html()
+    assert long.count(" title=") == 1, "a long name is whole in the cell's title"
+    assert 'title="A &#34;very&#34; long name of a vehicle"' in long

@@ -1,12 +1,15 @@
-"""The JSON documents of `fit`, `compare` and `starts`; a result is described once for all three."""
+"""Results as JSON documents: of the commands, the parameter card, a batch's groups, judged models.
+
+A result, its answer and its followers are described once for all of them.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
-from accpinn.channels import by_key
-from accpinn.cli.output import fields
+from accpinn.channels import PARAMETERS, by_key, fields
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
     closed_loop,
@@ -14,23 +17,33 @@ from accpinn.evaluation.closed_loop import (
     closed_loop_findings,
     surrogate_errors,
 )
-from accpinn.findings import Finding
+from accpinn.findings import Finding, Labelled
+from accpinn.inference.answer import SPEEDS, Answer, Span
+from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit
+from accpinn.methods.following import LEVEL as MODEL_LEVEL
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import PAPER
-from accpinn.results.export import answer_document, check_document
+from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import columns_of
 from accpinn.segment.quality import assess_quality
 from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.stability.report import stability_at
 from accpinn.study.comparison import Refused, Spread
+from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
-from accpinn.units import Seconds
+from accpinn.study.snapshot import ATTRIBUTION_TEXT
+from accpinn.units import Estimate, MetresPerSecond, Seconds
 
+if TYPE_CHECKING:  # loads pandas, which few commands need
+    from accpinn.study.groups import Groups
+
+CARD_FORMAT = "accpinn parameter card 1"
 WHITENESS = {
     "deviation": "deviation",
     "correlation": "correlation",
@@ -174,6 +187,175 @@ def _form(form: ModelForm, vehicle: int, k: int) -> dict[str, Any]:
         "log_likelihood_ratio": form.likelihood_ratio[k],
         "holdout": form.holdout[k],
         "intervals": {name: [low[name], high[name]] for name in low} | {"level": LEVEL},
+    }
+
+
+# The answer, and what rests on it
+
+
+def parameter_card(snapshot: Result) -> dict[str, Any]:
+    """The parameters of a snapshot with intervals, provenance and attribution."""
+    info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
+    return {
+        "format": CARD_FORMAT,
+        "model": {
+            "name": "constant time-headway policy",
+            "equations": ["dp/dt = Δv", "dv/dt = α (p - τ v) + β Δv"],
+            "units": {quantity.key: quantity.unit for quantity in PARAMETERS},
+        },
+        "level": uncertainty.level,
+        "interval_method": uncertainty.method,
+        "vehicles": _of_followers(info, [_card(snapshot, k) for k in range(info.followers)]),
+        "answer": answer_document(info, snapshot.answer),
+        "provenance": {
+            **fields(info, "source", "sha256"),
+            **fields(info.window, "start", "duration"),
+            "vehicles": list(info.vehicles),
+            **{key: snapshot.facts.get(key) for key in ("campaign", "date", "distance_setting")},
+            **fields(fit, "method", "case"),
+            "settings": fit.config,
+            "outcome": fit.outcome.name.lower(),
+            "snapshot": snapshot.id,
+            "created": snapshot.created,
+            "accpinn": snapshot.origin.accpinn,
+        },
+        "attribution": ATTRIBUTION_TEXT,
+    }
+
+
+def _card(snapshot: Result, k: int) -> dict[str, Any]:
+    uncertainty = snapshot.uncertainty
+    make, model = make_and_model(snapshot.info.names[k + 1])
+    sets = (snapshot.parameters, uncertainty.lower, uncertainty.upper)
+    ends = zip(PARAMETERS, *(parameters[k].values.tolist() for parameters in sets), strict=True)
+    return {
+        "make": make,
+        "model": model,
+        **{
+            quantity.key: {"value": value, "low": low, "high": high, "unit": quantity.unit}
+            for quantity, value, low, high in ends
+        },
+        "probability_l2_stable": float(uncertainty.probability_l2[k]),
+        "probability_linf_stable": float(uncertainty.probability_linf[k]),
+    }
+
+
+def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
+    """The answer as every document has it, one entry a follower."""
+    rows = []
+    for k, median in enumerate(answer.speeds.tolist()):
+        trust = answer.trust[min(k, len(answer.trust) - 1)]
+        known = msgspec.structs.asdict(trust)
+        del known["vehicle"]
+        gaps = {f"{speed * 3.6:.0f}": answer.time_gap(speed, k) for speed in SPEEDS}
+        rows.append(
+            {
+                "model": answer.model,
+                **_spans(
+                    {name: answer.span(name, k) for name in answer.names},
+                    gaps | {"median": answer.time_gap(median, k)},
+                ),
+                "median_speed": median,
+                "windows": len(answer.windows),
+                "windows_differ_p": float(answer.differ[k]),
+                "trust": known | {"reproduced": trust.is_reproduced, "in_words": trust.in_words},
+                "level": answer.level,
+            }
+        )
+    return _of_followers(info, rows)
+
+
+def _estimate(of: Estimate) -> dict[str, float]:
+    return {"value": of.value, "low": of.lower, "high": of.upper}
+
+
+def _spans(parameters: dict[str, Span], gaps: dict[str, Span]) -> dict[str, Any]:
+    """Values and intervals of parameters by name and of time gaps by speed."""
+    document: dict[str, Any] = {}
+    for prefix, named, spans in (("", "parameters", parameters), ("time_gap_", "time_gap", gaps)):
+        document[named] = {key: span.value for key, span in spans.items()}
+        document[f"{prefix}intervals"] = {key: [s.lower, s.upper] for key, s in spans.items()}
+        document[f"{prefix}further_window"] = {
+            key: [s.further_lower, s.further_upper] for key, s in spans.items()
+        }
+    return document
+
+
+def groups_document(grouped: "Groups") -> dict[str, Any]:
+    """The groups of a batch."""
+    return {
+        "by": list(grouped.by),
+        "model": grouped.model,
+        "level": grouped.level,
+        "groups": [
+            {
+                **dict(zip(grouped.by, group.values, strict=True)),
+                "windows": group.windows,
+                "vehicles": group.vehicles,
+                **_spans(
+                    {name: group.span(name) for name in group.names},
+                    {f"{speed * 3.6:.0f}": group.time_gap(speed) for speed in SPEEDS},
+                ),
+                **{name: {key: _estimate(spread) for key, spread in getattr(group, name).items()}
+                   for name in ("between_windows", "between_vehicles")},
+                "mean_time_gap": {
+                    "median": group.mean_time_gap.value,
+                    "quartiles": [group.mean_time_gap.lower, group.mean_time_gap.upper],
+                },
+                "l2_stable": _estimate(group.l2_stable),
+                "linf_stable": _estimate(group.linf_stable),
+            }
+            for group in grouped.groups
+        ],
+    }  # fmt: skip
+
+
+def check_document(check: GainCheck, about: Labelled) -> dict[str, Any]:
+    """How far the answer's gain is from the measured one."""
+    return {**msgspec.structs.asdict(check), "sentence": check.sentence(about)}
+
+
+def judgement_document(judged: Judgement) -> dict[str, Any]:
+    """The models of one follower with their parameters, errors and stability."""
+    low, speed, high = judged.speeds
+    return {
+        "vehicle": judged.info.vehicles[1],
+        "name": judged.info.names[1],
+        "windows": [[window.start, window.duration] for window in judged.windows],
+        "speeds": {"low": low, "median": speed, "high": high},
+        "models": [
+            _score_document(score, speed, share)
+            for score, share in zip(judged.scores, wins([judged]), strict=True)
+        ],
+        "best": judged.ranked[0].model.key,
+        "clear": judged.is_clear,
+        "sentences": messages(judged.findings, judged.info),
+    }
+
+
+def _score_document(score: ModelScore, speed: MetresPerSecond, share: float) -> dict[str, Any]:
+    model, vehicle = score.model, stability_at(score.model, score.theta, speed)
+    named = zip(model.names, score.theta, score.lower, score.upper, score.determined, strict=True)
+    return {
+        "model": model.key,
+        "title": model.title,
+        "parameters": {
+            name: {"value": value, "interval": [low, high], "determined": bool(known)}
+            for name, value, low, high, known in named
+        },
+        "level": MODEL_LEVEL,
+        "gap_rmse": score.rmse.tolist(),
+        "time_gap_rmse": score.time_gap_rmse.tolist(),
+        "collided": score.collided.tolist(),
+        "wins": float(share),
+        "gain_error": score.gain_error,
+        "stability": vehicle
+        and {
+            "speed": speed,
+            "peak_db": vehicle.peak.db,
+            "l2_stable": vehicle.l2.stable,
+            "linf_gain": vehicle.linf_gain,
+        },
     }
 
 

@@ -1,0 +1,210 @@
+"""The report, self-contained and true to its snapshot; and everything of a result in one file."""
+
+import base64
+import hashlib
+import io
+import json
+import re
+import zipfile
+from dataclasses import replace
+from html.parser import HTMLParser
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.results.judged import judged
+from accpinn.results.report import (
+    bundle,
+    fit_pictures,
+    motion_picture,
+    platoon_pictures,
+    render_report,
+    tables_of,
+)
+from accpinn.results.tables.estimates import name_of
+from accpinn.results.tables.stability import GAIN
+from accpinn.study.snapshot import load
+from accpinn.study.verification import QUICK, Verification, verify
+from tests.support.snapshots import altered, delayed, small, whole
+
+HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
+ORDER = [
+    "Data", "Parameters", "Fit", "String stability", "A platoon of such vehicles",
+    "Methods compared", "Provenance", "How to cite",
+]  # fmt: skip
+VOID = {"meta", "img", "br", "link", "input"}
+
+
+class Reader(HTMLParser):
+    """Elements, texts and scripts of a page; anything left open or closed twice is a fault."""
+
+    def __init__(self, page: str) -> None:
+        """Read at once."""
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[tuple[str, str]] = []
+        self.feed(page)
+        self.close()
+        assert self.open == []
+        found = re.search(r'id="drawings">(.*?)</script>', page, re.DOTALL)
+        self.drawings: list[dict[str, Any]] = json.loads(found[1])
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append((self.open[-1] if self.open else "", data))
+
+    def within(self, tag: str) -> list[str]:
+        return [text.strip() for inside, text in self.texts if inside == tag]
+
+    def having(self, name: str) -> list[dict[str, Any]]:
+        """The attributes of every element that has that one."""
+        return [attributes for _, attributes in self.tags if attributes.get(name)]
+
+    @property
+    def warned(self) -> bool:
+        return any(attributes["class"] == "wrong" for attributes in self.having("class"))
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return render_report(whole())
+
+
+@pytest.fixture(scope="module")
+def reader(page: str) -> Reader:
+    return Reader(page)
+
+
+def test_the_page_has_its_sections_in_order_whatever_is_known(reader: Reader) -> None:
+    assert reader.within("h2") == ORDER
+    bare = Reader(render_report(replace(small(), segments=(), compared=())))
+    assert bare.within("h2") == [title for title in ORDER if title != "Methods compared"]
+
+
+def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp() -> None:
+    changed = altered(small(), adequacy=delayed())
+    text = " ".join(text for _, text in Reader(render_report(changed, Verification(()))).texts)
+    assert "(0.72–1.08)" in text, "of the delay"
+    assert changed.adequacy.better[0].sentence(changed.info) in text
+
+
+def test_it_loads_nothing_runs_its_own_scripts_alone_and_stays_below_6_mb(
+    page: str, reader: Reader
+) -> None:
+    assert page.count("plotly.js v") == 1
+    assert len(page.encode()) < 6_000_000
+    assert not reader.having("src")
+    allowed = ("data:", "https://creativecommons.org/", "https://doi.org/")
+    assert all(attributes["href"].startswith(allowed) for attributes in reader.having("href"))
+    (policy,) = (attributes["content"] for attributes in reader.having("http-equiv"))
+    assert "default-src 'none'" in policy
+    scripts = re.findall(r"<script(?: id=\"plotly\")?>(.*?)</script>", page, re.DOTALL)
+    digests = [base64.b64encode(hashlib.sha256(script.encode()).digest()) for script in scripts]
+    assert re.findall(r"'sha256-(.*?)'", policy) == [digest.decode() for digest in digests]
+    assert len(scripts) == 2
+
+
+def test_every_drawing_has_a_place_and_few_digits(reader: Reader) -> None:
+    places = [int(attributes["data-place"]) for attributes in reader.having("data-place")]
+    assert places == list(range(len(reader.drawings)))
+    assert [drawing["name"] for drawing in reader.drawings][:3] == ["fit_1", "bode", "motion"]
+    traces = [trace for drawing in reader.drawings for trace in drawing["data"]]
+    packed = [trace[axis] for trace in traces for axis in "xy" if isinstance(trace.get(axis), dict)]
+    assert "f4" in {numbers["dtype"] for numbers in packed}
+
+
+def test_tables_hold_the_snapshots_numbers_and_are_offered_as_files(reader: Reader) -> None:
+    cells = tuple(reader.within("td"))
+    shown = [
+        number
+        for one in whole().fit.parameters
+        for number in (f"{one.alpha:.4f}", f"{one.tau:.3f}")
+    ]
+    table = tables_of(whole())["stability"]
+    at = table.columns.index(GAIN)
+    gains = [row[at] for row in table.rows]
+    assert [gain.value for gain in gains] == [v.linf_gain for v in judged(whole()).report.vehicles]
+    shown += [GAIN.shown(gain).split()[0] for gain in gains]
+    assert not [number for number in shown if not any(cell.startswith(number) for cell in cells)]
+    files = {a["download"]: a["href"] for a in reader.having("download")}
+    assert {"parameters.csv", "parameters.tex", "stability.csv", "methods_1.csv"} <= set(files)
+    text = base64.b64decode(files["parameters.csv"].split("base64,")[1]).decode()
+    assert str(whole().fit.parameters.alpha[0]) in text
+
+
+def test_what_was_checked_stands_beside_what_was_found(reader: Reader) -> None:
+    checks = verify(whole(), refit_within=QUICK).checks
+    assert checks
+    assert {part for c in checks for part in (c.title, c.sentence)} <= set(reader.within("td"))
+    assert not reader.warned
+    quality = whole().quality
+    forged = replace(quality, mean_time_gap=(9.0, *quality.mean_time_gap[1:]))
+    forged = Reader(render_report(altered(whole(), quality=forged)))
+    assert "NO" in forged.within("td")
+    assert forged.warned
+
+
+def test_pictures_show_the_data_or_else_the_methods_curves() -> None:
+    made, segment = motion_picture(whole()), whole().segment
+    speed = next(t for t in made.figure.data if t.yaxis == "y2")
+    assert np.max(speed.y) == pytest.approx(segment.speeds[:, 0].max())
+    without = replace(whole(), segments=())
+    assert motion_picture(without).caption != made.caption
+    names = {trace.name for picture in fit_pictures(without) for trace in picture.figure.data}
+    assert names == {name_of(whole().fit)}
+
+
+def test_the_platoon_is_that_of_the_study() -> None:
+    run, pictures, who = platoon_pictures(whole())
+    assert who == "The 4 followers in their order"
+    assert run.leader.frequency == judged(whole()).report.platoon.peaks[-1].omega
+    assert run.trajectories.gaps.shape[1] == 4
+    assert [picture.name for picture in pictures] == ["platoon", "amplitude"]
+
+
+def test_foreign_text_is_shown_as_it_is_and_cannot_end_the_drawings() -> None:
+    info = replace(whole().info, names=(HOSTILE,) * 5, source=HOSTILE)
+    noted = replace(whole(), name=HOSTILE, note=HOSTILE, facts={"campaign": HOSTILE})
+    reader = Reader(render_report(altered(noted, info=info)))
+    for element in ("h1", "blockquote"):
+        assert any(HOSTILE in text for text in reader.within(element))
+    tags = [tag for tag, _ in reader.tags]
+    assert (tags.count("img"), tags.count("script")) == (0, 3)
+    assert not any(name.startswith("on") for _, attributes in reader.tags for name in attributes)
+    traces = [trace for drawn in reader.drawings for trace in drawn["data"]]
+    names = [str(trace.get("name", "")) for trace in traces]
+    assert any("&lt;/script&gt;" in name for name in names), "plotly reads a little HTML"
+    assert not any("<" in name for name in names if "alert" in name)
+
+
+def test_a_bundle_holds_report_snapshot_tables_history_and_motion() -> None:
+    assert bundle(small()) == bundle(small())
+    archive = zipfile.ZipFile(io.BytesIO(bundle(whole())))
+
+    def curves(name: str) -> pd.DataFrame:
+        return pd.read_csv(io.BytesIO(archive.read(f"{name}.csv")))
+
+    assert {"report.html", "tables/parameters.csv", "tables/stability.tex",
+            "tables/methods_1.csv"} <= {*archive.namelist()}  # fmt: skip
+    fit, segment = load(archive.read("result.accpinn.zip")).fit, whole().segment
+    assert fit.parameters == whole().fit.parameters
+    driven, learned = closed_loop(segment, whole().fit), whole().fit.history.parameters
+    for name, column, expected in (
+        ("motion_measured", "gap_2_m", segment.gaps[:, 0]),
+        ("motion_measured", "speed_1_m_per_s", segment.speeds[:, 0]),
+        ("motion_closed_loop", "gap_3_m", driven.gaps[:, 1]),
+        ("training", "tau_2_s", learned.tau[:, 0]),
+        ("training", "alpha_2_per_s2", learned.alpha[:, 0]),
+    ):
+        np.testing.assert_allclose(curves(name)[column], expected, rtol=1e-7)
