@@ -4,7 +4,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from accpinn.cli import main
@@ -12,11 +11,9 @@ from accpinn.cli.documents import describe_fit
 from accpinn.cli.estimation import fit_text
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.results.messages import messages
 from accpinn.study.result import Result
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.driving import driven
-from tests.support.samples import NOISY, sample
 from tests.support.snapshots import result_for
 
 KEYS = {
@@ -59,19 +56,6 @@ def scaled(result: Result, *factors: float) -> Result:
     """With other parameters."""
     parameters = Parameters.of(result.parameters.values * factors)
     return replace(result, fits=(replace(result.fit, parameters=parameters),))
-
-
-def test_an_estimate_has_its_interval_beside_it_where_that_is_asked_for() -> None:
-    segment = sample(NOISY).segment
-    result = scaled(result_for(segment), 3.0, 1.0, 1.0)
-    known = result.uncertainty
-    assert known.inside.tolist() == [[False, True, True]]
-    text = fit_text(result, with_intervals=True)
-    row = [line for line in text.splitlines() if line.startswith(segment.labels[1])][-1]
-    ends = re.findall(r"\(([\d.]+)–([\d.]+)\)", row)
-    lower, upper = known.lower.values[0], known.upper.values[0]
-    np.testing.assert_allclose(np.array(ends, float).T, [lower, upper], rtol=0.05)
-    assert all(message in text for message in messages(known.findings, segment))
 
 
 @pytest.mark.parametrize(
@@ -212,20 +196,14 @@ class TestMissingSamples:
         (row,) = document(capsys, "compare", holes, *window)["rows"]
         assert len(row["blocks_mae"]) == 3
 
-    @pytest.mark.parametrize(
-        ("file", "followers"),
-        [("JRC low speed/part12.csv", 2), ("ZalaZone/handling_part10.csv", 5)],
-    )
-    def test_real_recordings_are_fitted_whole(
-        self, capsys: Capture, openacc_dir: Path, file: str, followers: int
-    ) -> None:
-        recording = openacc_dir / file
+    def test_a_real_recording_is_fitted_whole(self, capsys: Capture, openacc_dir: Path) -> None:
+        recording = openacc_dir / "JRC low speed" / "part12.csv"
         found = document(
             capsys, "fit", recording, "--method", "maximum-likelihood", "--duration", 1000
         )
         assert found["segment"]["samples"] == read(recording).samples
         rows = found["parameters"]
-        assert len(rows) == followers
+        assert len(rows) == 2
         assert all(0 <= row["alpha"] < 1 and 0 <= row["beta"] < 2 for row in rows)
         assert all(0.5 < row["tau"] < 8 for row in rows)
         assert refused(capsys, 1, "fit", recording, "--method", "splines", "--duration", 1000)

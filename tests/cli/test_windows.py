@@ -1,7 +1,5 @@
 """`fit --windows`: its document, its tables and what it refuses."""
 
-from pathlib import Path
-
 import pytest
 
 from accpinn.cli import main
@@ -36,19 +34,6 @@ def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
     assert any(line.endswith("study.csv, 2 windows, 280 s together") for line in lines)
     starts = [line.split("  ")[0] for line in lines]
     assert starts.count("0–140 s") == starts.count("140–280 s") == 1
-    whole = document(capsys, "fit", STUDY, *METHOD, "--windows", "all")
-    assert whole["parameters"] == document(capsys, "fit", STUDY, *METHOD)["parameters"]
-
-
-def test_a_snapshot_of_several_windows_is_verified(capsys: Capture, tmp_path: Path) -> None:
-    path = tmp_path / "two.accpinn.zip"
-    windows = ("--windows", "0-30,100-130", "--out", path)
-    fitted = document(capsys, "fit", STUDY, *METHOD, *windows)["answer"]
-    found = document(capsys, "verify", path, "--recording", STUDY)
-    assert found["ok"] is True
-    (judged,) = document(capsys, "stability", "--snapshot", path)["vehicles"]
-    assert judged["alpha"] == fitted[0]["parameters"]["alpha"]
-    assert main(["report", str(path), "--recording", str(STUDY)]) == 0
 
 
 @pytest.mark.parametrize(

@@ -64,16 +64,6 @@ def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> 
     assert ((ends[0] < given.windows.values) & (given.windows.values < ends[1])).mean() > 0.85
 
 
-def test_the_time_gap_is_tau_and_the_intercept_over_the_speed() -> None:
-    given = usual()
-    for speed in (50 / 3.6, 100 / 3.6):
-        gap = given.time_gap(speed, 0)
-        value = given.span("tau", 0).value + given.span("s0", 0).value / speed
-        assert gap.value == pytest.approx(value, rel=1e-12)
-        drawn = given.typical.tau[:, 0] + given.typical.s0[:, 0] / speed
-        np.testing.assert_allclose([gap.lower, gap.upper], np.quantile(drawn, [0.05, 0.95]), 0.01)
-
-
 def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
     """Σ₀'s deviation of ln α is .49, so 90 % of windows lie within 1.6 in ln α."""
     one, several = answer(windows(range(1)), model="cthp-s0"), usual()

@@ -17,7 +17,7 @@ from tests.support.command import ROOT
 from tests.support.following import driven
 
 SPEED = 22.0
-TIME = np.arange(0.0, 60.05, 0.1)
+TIME = np.arange(0.0, 30.05, 0.1)
 DRIVE = 24.0 + 4.0 * np.sin(0.11 * TIME) + np.sin(0.6 * TIME)
 
 

@@ -10,7 +10,7 @@ from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Parameters
-from tests.support.driving import LAW, MIXED, driven
+from tests.support.driving import MIXED, driven
 from tests.support.methods import WEIGHTED
 
 SEGMENT = driven(MIXED, noise=0.05)
@@ -68,13 +68,3 @@ def test_the_seed_draws_other_hidden_layers_and_the_parameters_hardly_move() -> 
         fits.append(training.progress.parameters.values)
     assert (fits[0] != fits[1]).any()
     np.testing.assert_allclose(*fits, rtol=2e-3)
-
-
-def test_starts_at_the_output_layers_optimum_for_the_initial_values() -> None:
-    law = Parameters(*LAW)
-    training = FastTraining(driven(), "II", replace(FAST, initial=law))
-    best = training.progress.total
-    away = np.random.default_rng(0).standard_normal(training._best.weights.shape)
-    for size in (1e-3, -1e-3):
-        moved = replace(training._best, weights=training._best.weights + size * away)
-        assert float(training._loss(moved).total) > best

@@ -101,17 +101,6 @@ class TestOutputLayer:
         expected = by_dense_least_squares(drawn, config, mask)
         np.testing.assert_allclose(solved, expected, rtol=1e-7, atol=1e-8)
 
-    @pytest.mark.parametrize("masked", [False, True])
-    def test_products_of_the_first_columns_need_not_be_summed_again(self, masked: bool) -> None:
-        drawn = draw(2)
-        mask = np.random.default_rng(5).random((60, 2)) < 0.7 if masked else None
-        first, more = drawn.seen[:, :, :4], drawn.seen[:, :, 4:]
-        sums = NormalEquations.of(first, drawn.data, mask)
-        extended = sums.extended(first, more, drawn.data, mask)
-        np.testing.assert_allclose(extended.grams, drawn.sums(mask).grams, atol=1e-14)
-        expected = drawn.sums(mask).dynamic_grams
-        np.testing.assert_allclose(extended.dynamic_grams, expected, atol=1e-14)
-
 
 def model_rows(drawn: Drawn, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(M, N, 3) regressors and (M, N) accelerations of the surrogate."""
