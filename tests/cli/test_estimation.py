@@ -23,19 +23,19 @@ KEYS = {
 
 
 def test_document_of_the_command_line_contract(capsys: Capture) -> None:
-    found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT)
+    found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT, "--vehicles", "4,5")
     assert found.keys() >= KEYS
     assert (found["method"], found["case"]) == ("pinn", "II")
     assert (found["preset"], found["seed"], found["model"]) == ("calibrated", 0, "cthp")
     segment = found["segment"]
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 30, 301)
-    assert segment["vehicles"] == [1, 2, 3, 4, 5]
+    assert segment["vehicles"] == [4, 5]
     rows = found["parameters"]
-    assert [row["vehicle"] for row in rows] == [2, 3, 4, 5]
-    assert rows[3]["name"] == "Tesla(Model3-like)"
+    assert [row["vehicle"] for row in rows] == [5]
+    assert rows[0]["name"] == "Tesla(Model3-like)"
     assert all(row["alpha"] > 0 and row["beta"] > 0 and row["tau"] > 0 for row in rows)
     counts = [len(found["mae"]["v"]), len(found["mae"]["p"]), len(found["mean_time_gap"])]
-    assert counts == [5, 4, 4]
+    assert counts == [2, 1, 1]
     loss = found["loss"]
     assert loss["total"] == pytest.approx(loss["data"] + loss["physics"])
     assert found["outcome"] == "converged"
@@ -100,9 +100,9 @@ def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
     found = document(
         capsys,
         *("fit", PLATOON, *SHORT, "--preset", "paper", "--iterations", 4, "--lbfgs", 3),
-        *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1, "--case", "II"),
+        *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1, "--vehicles", "4,5"),
     )
-    assert found["network_weights"] == 7989
+    assert found["network_weights"] == 7623
     assert (found["iterations"], found["seed"]) == (7, 7)
     assert found["outcome"] == "finished"
     assert found["loss"].keys() >= {"test_data", "test_physics"}
