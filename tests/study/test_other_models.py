@@ -137,7 +137,7 @@ def test_commands_have_the_models_own_parameters(capsys: Capture, folder: Path) 
         assert (entry["v0"], entry["b"]) == (pytest.approx(40), pytest.approx(1.6))
     stable = document(capsys, "stability", out)["vehicles"][0]
     assert stable["alpha"] > 0
-    swung = document(capsys, "simulate", out, "--vehicles", 3)
+    swung = document(capsys, "simulate", out, "--vehicles", 3, "--duration", 120)
     assert len(swung["amplitude"]) == 4
 
 
