@@ -40,15 +40,6 @@ def test_the_estimate_stays_and_its_intervals_widen() -> None:
     assert ((part.lower.values < LAW) & (part.upper.values > LAW)).all()
 
 
-def test_what_stands_where_samples_are_missing_has_no_effect() -> None:
-    segment = with_holes(complete(), OWN)
-    measured = measured_of(segment)
-    assert np.isnan(measured[:, :2]).mean() == pytest.approx(0.45, abs=0.01)
-    assert not np.isnan(measured[:, 2]).any()
-    known = ~np.isnan(measured)
-    np.testing.assert_array_equal(measured[known], measured_of(complete())[known])
-
-
 def test_too_little_that_is_measured_is_refused() -> None:
     most = [Stretch(0, 2899)]
     with pytest.raises(SegmentError, match="count and are measured"):

@@ -28,7 +28,6 @@ from accpinn.study.comparison import (
     SpreadUndetermined,
     TrainingSpread,
     compare,
-    refused_among,
     results_among,
     sensitivity,
     spread_of,
@@ -79,17 +78,6 @@ def test_results_come_in_order_with_errors_of_every_kind(
         assert (row.evaluation.surrogate is None) == (row.analysis.method != "splines")
         assert row.evaluation.holdout is not None
         assert (row.evaluation.closed_loop.gap_mae < 0.5).all()
-
-
-def test_a_method_that_refuses_ends_nothing(
-    asked: Analysis, recording: Recording, refusing: str
-) -> None:
-    found = list(compare(asked, recording, ("least-squares", refusing, "splines")))
-    assert [row.fit.method for row in results_among(found)] == ["least-squares", "splines"]
-    (failure,) = refused_among(found)
-    assert found.index(failure) == 1
-    assert failure.method == refusing
-    assert isinstance(failure.fault, SegmentError)
 
 
 def test_a_stop_keeps_the_results_so_far(asked: Analysis, recording: Recording) -> None:

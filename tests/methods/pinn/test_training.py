@@ -145,16 +145,6 @@ class TestProgress:
         assert {moment.iterations for moment in seen} == {config.iterations}
         assert all(moment.parameters.values.shape == (1, 3) for moment in seen)
 
-    def test_of_the_fast_preset_starts_with_exact_rounds_that_lower_the_loss(self) -> None:
-        seen: list[Progress] = []
-        train(noisy(), on_progress=seen.append)
-        start = [moment.total for moment in seen if moment.phase == "start"]
-        assert len(start) > 2
-        assert (np.diff(start) < 0).all()
-        assert [moment.phase for moment in seen[len(start) :]].count("Adam") == len(seen) - len(
-            start
-        )
-
 
 class TestEnds:
     def test_ends_with_the_first_cycle_that_moves_no_parameter(self) -> None:
