@@ -22,6 +22,9 @@ KEYS = {
 }  # fmt: skip
 
 
+LIKELIHOOD = ("--method", "maximum-likelihood")
+
+
 def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT, "--vehicles", "4,5")
     assert found.keys() >= KEYS
@@ -154,6 +157,33 @@ def test_options_without_effect_are_named(capsys: Capture) -> None:
     printed = capsys.readouterr()
     assert strict(printed.out)["method"] == "least-squares"
     assert "--preset, --seed has no effect" in printed.err
+
+
+def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -> None:
+    options = (*LIKELIHOOD, "--windows", "10-40,100-130", "--vehicles", "1-3")
+    found = document(capsys, "fit", PLATOON, *options)
+    assert found.keys() >= KEYS | {"windows", "intervals", "level"}
+    segment = found["segment"]
+    assert (segment["start"], segment["duration"], segment["samples"]) == (10, 60, 602)
+    assert segment["vehicles"] == [1, 2, 3]
+    assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
+    windows = found["windows"]
+    assert [(one["start"], one["duration"]) for one in windows] == [(10, 30), (100, 30)]
+    assert len(found["mae"]["v"]) == 3
+    assert len(found["mae"]["p"]) == len(found["mean_time_gap"]) == 2
+    for k, row in enumerate(found["parameters"]):
+        for name in ("alpha", "beta", "tau"):
+            low, high = found["intervals"][k][name]
+            assert low < row[name] < high
+
+
+def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
+    options = (*LIKELIHOOD, "--windows", "all", "--duration", "140")
+    assert main(["fit", str(STUDY), *options]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.endswith("study.csv, 2 windows, 280 s together") for line in lines)
+    starts = [line.split("  ")[0] for line in lines]
+    assert starts.count("0–140 s") == starts.count("140–280 s") == 1
 
 
 class TestMissingSamples:
