@@ -9,6 +9,7 @@ import torch
 
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
+from accpinn.methods.pinn.loss import output_columns, stack_outputs
 from accpinn.methods.pinn.network import Adam, Network
 from accpinn.methods.registry import METHODS
 from tests.support.methods import train
@@ -16,6 +17,19 @@ from tests.support.samples import NOISY, sample
 
 FOURIER = replace(FAST, width=7, highest_frequency=0.2, seed=3)
 BOTH = pytest.mark.parametrize("config", [FOURIER, replace(PAPER, seed=3)], ids=["fast", "paper"])
+
+
+@pytest.mark.parametrize("followers", [1, 2, 10])
+def test_output_order_there_and_back(followers: int) -> None:
+    rng = np.random.default_rng(followers)
+    speeds = rng.standard_normal((5, followers + 1))
+    gaps = rng.standard_normal((5, followers))
+    stacked = stack_outputs(speeds, gaps)
+    speed_columns, gap_columns = output_columns(followers)
+    assert sorted(speed_columns + gap_columns) == list(range(2 * followers + 1))
+    assert (speed_columns[:2], gap_columns[:1]) == ([0, 1], [2])
+    np.testing.assert_array_equal(stacked[:, speed_columns], speeds)
+    np.testing.assert_array_equal(stacked[:, gap_columns], gaps)
 
 
 def test_frequencies_reach_from_a_cycle_in_somewhat_more_than_the_window_to_the_highest() -> None:
@@ -77,6 +91,17 @@ def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_z
         # A uniform density has its standard deviation at bound/√3.
         assert float(layer.weight.detach().std()) == pytest.approx(bound / 3**0.5, rel=0.2)
         assert not layer.bias.any()
+
+
+def test_weights_of_another_network_are_refused() -> None:
+    mine = Network(1, FOURIER, 20.0)
+    for other in (Network(1, replace(FOURIER, layers=2), 20.0).arrays(), {}):
+        with pytest.raises(RuntimeError):
+            mine.load_arrays(other)
+    fresh = Network(1, replace(FOURIER, seed=4), 20.0)
+    fresh.load_arrays(mine.arrays() | {"unknowns": np.zeros(9)})
+    time = np.linspace(0, 20, 7)
+    np.testing.assert_array_equal(fresh.curves(time), mine.curves(time))
 
 
 def quartic(values: torch.Tensor, step: int) -> torch.Tensor:
