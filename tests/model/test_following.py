@@ -17,7 +17,7 @@ from tests.support.command import ROOT
 from tests.support.following import driven
 
 SPEED = 22.0
-TIME = np.arange(0.0, 60.05, 0.1)
+TIME = np.arange(0.0, 30.05, 0.1)
 DRIVE = 24.0 + 4.0 * np.sin(0.11 * TIME) + np.sin(0.6 * TIME)
 
 
@@ -25,11 +25,11 @@ DRIVE = 24.0 + 4.0 * np.sin(0.11 * TIME) + np.sin(0.6 * TIME)
 def test_the_linearised_response_is_the_gain_of_a_small_sinusoid(model: FollowingModel) -> None:
     theta, near = model.typical, model.linearised(model.typical, SPEED)
     gap = model.equilibrium_gaps(theta, SPEED)
-    for omega in (0.15, 0.6):
-        time = np.arange(0.0, 150.0 + 4 * np.pi / omega, 0.1)
+    for omega in (0.25, 0.7):
+        time = np.arange(0.0, 100.0 + 4 * np.pi / omega, 0.1)
         wave = SPEED + 0.01 * np.sin(omega * time)
         run = model.simulate(theta, time, wave, np.array([SPEED]), np.array([gap]))
-        late = time > 150.0
+        late = time > 100.0
         phases = np.column_stack([np.ones(late.sum()), np.sin(omega * time[late])])
         basis = np.column_stack([phases, np.cos(omega * time[late])])
         _, sine, cosine = np.linalg.lstsq(basis, run.speeds[late, 1], rcond=None)[0]
@@ -46,8 +46,9 @@ def test_the_cthp_is_its_closed_form(key: str) -> None:
     assert stated == pytest.approx(dict(zip(model.names, theta, strict=True)), rel=1e-12)
     assert near.s0 == pytest.approx(stated.get("s0", 0.0), abs=1e-11)
     starts = np.array([23.0, 25.0]), np.array([36.0, 41.0])
-    exact = cthp.simulate(Parameters.of([near.complete] * 2), TIME, DRIVE, *starts)
-    run = model.simulate(theta, TIME, DRIVE, *starts, substeps=16 if model.is_late else 4)
+    part = TIME[:151], DRIVE[:151]
+    exact = cthp.simulate(Parameters.of([near.complete] * 2), *part, *starts)
+    run = model.simulate(theta, *part, *starts, substeps=16 if model.is_late else 4)
     assert run.gaps == pytest.approx(exact.gaps, abs=1e-8)
     assert run.speeds == pytest.approx(exact.speeds, abs=1e-8)
 

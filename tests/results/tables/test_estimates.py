@@ -50,6 +50,7 @@ from accpinn.stability.report import assessment, stability_report
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.study.run import run
+from accpinn.units import Estimate
 from tests.support.openacc_files import recording
 from tests.support.samples import FOLDER, PLATOON, sample
 from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
