@@ -17,7 +17,6 @@ from accpinn.results.judged import Judged, judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import (
-    PLACES,
     TITLES,
     Places,
     against_measured,
@@ -210,7 +209,9 @@ def run_simulate(options: argparse.Namespace) -> int:
     vehicles = subject.vehicles
     platoon = _platoon(vehicles.parameters, options.vehicles)
     result = simulate_platoon(platoon, leader, model=vehicles.model)
-    show_result(options, _describe_run, _run_text, result, _places(vehicles, platoon))
+    are_equal = len(vehicles) == 1 < len(platoon)
+    places = Places(() if are_equal else vehicles.spoken)
+    show_result(options, _describe_run, _run_text, result, places)
     return 0
 
 
@@ -227,12 +228,6 @@ def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
             " leave the option out, or give one set."
         )
     return parameters
-
-
-def _places(vehicles: ParameterSet, platoon: Parameters) -> Places:
-    """What sentences call the followers: their labels, or places among equal ones."""
-    in_order = len(vehicles) > 1 or len(platoon) == 1
-    return Places(vehicles.spoken) if in_order else PLACES
 
 
 def _describe_run(result: PlatoonRun, places: Places) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import LittleLeaderMotion, Mode, Recording
-from accpinn.results.messages.recording import MEANING, WORDS, rating_label, rating_reasons
+from accpinn.results.messages.recording import MEANING, WORDS
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import (
     GapsNegative,
@@ -134,8 +134,7 @@ def rated(recording: Recording, **choice: object) -> dict[Question, Rating]:
     segment = cut(recording, 100.0, 100.0, (1, 2), **choice)
     ratings = rate(segment, recording, assess_quality(segment))
     for rating in ratings:  # each has its words
-        assert rating_label(rating)
-        assert len(rating_reasons(rating, segment)) == len(rating.findings)
+        assert WORDS[rating.question][rating.grade]
     return {rating.question: rating for rating in ratings}
 
 

@@ -45,26 +45,13 @@ class Card(NamedTuple):
 
 
 def cards(info: SegmentInfo, answer: Answer, subject: Judged) -> tuple[Card, ...]:
-    """The answer of each follower in sentences; one card for all that share it.
-
-    Args:
-        info: names the followers.
-        answer: their parameters.
-        subject: their string stability.
-    """
-    return tuple(
-        Card(
-            " ".join(
-                (
-                    _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k),
-                    *_gains(answer, k),
-                    *_disturbances(subject, k),
-                )
-            ),
-            " ".join((trust.in_words, *_against(subject, k))),
-        )
-        for k, trust in enumerate(answer.trust)
-    )
+    """The answer of each follower in sentences; one card for all that share it."""
+    said = []
+    for k, trust in enumerate(answer.trust):
+        lead = _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k)
+        parts = (lead, *_gains(answer, k), *_disturbances(subject, k))
+        said.append(Card(" ".join(parts), " ".join((trust.in_words, *_against(subject, k)))))
+    return tuple(said)
 
 
 def about_answer(answer: Answer) -> str:

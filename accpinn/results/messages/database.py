@@ -20,11 +20,7 @@ TYPICAL = (
 
 
 def headline(whole: Group) -> str:
-    """The share of vehicles that are string stable.
-
-    Args:
-        whole: all rows that are shown, as one group.
-    """
+    """The share of vehicles that are string stable, of all rows that are shown."""
     share, count = whole.l2_stable, len(whole.cars)
     if not math.isfinite(share.value):
         return "Nothing is known of string stability."
@@ -39,13 +35,7 @@ def headline(whole: Group) -> str:
 
 
 def extent(whole: Group, makes: int, recordings: int) -> str:
-    """The number of windows, vehicles, makes and recordings that are shown.
-
-    Args:
-        whole: all rows that are shown, as one group.
-        makes: number of different makes.
-        recordings: number of different recordings.
-    """
+    """The number of windows, vehicles, makes and recordings that are shown."""
     return (
         f"{_counted(whole.windows, 'follower window')} of {_counted(whole.vehicles, 'vehicle')},"
         f" {_counted(makes, 'make')}, {_counted(recordings, 'recording')}."

@@ -2,15 +2,13 @@
 
 from collections.abc import Mapping
 
-from accpinn.findings import Labelled, percent
+from accpinn.findings import percent
 from accpinn.recordings.recording import HUMAN_FLAG, Recording, Window
-from accpinn.results.messages import messages
 from accpinn.segment.quality import (
     LARGE_CONDITION,
     MOST_CAR_FOLLOWING,
     Grade,
     Question,
-    Rating,
 )
 from accpinn.segment.segment import LONGEST_TIME_GAP, USUAL
 from accpinn.segment.suggestion import Suggestion
@@ -77,16 +75,6 @@ def driver_summary(recording: Recording) -> str:
         return "; ".join(f"{mode}: {', '.join(numbers)}" for mode, numbers in by_mode.items())
     flag = FLAGS.get(recording.acc_flag) if recording.acc_flag is not None else None
     return "driver modes not recorded" + (f" (flagged as {flag})" if flag else "")
-
-
-def rating_label(rating: Rating) -> str:
-    """The grade in a few words."""
-    return WORDS[rating.question][rating.grade]
-
-
-def rating_reasons(rating: Rating, about: Labelled) -> tuple[str, ...]:
-    """The findings that a grade rests on."""
-    return messages(rating.findings, about)
 
 
 def suggestion_reasons(

@@ -45,7 +45,6 @@ from accpinn.results.messages.stability import (
     BY_ESTIMATES,
     CRITERIA,
     MEASURED,
-    PLACES,
     Places,
     about_bode,
     about_map,
@@ -165,14 +164,14 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 
 
 def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
-    info, fit = snapshot.info, snapshot.fit
+    info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
+    label, vehicles = papers_estimate(fit), judged(snapshot).vehicles
+    places = Places(vehicles.spoken if len(vehicles) > 1 else ())
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
-    adequacy = snapshot.parts.adequacy
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
-    first_page = [*fits[:1], *responses[:1]]
     return {
-        "first_page": _placed(first_page, shown),
+        "first_page": _placed([*fits[:1], *responses[:1]], shown),
         "snapshot": snapshot,
         "title": words.title(snapshot),
         "summary": words.summary(snapshot),
@@ -188,14 +187,14 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "band": words.about_band(snapshot) if snapshot.segment else "",
         "equation": words.equation(fit.model),
         "training": _placed(training_pictures(snapshot), shown),
-        "estimates": _about_estimates(snapshot),
+        "estimates": f"The estimate by {name_of(fit)}{label and f': {label}'}.",
         "by_estimates": BY_ESTIMATES,
         "reasons": _reasons(snapshot),
         "measured": against_measured(snapshot.gain_checks, info),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
         "run": run[0] if run else None,
-        "run_warnings": messages(run[0].findings, _places(snapshot)) if run else (),
+        "run_warnings": messages(run[0].findings, places) if run else (),
         "repeated": run[2] if run else "",
         "linear": by_linearisation(run[0]) if run else "",
         "form_sheets": [sheet for name, sheet in sheets.items() if name.startswith("forms_")],
@@ -218,12 +217,6 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
             for key, value in sorted(fit.config.items())
         ],
     }
-
-
-def _about_estimates(snapshot: Result) -> str:
-    """What the second table holds."""
-    label = papers_estimate(snapshot.fit)
-    return f"The estimate by {name_of(snapshot.fit)}{f': {label}' if label else ''}."
 
 
 def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
@@ -300,12 +293,10 @@ def motion_picture(snapshot: Result) -> Picture | None:
     source = snapshot.segment.measured if snapshot.segment else snapshot.fit.surrogate
     if source is None:
         return None
-    words = (
-        "Measured space-gaps and speeds."
-        if snapshot.segment
-        else "The data are not part of this report: these are the method's own trajectories."
-    )
-    return Picture("motion", with_legend(motion(snapshot.info, source)), words)
+    said = "The data are not part of this report: these are the method's own trajectories."
+    if snapshot.segment:
+        said = "Measured space-gaps and speeds."
+    return Picture("motion", with_legend(motion(snapshot.info, source)), said)
 
 
 def fit_pictures(snapshot: Result) -> Iterator[Picture]:
@@ -355,12 +346,6 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if uncertainty:
         said += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     yield Picture("map", with_legend(chart), said)
-
-
-def _places(snapshot: Result) -> Places:
-    """What sentences call the platoon's vehicles: their labels, or places among equal ones."""
-    vehicles = judged(snapshot).vehicles
-    return Places(vehicles.spoken) if len(vehicles) > 1 else PLACES
 
 
 def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:

@@ -275,9 +275,10 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, last))
 
 
-def _form_cells(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
-    """The estimates of α, β, τ and the further terms, with intervals."""
+def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
+    """One row a model, for one follower (0 for the first): estimates and intervals."""
     group = f"Estimate ({100 * LEVEL:.0f} % interval)"
+    filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
     for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
         cells = [
             Estimate(*(float(s.complete[follower, at]) for s in (f.parameters, f.lower, f.upper)))
@@ -285,22 +286,12 @@ def _form_cells(forms: Sequence[ModelForm], follower: int) -> Iterator[Filled]:
             else None
             for f in forms
         ]
-        yield replace(column, group=group), cells
-
-
-def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
-    """One row a model, for one follower (0 for the first): estimates and intervals."""
-    return Table.of(
-        f"{info.labels[follower + 1]}, {where(info)}",
-        [
-            (Column("Model"), [FOLLOWING[form.form].title for form in forms]),
-            *_form_cells(forms, follower),
-            (Column("Log-likelihood", "", 1, AGAINST),
-             [form.likelihood_ratio[follower] for form in forms]),
-            (Column("Held-out log density", "", 1, AGAINST),
-             [form.holdout[follower] for form in forms]),
-        ],
-    )  # fmt: skip
+        filled.append((replace(column, group=group), cells))
+    filled += [
+        (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
+        (Column("Held-out log density", "", 1, AGAINST), [f.holdout[follower] for f in forms]),
+    ]
+    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:
@@ -311,41 +302,38 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         now: the present result of each method; where there is none, no differences are shown.
         vehicle: its number in the file.
     """
-    rows = [result for result in earlier if _has_follower(result, vehicle)]
-    then = [_of_vehicle(result, vehicle) for result in rows]
+    rows = [(result, k) for result in earlier for k in _places_of(vehicle, result)]
+    then = [result.parameters[k] for result, k in rows]
     filled: list[Filled] = [
-        (Column("Earlier fit", prose=True), [earlier_title(result) for result in rows]),
+        (Column("Earlier fit", prose=True), [earlier_title(result) for result, _ in rows]),
         *parameter_cells(Parameters.stack(then)),
-        (Column("Closed loop", "m", 2, GAP_MAE), [_gap_error(row, vehicle) for row in rows]),
+        (Column("Closed loop", "m", 2, GAP_MAE), [_gap_error(*row) for row in rows]),
     ]
     if now:
-        change, differs = [], list[str | None]()
-        for row, before in zip(rows, then, strict=True):
+        change = np.full((len(rows), 3), nan)
+        differs: list[str | None] = [None] * len(rows)
+        for at, ((row, _), before) in enumerate(zip(rows, then, strict=True)):
             present = now.get(row.fit.method)
-            if present and _has_follower(present, vehicle):
-                change.append(_of_vehicle(present, vehicle).values - before.values)
+            if present is None:
+                continue
+            for k in _places_of(vehicle, present):
+                change[at] = present.parameters[k].values - before.values
                 asked = differences(row.analysis, present.analysis)
-                differs.append("; ".join(asked) or "nothing")
-            else:
-                change.append(np.full(3, nan))
-                differs.append(None)
+                differs[at] = "; ".join(asked) or "nothing"
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
 
 
-def _has_follower(result: Result, vehicle: int) -> bool:
-    return vehicle in result.info.vehicles[1:]
+def _places_of(vehicle: int, result: Result) -> list[int]:
+    """The place of a vehicle among the followers of a result; none where it is not one."""
+    return [k for k, number in enumerate(result.info.vehicles[1:]) if number == vehicle]
 
 
-def _of_vehicle(result: Result, vehicle: int) -> Parameters:
-    return result.parameters[result.info.vehicles[1:].index(vehicle)]
-
-
-def _gap_error(result: Result, vehicle: int) -> float:
-    """The closed-loop MAE of a vehicle's space-gap in m; nan where it was not computed."""
+def _gap_error(result: Result, k: int) -> float:
+    """The closed-loop MAE of a follower's space-gap in m; nan where it was not computed."""
     errors = result.parts.evaluation and result.parts.evaluation.closed_loop
-    return float(errors.gap_mae[result.info.vehicles[1:].index(vehicle)]) if errors else nan
+    return float(errors.gap_mae[k]) if errors else nan
 
 
 def earlier_title(result: Result) -> str:

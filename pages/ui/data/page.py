@@ -17,11 +17,11 @@ from accpinn.model.cthp import Case
 from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
+from accpinn.results.messages import messages
 from accpinn.results.messages.recording import (
     MEANING,
+    WORDS,
     driver_summary,
-    rating_label,
-    rating_reasons,
     suggestion_reasons,
 )
 from accpinn.results.reproduction import RUNS, PrintedRun
@@ -332,9 +332,10 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
         with st.container(horizontal=True):
             for rating in rate(segment, recording, assess_quality(segment)):
                 colour, icon = MARKS[rating.grade]
-                with st.popover(f":{colour}[:material/{icon}:] {rating_label(rating)}"):
+                label = WORDS[rating.question][rating.grade]
+                with st.popover(f":{colour}[:material/{icon}:] {label}"):
                     st.markdown(escape_markdown(MEANING[rating.question]))
-                    if reasons := rating_reasons(rating, segment):
+                    if reasons := messages(rating.findings, segment):
                         st.markdown(show.bullets(reasons))
         show.not_acc(segment)
         _choose_all_windows(workspace, recording)

@@ -3,7 +3,6 @@
 import csv
 import io
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from accpinn.results.tables.table import (
     percent_cells,
 )
 from accpinn.units import Estimate
+from tests.support.html import Reader
 
 NASTY = ["<script>alert(1)</script>", "A&B_50%$x$^2", r"\input{secret}~#{}"]
 INF, NAN = float("inf"), float("nan")
@@ -35,34 +35,6 @@ TABLE = Table.of(
         (Column("p", "m", 2, "Surrogate fit, MAE"), np.array([0.123456789, NAN])),
     ],
 )
-
-
-class Cells(HTMLParser):
-    """The texts of a table's cells, row by row, and every element there is."""
-
-    def __init__(self, text: str) -> None:
-        """Read at once."""
-        super().__init__()
-        self.rows: list[list[str]] = []
-        self.elements: set[str] = set()
-        self._open = False
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.elements.add(tag)
-        if tag == "tr":
-            self.rows.append([])
-        if tag in ("td", "th"):
-            self.rows[-1].append("")
-            self._open = True
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag in ("td", "th"):
-            self._open = False
-
-    def handle_data(self, data: str) -> None:
-        if self._open:
-            self.rows[-1][-1] += data
 
 
 def read_csv(table: Table) -> list[list[str]]:
@@ -180,21 +152,21 @@ def test_latex_and_html_show_a_name_as_it_is(name: str) -> None:
                         r"\textgreater"}  # fmt: skip
     bare = re.sub(r"\\[a-zA-Z]+\{\}|\\[{}$&#%_]", "", shown)
     assert not set(bare) & set("\\{}$&#%_^~<>")
-    read = Cells(Table(name, (Column(name),), ((name,),)).coloured(["#123456"]).to_html())
+    read = Reader(Table(name, (Column(name),), ((name,),)).coloured(["#123456"]).to_html())
     assert read.rows == [[name], [name]]
-    assert "script" not in read.elements
+    assert "script" not in [tag for tag, _ in read.tags]
 
 
 @given(st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=30))
 def test_any_name_survives_html_and_csv(name: str) -> None:
     table = Table("", (Column("Vehicle"), Column("α", digits=2)), ((name, 1.0),))
     elements = {"figure", "div", "table", "thead", "tr", "th", "tbody", "td"}
-    assert Cells(table.to_html()).elements == elements
+    assert {tag for tag, _ in Reader(table.to_html()).tags} == elements
     assert read_csv(table)[1][0].removeprefix("'") == name.removeprefix("'")
 
 
 def test_html_has_groups_headings_and_rows() -> None:
-    assert Cells(TABLE.to_html()).rows[:3] == [
+    assert Reader(TABLE.to_html()).rows[:3] == [
         ["", "90 % interval", "Surrogate fit, MAE"],
         ["Follower", "α [1/s²]", "τ [s]", "p [m]"],
         ["2 BMW", "0.0100 to 0.0200", "1.200 or more", "0.12"],
