@@ -55,7 +55,7 @@ HEIGHT = 370
 """Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
-MOST_REASONS = 5
+MOST_REASONS = 4
 """Vehicles and platoon whose reasons stand together; of more, one is chosen."""
 PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 NO_DATA = (
