@@ -46,8 +46,8 @@ def test_a_snapshot_of_several_windows_is_verified(capsys: Capture, tmp_path: Pa
     fitted = document(capsys, "fit", STUDY, *METHOD, *windows)["answer"]
     found = document(capsys, "verify", path, "--recording", STUDY)
     assert found["ok"] is True
-    (judged,) = document(capsys, "stability", "--snapshot", path)["vehicles"]
-    assert judged["alpha"] == fitted[0]["parameters"]["alpha"]
+    (vehicle,) = document(capsys, "stability", "--snapshot", path)["vehicles"]
+    assert vehicle["alpha"] == fitted[0]["parameters"]["alpha"]
     assert main(["report", str(path), "--recording", str(STUDY)]) == 0
 
 

@@ -9,9 +9,9 @@ from accpinn.inference.gain_check import GainCheck
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig
 from accpinn.model.published import ParameterSet
-from accpinn.results.judged import Judged
 from accpinn.results.messages.answer import cards, differing_windows, papers_estimate
 from accpinn.results.tables.answer import answer_table
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.segment import Segment
 from tests.support.samples import PLATOON, sample
 
@@ -26,11 +26,11 @@ def answered(segment: Segment) -> Answer:
     return answer((segment,), model="cthp")
 
 
-def subject(segment: Segment, answered: Answer) -> Judged:
+def subject(segment: Segment, answered: Answer) -> KnownVehicles:
     vehicles = ParameterSet(
         segment.source, segment.names[1:], answered.parameters, segment.vehicles, segment.labels[1:]
     )
-    return Judged(vehicles, answered.uncertainty)
+    return KnownVehicles(vehicles, answered.uncertainty)
 
 
 def test_followers_that_share_their_parameters_have_one_card_and_one_row(segment: Segment) -> None:
@@ -45,15 +45,15 @@ def test_followers_that_share_their_parameters_have_one_card_and_one_row(segment
 def test_a_card_has_time_gap_gains_disturbances_and_trust(
     segment: Segment, answered: Answer
 ) -> None:
-    judged = subject(segment, answered)
-    card = cards(segment.info, answered, judged)[0]
+    known = subject(segment, answered)
+    card = cards(segment.info, answered, known)[0]
     span = answered.time_gap(answered.stated_speed, 0)
     assert f"keeps {span.value:.2f} s at 100 km/h" in card.lead
-    gain = judged.report.vehicles[0].peak.gain
+    gain = known.report.vehicles[0].peak.gain
     assert f"Disturbances grow by up to {100 * (gain - 1):.0f} %." in card.lead
     assert card.trust.startswith("Known from one window alone. Reproduces the drive within ")
     check = GainCheck(segment.vehicles[1], 9, rms=3.0, contradiction="apart")
-    against = replace(judged, checks=(check,))
+    against = replace(known, checks=(check,))
     card = cards(segment.info, answered, against)[0]
     assert "by the model" in card.lead
     assert card.trust.endswith("The measured gain contradicts the model (3.0 dB apart).")

@@ -9,7 +9,6 @@ from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.results.judged import judged
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import (
     about_band,
@@ -23,6 +22,7 @@ from accpinn.results.messages.summary import (
     title,
 )
 from accpinn.results.tables.estimates import name_of
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study.result import Result
 from tests.support.snapshots import altered, delayed, small, whole
 
@@ -40,7 +40,7 @@ def test_title_agrees_in_number() -> None:
 
 def test_summary_is_the_answer_of_each_follower() -> None:
     for result in (small(), whole()):
-        said = cards(result.info, result.answer, judged(result))
+        said = cards(result.info, result.answer, known_vehicles(result))
         assert summary(result) == tuple(" ".join(card) for card in said)
         assert len(said) == result.info.followers
 
@@ -66,7 +66,7 @@ def test_what_estimates_assume_names_those_with_a_better_form() -> None:
 def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
     first, second = whole().compared
 
-    def judged(which: list[int], **changes: object) -> str:
+    def said_outside(which: list[int], **changes: object) -> str:
         inside = np.ones_like(first.uncertainty.inside)
         inside[0, which] = False
         row = altered(first, uncertainty=replace(first.uncertainty, inside=inside, **changes))
@@ -76,10 +76,10 @@ def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
         )
 
     name = name_of(first.fit)
-    assert f"α of {name}; β of {name}." in judged([0, 1])
-    assert name not in judged([])
+    assert f"α of {name}; β of {name}." in said_outside([0, 1])
+    assert name not in said_outside([])
     nothing = Parameters.of(np.full((4, 3), np.nan))
-    assert name not in judged([0], lower=nothing, upper=nothing)
+    assert name not in said_outside([0], lower=nothing, upper=nothing)
 
 
 def test_a_stopped_training_is_called_so_first() -> None:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.results.judged import judged
 from accpinn.results.report import (
     fit_pictures,
     motion_picture,
@@ -22,6 +21,7 @@ from accpinn.results.report import (
 )
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.stability import GAIN
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study.verification import QUICK, Verification, verify
 from tests.support.snapshots import altered, delayed, small, whole
 
@@ -135,7 +135,7 @@ class TestContents:
                 assert any(cell.startswith(number) for cell in cells)
         table = tables_of(whole())["stability"]
         at = table.columns.index(GAIN)
-        for row, vehicle in zip(table.rows, judged(whole()).report.vehicles, strict=True):
+        for row, vehicle in zip(table.rows, known_vehicles(whole()).report.vehicles, strict=True):
             assert row[at].value == vehicle.linf_gain
             assert any(cell.startswith(GAIN.shown(row[at]).split()[0]) for cell in cells)
 
@@ -172,7 +172,7 @@ class TestContents:
         assert names == {name_of(whole().fit)}
 
     def test_the_platoon_is_that_of_the_study(self) -> None:
-        stability, made = judged(whole()).report, platoon_pictures(whole())
+        stability, made = known_vehicles(whole()).report, platoon_pictures(whole())
         run, pictures, who = made
         assert who == "The 4 followers in their order"
         assert run.leader.frequency == stability.platoon.peaks[-1].omega
