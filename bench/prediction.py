@@ -52,7 +52,7 @@ population without one car is learned, and processes."""
 Rows = Mapping[str, list[FloatArray]]
 
 
-class KnownVehicles(NamedTuple):
+class Scored(NamedTuple):
     """What the K windows and the stretches of one follower in one recording gave.
 
     ``own`` (K, 6) are the estimates under the best model, ``drawn`` (K, n, p) its posterior draws.
@@ -87,8 +87,8 @@ def estimate(segments: Sequence[Segment], model: str) -> tuple[Parameters, Maxim
     return Parameters.of(complete(model, values)[None]), maximum
 
 
-def judge(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> KnownVehicles:
-    """Judge the parameters of one follower in one recording."""
+def score(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> Scored:
+    """Score the parameters of one follower in one recording."""
     posteriors = {window: window_posterior(window, "II", BEST) for window in windows}
     known = [window for window in windows if np.isfinite(posteriors[window].drawn).all()]
     own = np.array([posteriors[window].estimates[0] for window in known])
@@ -101,7 +101,7 @@ def judge(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) ->
         within = [part for part in known if stretch.start <= part.start < stretch.window.end]
         for row, figures in _gains(stretch, within):
             gains[row].append(figures)
-    return KnownVehicles(car, known, own, drawn, errors, gains)
+    return Scored(car, known, own, drawn, errors, gains)
 
 
 def _errors(left_out: Segment, others: list[Segment]) -> Iterator[tuple[str, list[Metres]]]:
@@ -140,7 +140,7 @@ def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, F
     yield ANSWER, compared(answer(within, "II", BEST).parameters)
 
 
-def unseen(car: tuple[str, ...], runs: Sequence[KnownVehicles]) -> list[tuple[Metres, FloatArray]]:
+def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[tuple[Metres, FloatArray]]:
     """Judge the answer for each window of a car, by a population without that car.
 
     Returns RMSE in m for each window, and (2, p) whether its own estimate is inside both intervals.
@@ -196,10 +196,10 @@ def main() -> None:
     every = sorted(windows | stretches)
     given = ([parts.get(car, []) for car in every] for parts in (windows, stretches))
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        runs = list(pool.map(judge, every, *given))
+        runs = list(pool.map(score, every, *given))
         of_windows = [run.car[:2] for run in runs if run.errors for _ in run.windows]
         scores = pool.map(partial(unseen, runs=runs), dict.fromkeys(of_windows))
-        scored = [score for of_car in scores for score in of_car]
+        scored = [one for of_car in scores for one in of_car]
     errors = merged([run.errors for run in runs if run.errors])
     errors[f"{ANSWER}, population without the car"] = [np.array([error]) for error, _ in scored]
     print_prediction(errors, of_windows)
