@@ -52,7 +52,7 @@ population without one car is learned, and processes."""
 Rows = Mapping[str, list[FloatArray]]
 
 
-class Judged(NamedTuple):
+class Scored(NamedTuple):
     """What the K windows and the stretches of one follower in one recording gave.
 
     ``own`` (K, 6) are the estimates under the best model, ``drawn`` (K, n, p) its posterior draws.
@@ -87,8 +87,8 @@ def estimate(segments: Sequence[Segment], model: str) -> tuple[Parameters, Maxim
     return Parameters.of(complete(model, values)[None]), maximum
 
 
-def judge(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> Judged:
-    """Judge the parameters of one follower in one recording."""
+def score(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> Scored:
+    """Score the parameters of one follower in one recording."""
     posteriors = {window: window_posterior(window, "II", BEST) for window in windows}
     known = [window for window in windows if np.isfinite(posteriors[window].drawn).all()]
     own = np.array([posteriors[window].estimates[0] for window in known])
@@ -101,7 +101,7 @@ def judge(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) ->
         within = [part for part in known if stretch.start <= part.start < stretch.window.end]
         for row, figures in _gains(stretch, within):
             gains[row].append(figures)
-    return Judged(car, known, own, drawn, errors, gains)
+    return Scored(car, known, own, drawn, errors, gains)
 
 
 def _errors(left_out: Segment, others: list[Segment]) -> Iterator[tuple[str, list[Metres]]]:
@@ -140,7 +140,7 @@ def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, F
     yield ANSWER, compared(answer(within, "II", BEST).parameters)
 
 
-def unseen(car: tuple[str, ...], runs: Sequence[Judged]) -> list[tuple[Metres, FloatArray]]:
+def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[tuple[Metres, FloatArray]]:
     """Judge the answer for each window of a car, by a population without that car.
 
     Returns RMSE in m for each window, and (2, p) whether its own estimate is inside both intervals.
@@ -149,7 +149,7 @@ def unseen(car: tuple[str, ...], runs: Sequence[Judged]) -> list[tuple[Metres, F
     for run in runs:
         drawn[run.car[:2]] += list(run.drawn)
     taught = [np.array(draws) for name, draws in drawn.items() if draws and name != car]
-    population, rng, judged = regularised(learn(taught, BEST, ROUNDS)), np.random.default_rng(0), []
+    population, rng, scored = regularised(learn(taught, BEST, ROUNDS)), np.random.default_rng(0), []
     for run in runs:
         for k, left_out in enumerate(run.windows if run.car[:2] == car and run.errors else ()):
             others, away = np.delete(run.drawn, k, axis=0), run.drawn[k] - run.drawn[k].mean(axis=0)
@@ -159,8 +159,8 @@ def unseen(car: tuple[str, ...], runs: Sequence[Judged]) -> list[tuple[Metres, F
             further = np.stack([sampled.further, sampled.further + errors], axis=1)
             (lower, upper), own = interval_ends(further, LEVEL), features_of(run.own[k])
             inside = np.where(np.isnan(own), np.nan, (own >= lower) & (own <= upper))
-            judged.append((rmse(typical, left_out), inside))
-    return judged
+            scored.append((rmse(typical, left_out), inside))
+    return scored
 
 
 def features_of(values: FloatArray) -> FloatArray:
@@ -196,19 +196,19 @@ def main() -> None:
     every = sorted(windows | stretches)
     given = ([parts.get(car, []) for car in every] for parts in (windows, stretches))
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        runs = list(pool.map(judge, every, *given))
+        runs = list(pool.map(score, every, *given))
         of_windows = [run.car[:2] for run in runs if run.errors for _ in run.windows]
-        judgements = pool.map(partial(unseen, runs=runs), dict.fromkeys(of_windows))
-        judged = [judgement for of_car in judgements for judgement in of_car]
+        scores = pool.map(partial(unseen, runs=runs), dict.fromkeys(of_windows))
+        scored = [one for of_car in scores for one in of_car]
     errors = merged([run.errors for run in runs if run.errors])
-    errors[f"{ANSWER}, population without the car"] = [np.array([error]) for error, _ in judged]
+    errors[f"{ANSWER}, population without the car"] = [np.array([error]) for error, _ in scored]
     print_prediction(errors, of_windows)
     print("\n| parameters | stretches | rms [dB] | peak [dB] | log-likelihood |")
     for row, rows in merged([run.gains for run in runs if run.gains]).items():
         error, peak, likelihood = np.median(rows, axis=0)
         print(f"| {row} | {len(rows)} | {error:.2f} | {peak:+.1f} | {likelihood:+.0f} |")
     print("\n| further windows | inside [%] | with the estimate's error [%] |")
-    shares = 100.0 * np.nanmean([inside for _, inside in judged], axis=0)
+    shares = 100.0 * np.nanmean([inside for _, inside in scored], axis=0)
     for name, *share in zip(("ln α", "ln β", "ln G", *FOLLOWING[BEST].terms), *shares, strict=True):
         print(f"| {name} | {share[0]:.0f} | {share[1]:.0f} |")
 

@@ -39,7 +39,6 @@ from accpinn.results.documents import (
     notes,
     warnings,
 )
-from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
 from accpinn.results.tables.answer import answer_table, own_windows_table
@@ -52,6 +51,7 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.stability import verdict_table
 from accpinn.results.tables.table import Table
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study.comparison import (
     Refused,
     Spread,
@@ -193,7 +193,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     ]
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
-    first = [" ".join(card) for card in cards(info, answer, judged(result))]
+    first = [" ".join(card) for card in cards(info, answer, known_vehicles(result))]
     said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
     said += [f"Note: {note}" for note in notes(result, with_intervals)]
     return "\n".join([*first, "", *_texts(tables), *said])

@@ -13,7 +13,6 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.documents import check_document
-from accpinn.results.judged import Judged, judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import (
@@ -26,6 +25,7 @@ from accpinn.results.messages.stability import (
     smallest_gap,
 )
 from accpinn.results.tables.stability import amplitude_table, answer, stability_table
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.study.result import Result
 
@@ -56,7 +56,7 @@ def add_stability_options(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def _chosen(options: argparse.Namespace) -> tuple[Judged, Result | None]:
+def _chosen(options: argparse.Namespace) -> tuple[KnownVehicles, Result | None]:
     """The vehicles that the options give, and the snapshot that they are from.
 
     Raises:
@@ -71,7 +71,7 @@ def _chosen(options: argparse.Namespace) -> tuple[Judged, Result | None]:
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
         snapshot = load(path)
-        return judged(snapshot), snapshot
+        return known_vehicles(snapshot), snapshot
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -89,7 +89,7 @@ def _chosen(options: argparse.Namespace) -> tuple[Judged, Result | None]:
             raise ConfigError(f"parameters: --{name} {min(given):g} is negative; give 0 or more.")
     labels = tuple(f"Vehicle {k + 1}" for k in range(count))
     parameters = Parameters(*values.values(), **terms)
-    return Judged(ParameterSet("parameters given", labels, parameters)), None
+    return KnownVehicles(ParameterSet("parameters given", labels, parameters)), None
 
 
 def run_stability(options: argparse.Namespace) -> int:
@@ -101,7 +101,7 @@ def run_stability(options: argparse.Namespace) -> int:
 
 
 def _describe_report(
-    report: StabilityReport, subject: Judged, snapshot: Result | None
+    report: StabilityReport, subject: KnownVehicles, snapshot: Result | None
 ) -> dict[str, Any]:
     """The report as the command-line contract has it."""
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
@@ -163,7 +163,7 @@ def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[s
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, subject: Judged, snapshot: Result | None) -> str:
+def _report_text(report: StabilityReport, subject: KnownVehicles, snapshot: Result | None) -> str:
     vehicles, labels = subject.vehicles, subject.vehicles.labels
     table = stability_table(vehicles, report, subject.uncertainty, subject.checks)
     lines = [table.to_text(), ""]

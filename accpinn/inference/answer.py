@@ -30,7 +30,7 @@ from accpinn.inference.intervals import (
 )
 from accpinn.inference.population import CHAINS, KEPT, WITHIN, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
-from accpinn.inference.window_posterior import JUDGED, window_posterior
+from accpinn.inference.window_posterior import STABILITY_DRAWS, window_posterior
 from accpinn.methods.method import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
@@ -136,7 +136,7 @@ class Answer:
     def uncertainty(self) -> Uncertainty:
         """What follows from the typical value: probabilities of string stability, gains, bands."""
         count = len(self.typical.alpha)
-        some = self.typical[np.linspace(0, count - 1, min(count, JUDGED)).astype(int)]
+        some = self.typical[np.linspace(0, count - 1, min(count, STABILITY_DRAWS)).astype(int)]
         drawn = from_draws(self.parameters, some, self.level)
         ends = interval_ends(self.typical.everything, self.level)
         return replace(drawn, lower=Parameters.of(ends[0]), upper=Parameters.of(ends[1]))

@@ -209,11 +209,11 @@ def intervals(
     started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
     shared = _shared(segments, fit.case, level, draws, fit.model, held)
-    uncertainty = judged(shared, segments[0], fit)
+    uncertainty = with_estimates(shared, segments[0], fit)
     return replace(uncertainty, seconds=time.perf_counter() - started)
 
 
-def judged(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
+def with_estimates(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
     """The same uncertainty, with a fit's estimates compared with the intervals.
 
     Args:
@@ -354,13 +354,13 @@ def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatAr
     return ends[0], ends[1]
 
 
-def _findings(segment: Segment, fit: Fit, judged: Uncertainty) -> list[UncertaintyFinding]:
+def _findings(segment: Segment, fit: Fit, compared: Uncertainty) -> list[UncertaintyFinding]:
     findings: list[UncertaintyFinding] = []
     for k, vehicle in enumerate((0,) if fit.case == "I" else segment.vehicles[1:]):
-        if np.isnan(judged.centre[k].alpha):
+        if np.isnan(compared.centre[k].alpha):
             findings.append(NotDetermined(vehicle))
-        rows = parameter_intervals(judged, k, fit.parameters)
-        outside = [row for row, yes in zip(rows, judged.inside[k], strict=True) if not yes]
+        rows = parameter_intervals(compared, k, fit.parameters)
+        outside = [row for row, yes in zip(rows, compared.inside[k], strict=True) if not yes]
         if outside:
             findings.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
     return findings

@@ -27,8 +27,8 @@ STAGES = (150, 150, 500)
 """Draws in each stage of a window's posterior."""
 DRAWS = 400
 """Draws of equal weight that stand for a window's posterior."""
-JUDGED = 200
-"""Draws that string stability is judged by."""
+STABILITY_DRAWS = 200
+"""Draws of these that probabilities of string stability are taken from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class WindowPosterior:
     @cached_property
     def stable(self) -> tuple[FloatArray, FloatArray]:
         """(M,) the probabilities of L₂ and of L∞ string stability."""
-        drawn = self.drawn[:, :: DRAWS // JUDGED]
+        drawn = self.drawn[:, :: DRAWS // STABILITY_DRAWS]
         some = parameters_of(self.model, drawn, self.speeds[:, None])
         unknown = np.isnan(self.estimates[:, 0])
         l2, linf = ((margin(some) >= 0).mean(axis=1) for margin in (l2_margin, exact_margin))

@@ -40,7 +40,7 @@ Held = tuple[tuple[str, float], ...]
 TITLES: Mapping[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""
 JUDGED = tuple(base.key for base in BASES)
-"""Models that are compared unless others are named."""
+"""Models that are judged unless others are named."""
 
 
 def following_model(key: str) -> FollowingModel:

@@ -38,7 +38,7 @@ from accpinn.inference.coordinates import count_of, parameters_of, possible
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import WITHIN, population_of, sampled_population
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.inference.window_posterior import DRAWS, JUDGED
+from accpinn.inference.window_posterior import DRAWS, STABILITY_DRAWS
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
 from accpinn.segment.segment import median_by_duration
@@ -132,7 +132,9 @@ class Group:
 
     def _share(self, margin: Any) -> Estimate:
         drawn = (
-            parameters_of(self.model, _evenly(possible(self.model, car.value, at), JUDGED), at)
+            parameters_of(
+                self.model, _evenly(possible(self.model, car.value, at), STABILITY_DRAWS), at
+            )
             for car, at in zip(self.cars, self.speeds.tolist(), strict=True)
         )
         stable = [(margin(part) >= 0).mean() for part in drawn]

@@ -22,7 +22,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError
 from accpinn.evaluation.evaluation import pooled_holdout_errors
-from accpinn.inference.intervals import SLACK, agree, from_draws, judged
+from accpinn.inference.intervals import SLACK, agree, from_draws, with_estimates
 from accpinn.methods.fit import Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
@@ -349,7 +349,7 @@ def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
     if part == "uncertainty" and agree(stored, anew):
         # On another processor draws differ, and the ends of intervals a little.
         drawn = from_draws(stored.centre, stored.draws, stored.level)
-        anew = judged(drawn, fresh.segments[0], fresh.fit)
+        anew = with_estimates(drawn, fresh.segments[0], fresh.fit)
     if part == "answer":
         stored, anew = (side.without_draws() for side in (stored, anew))
     if part == "evaluation":

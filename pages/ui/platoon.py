@@ -20,7 +20,6 @@ from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation, watched
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
-from accpinn.results.judged import at_speed
 from accpinn.results.messages import messages
 from accpinn.results.messages.stability import (
     PLACES,
@@ -32,6 +31,7 @@ from accpinn.results.messages.stability import (
     smallest_gap,
 )
 from accpinn.results.tables.stability import amplitude_table
+from accpinn.results.vehicles import at_speed
 from accpinn.segment.segment import Segment
 from accpinn.stability.report import stability_report
 from pages.ui.components import frame, show

@@ -13,7 +13,6 @@ from accpinn.results.figures import stability as figures
 from accpinn.results.figures.models import Follower, peak_over_speed
 from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
-from accpinn.results.judged import at_speed
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import (
@@ -38,6 +37,7 @@ from accpinn.results.tables.stability import (
     stability_table,
     verdict_table,
 )
+from accpinn.results.vehicles import at_speed
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import CERTAIN, StabilityReport, VehicleStability, Verdict

@@ -88,15 +88,15 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     path = tmp_path / "a.accpinn.zip"
     options = ("--method", "splines", "--name", "mine", "--note", "a note", "--out", path)
     fitted = document(capsys, "fit", STUDY, *SHORT, *options)["answer"][0]["parameters"]
-    judged = document(capsys, "stability", "--snapshot", path)["vehicles"][0]
-    assert {name: judged[name] for name in fitted} == fitted
-    assert document(capsys, "stability", path)["vehicles"][0] == judged
-    assert judged["measured"] is None, "a snapshot without data"
-    assert 0.0 <= judged["probability_l2"] <= 1.0
-    low, high = judged["intervals"]["peak_gain"]
-    assert low <= judged["peak"]["gain"] <= high
+    vehicle = document(capsys, "stability", "--snapshot", path)["vehicles"][0]
+    assert {name: vehicle[name] for name in fitted} == fitted
+    assert document(capsys, "stability", path)["vehicles"][0] == vehicle
+    assert vehicle["measured"] is None, "a snapshot without data"
+    assert 0.0 <= vehicle["probability_l2"] <= 1.0
+    low, high = vehicle["intervals"]["peak_gain"]
+    assert low <= vehicle["peak"]["gain"] <= high
     assert main(["stability", str(path)]) == 0
-    assert judged["label"] in capsys.readouterr().out
+    assert vehicle["label"] in capsys.readouterr().out
     run = document(capsys, "simulate", "--snapshot", path, "--duration", 60)
     assert len(run["minimum_gap"]) == 8
     assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"

@@ -167,7 +167,7 @@ def test_nonsense_is_refused(segment: Segment, wrong: dict[str, float]) -> None:
 
 
 def test_one_segments_methods_share_the_draws() -> None:
-    """What does not depend on the fit is computed once, and judged for each."""
+    """What does not depend on the fit is computed once, for all."""
     segment = disturbed(Parameters.of([[0.08, 0.2, 1.4]]), 1, Disturbance())
     one = intervals(segment, least_squares.fit(segment))
     far = replace(least_squares.fit(segment), parameters=Parameters.of([[1.0, 1.0, 3.0]]))

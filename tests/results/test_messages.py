@@ -23,7 +23,6 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import AFTER_COLLISION, simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
-from accpinn.results.judged import Judged, judged
 from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import database as on_batch
 from accpinn.results.messages import stability as on_stability
@@ -32,6 +31,7 @@ from accpinn.results.messages.recording import driver_summary, suggestion_reason
 from accpinn.results.messages.stability import headline, reason
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability.report import (
     StabilityReport,
@@ -64,12 +64,12 @@ def answered() -> Answer:
     return answer((SEGMENT,), model="cthp")
 
 
-def subject(answered: Answer) -> Judged:
+def subject(answered: Answer) -> KnownVehicles:
     names, labels = SEGMENT.names[1:], SEGMENT.labels[1:]
     vehicles = ParameterSet(
         SEGMENT.source, names, answered.parameters, SEGMENT.vehicles, labels
     )  # fmt: skip
-    return Judged(vehicles, answered.uncertainty)
+    return KnownVehicles(vehicles, answered.uncertainty)
 
 
 def test_followers_that_share_their_parameters_have_one_card_and_one_row() -> None:
@@ -117,7 +117,7 @@ def test_a_result_is_titled_and_summed_up_by_its_answer() -> None:
     assert "4 vehicles follow " in on_result.title(replace(whole(), name=""))
     assert " follows " in on_result.title(replace(small(), name=""))
     for result in (small(), whole()):
-        said = on_answer.cards(result.info, result.answer, judged(result))
+        said = on_answer.cards(result.info, result.answer, known_vehicles(result))
         assert on_result.summary(result) == tuple(" ".join(card) for card in said)
         assert len(said) == result.info.followers
     (only,) = on_result.summary(altered(replace(whole(), segments=()), answer=None, gain_checks=()))

@@ -14,7 +14,6 @@ import pandas as pd
 import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.results.judged import judged
 from accpinn.results.report import (
     bundle,
     fit_pictures,
@@ -104,7 +103,9 @@ def test_tables_hold_the_snapshots_numbers_and_are_offered_as_files(reader: Read
     table = tables_of(whole())["stability"]
     at = table.columns.index(GAIN)
     gains = [row[at] for row in table.rows]
-    assert [gain.value for gain in gains] == [v.linf_gain for v in judged(whole()).report.vehicles]
+    assert [gain.value for gain in gains] == [
+        v.linf_gain for v in known_vehicles(whole()).report.vehicles
+    ]
     shown += [GAIN.shown(gain).split()[0] for gain in gains]
     assert not [number for number in shown if not any(cell.startswith(number) for cell in cells)]
     files = {a["download"]: a["href"] for a in reader.having("download")}
@@ -138,7 +139,7 @@ def test_pictures_show_the_data_or_else_the_methods_curves() -> None:
 def test_the_platoon_is_that_of_the_study() -> None:
     run, pictures, who = platoon_pictures(whole())
     assert who == "The 4 followers in their order"
-    assert run.leader.frequency == judged(whole()).report.platoon.peaks[-1].omega
+    assert run.leader.frequency == known_vehicles(whole()).report.platoon.peaks[-1].omega
     assert run.trajectories.gaps.shape[1] == 4
     assert [picture.name for picture in pictures] == ["platoon", "amplitude"]
 

@@ -24,11 +24,11 @@ def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_pa
     path = tmp_path / "a.accpinn.zip"
     fitted = document(capsys, "fit", STUDY, *WINDOW, "--method", "splines", "--out", path)
     compared = document(capsys, "compare", STUDY, *WINDOW, "--methods", "least-squares,splines")
-    judged = document(capsys, "stability", path)["vehicles"][0]
+    vehicle = document(capsys, "stability", path)["vehicles"][0]
     places = {
         "fit by another method": fitted["answer"][0]["parameters"],
         "compare": compared["answer"][0]["parameters"],
-        "stability of the snapshot": {name: judged[name] for name in expected},
+        "stability of the snapshot": {name: vehicle[name] for name in expected},
         "snapshot": {n: float(getattr(load(path).answer.parameters, n)[0]) for n in expected},
         "card": accpinn.parameter_card(load(path))["answer"][0]["parameters"],
         "preset fast": {name: fast.answer.span(name, 0).value for name in expected},

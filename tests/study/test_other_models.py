@@ -22,9 +22,9 @@ from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.files import read
 from accpinn.results.figures.platoon import cast_of, profiles
-from accpinn.results.judged import at_speed, judged
 from accpinn.results.messages.stability import by_linearisation
 from accpinn.results.report import training_pictures
+from accpinn.results.vehicles import at_speed, known_vehicles
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis
@@ -79,7 +79,7 @@ def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
     result = idm_result(folder)
     speed = float(result.answer.speeds[0])
     near = FOLLOWING["idm"].linearised(result.answer.parameters.own[0], speed)
-    subject = judged(result)
+    subject = known_vehicles(result)
     np.testing.assert_allclose(subject.vehicles.parameters.complete[0], near.complete)
     np.testing.assert_allclose(subject.uncertainty.draws.own.shape[-1], 5)
     true = FOLLOWING["idm"].linearised(IDM[0], speed)

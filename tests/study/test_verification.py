@@ -12,7 +12,7 @@ import pytest
 
 from accpinn.errors import SnapshotError
 from accpinn.evaluation.evaluation import pooled_holdout_errors
-from accpinn.inference.intervals import from_draws, judged
+from accpinn.inference.intervals import from_draws, with_estimates
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters
@@ -129,7 +129,7 @@ class TestHonest:
     ) -> None:
         known = small().uncertainty
         draws = Parameters.of(known.draws.values * factor)
-        other = judged(
+        other = with_estimates(
             from_draws(known.centre, draws, known.level), small().segments[0], small().fit
         )
         assert verify(with_parts(small(), uncertainty=other)).ok == ok

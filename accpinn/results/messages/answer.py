@@ -7,9 +7,9 @@ from accpinn.findings import joined, percent, probability, who
 from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
 from accpinn.model.registry import CTHPS, PAPER, TITLES
-from accpinn.results.judged import Judged
 from accpinn.results.tables.answer import counted_windows
 from accpinn.results.tables.table import between, supported_digits
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import assessment
 from accpinn.units import MetresPerSecond
@@ -44,7 +44,7 @@ class Card(NamedTuple):
     """How far to trust it, by its own windows."""
 
 
-def cards(info: SegmentInfo, answer: Answer, subject: Judged) -> tuple[Card, ...]:
+def cards(info: SegmentInfo, answer: Answer, subject: KnownVehicles) -> tuple[Card, ...]:
     """The answer of each follower in sentences; one card for all that share it."""
     said = []
     for k, trust in enumerate(answer.trust):
@@ -108,7 +108,7 @@ def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
     return (f"Its gains {known}.",)
 
 
-def _disturbances(subject: Judged, follower: int) -> tuple[str, ...]:
+def _disturbances(subject: KnownVehicles, follower: int) -> tuple[str, ...]:
     """Whether disturbances grow, as sure as posterior and measured gain make it."""
     report, known = subject.report, subject.uncertainty
     if report is None or known is None:
@@ -128,7 +128,7 @@ def _disturbances(subject: Judged, follower: int) -> tuple[str, ...]:
     return ()
 
 
-def _against(subject: Judged, follower: int) -> tuple[str, ...]:
+def _against(subject: KnownVehicles, follower: int) -> tuple[str, ...]:
     """What the measured gain has against the model's verdict; nothing where it has none."""
     number = subject.vehicles.vehicles[follower + 1]
     short = next((check.short for check in subject.checks if check.vehicle == number), "")

@@ -12,12 +12,12 @@ from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.recording import FLAGS
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables.estimates import name_of
+from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import Result
 
@@ -60,7 +60,7 @@ def title(snapshot: Result) -> str:
 
 def summary(snapshot: Result) -> tuple[str, ...]:
     """The answer of each follower, with cautions before; without one the fit's own verdict."""
-    info, subject, known = snapshot.info, judged(snapshot), snapshot.known_answer
+    info, subject, known = snapshot.info, known_vehicles(snapshot), snapshot.known_answer
     hand = info.driven_by_hand
     sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.fit)]
     if known:

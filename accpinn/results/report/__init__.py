@@ -37,7 +37,6 @@ from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import tracking, training_figures
-from accpinn.results.judged import at_speed, judged
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
@@ -66,6 +65,7 @@ from accpinn.results.tables.models import judged_table
 from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.tables.verification import verification_table
+from accpinn.results.vehicles import at_speed, known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.report import stability_report
@@ -140,7 +140,7 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
 def tables_of(snapshot: Result) -> dict[str, Table]:
     """Every table of a report by its name, with the vehicles' colours."""
     info, fit = snapshot.info, snapshot.fit
-    subject, adequacy = judged(snapshot), snapshot.parts.adequacy
+    subject, adequacy = known_vehicles(snapshot), snapshot.parts.adequacy
     paints = vehicle_colours(info.vehicles)
     rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
     tables = dict[str, Table]()
@@ -165,7 +165,7 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 
 def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
     info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
-    label, vehicles = papers_estimate(fit), judged(snapshot).vehicles
+    label, vehicles = papers_estimate(fit), known_vehicles(snapshot).vehicles
     places = Places(vehicles.spoken if len(vehicles) > 1 else ())
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
@@ -224,7 +224,7 @@ def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
 
     The table has all that is to be said about a vehicle's L₂ verdict.
     """
-    report = judged(snapshot).report
+    report = known_vehicles(snapshot).report
     if report is None:
         return []
     reasons = [
@@ -327,7 +327,7 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
 
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
-    subject = judged(snapshot)
+    subject = known_vehicles(snapshot)
     report, uncertainty, vehicles = subject.report, subject.uncertainty, subject.vehicles
     if report is None:
         return
@@ -350,7 +350,7 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
 
 def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """The followers in their order, or eight like the only one, at the frequency amplified most."""
-    subject = judged(snapshot)
+    subject = known_vehicles(snapshot)
     report, vehicles = subject.report, subject.vehicles
     if report is None:
         return None

@@ -15,9 +15,9 @@ from accpinn.inference.intervals import Uncertainty, of_first
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
 from accpinn.platoon.leader import Sinusoid
-from accpinn.results.judged import judged
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.results.vehicles import known_vehicles
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
@@ -184,7 +184,7 @@ def parameters_from(
 
 def _of_result(result: Result, source: Source) -> Chosen:
     """A result's followers; in Case I, where they share their parameters, one stands for all."""
-    info, fit, subject = result.info, result.fit, judged(result)
+    info, fit, subject = result.info, result.fit, known_vehicles(result)
     vehicles, known = subject.vehicles, subject.uncertainty
     if info.shares(fit.case):
         known = of_first(known) if known else None

@@ -22,7 +22,6 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
-from accpinn.results.judged import judged
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import (
     about_answer,
@@ -37,6 +36,7 @@ from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.table import Table
+from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
@@ -97,7 +97,7 @@ def show_result(
 
 def _show_cards(result: Result) -> None:
     """What is said first: the answer of each follower, and how far to trust it."""
-    said = cards(result.info, result.answer, judged(result))
+    said = cards(result.info, result.answer, known_vehicles(result))
     if len(said) > MOST_CARDS:
         if result.stability and result.is_finished:
             chosen = tables.learned_parameters(result.info, result.fit)

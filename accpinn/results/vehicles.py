@@ -1,4 +1,4 @@
-"""What is judged where a result's string stability is shown: the answer, where it can be known.
+"""The vehicles of a result where their string stability is shown: the answer, where it is known.
 
 Pages, report and command line take vehicles, verdicts, intervals and the measured gain's word on
 them from here, so that they say the same.
@@ -23,8 +23,8 @@ from accpinn.units import MetresPerSecond
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """Followers whose string stability is judged, and what is known of them."""
+class KnownVehicles:
+    """Followers whose string stability is shown, and what is known of them."""
 
     vehicles: ParameterSet
     uncertainty: Uncertainty | None = None
@@ -63,7 +63,7 @@ def at_speed(
     return there, from_draws(there.parameters, Parameters.of(drawn), uncertainty.level)
 
 
-def judged(result: Result) -> Judged:
+def known_vehicles(result: Result) -> KnownVehicles:
     """The answer's followers; those of the method where the answer is not known."""
     vehicles, stored = learned_parameters(result.info, result.fit), result.known_answer
     if len(result.infos) > 1:
@@ -71,6 +71,6 @@ def judged(result: Result) -> Judged:
         vehicles = replace(vehicles, title=windows)
     if stored and np.isfinite(stored.parameters.complete).all():
         vehicles = replace(vehicles, parameters=stored.parameters, model=stored.model)
-        return Judged(vehicles, stored.uncertainty, result.gain_checks)
+        return KnownVehicles(vehicles, stored.uncertainty, result.gain_checks)
     stopped = result.fit.outcome is Outcome.STOPPED
-    return Judged(vehicles, None if stopped else result.uncertainty)
+    return KnownVehicles(vehicles, None if stopped else result.uncertainty)
