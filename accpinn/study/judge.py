@@ -60,13 +60,13 @@ class Describes(Finding, frozen=True):
 
     text = (
         "{vehicle}: the {model} describes this car best. In {windows} windows left out its gap"
-        " error is {rmse:.2f} m (median), {less:.0f} % (± {error:.0f} %) below that of the"
-        " {other}, the next best."
+        " error is {rmse:.2f} m (median), {less:.0f} % (standard error {error:.0f} %) below that of"
+        " the {other}, the next best."
     )
     unclear = (
         "{vehicle}: no model is clearly better. In {windows} windows left out the {model} has the"
-        " least gap error, {rmse:.2f} m (median), but its advantage of {less:.0f} % (± {error:.0f}"
-        " %) over the {other} may be nothing."
+        " least gap error, {rmse:.2f} m (median), but its advantage of {less:.0f} % (standard error"
+        " {error:.0f} %) over the {other} may be nothing."
     )
     few = (
         "{vehicle}: {windows} windows are too few to say which model is better. The {model} has the"

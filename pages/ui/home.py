@@ -131,7 +131,7 @@ def _ways_in(workspace: Workspace) -> None:
         )  # fmt: skip
         st.caption("A synthetic platoon of four followers; the result comes within seconds.")
         _button(
-            workspace, "Load your own OpenACC recording", frame.DATA, "own", width="stretch",
+            workspace, "Other ways to open a recording", frame.DATA, "own", width="stretch",
             icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),
             help="Page Data, with the field for a file and the server's folder.",
         )  # fmt: skip

@@ -24,6 +24,7 @@ from accpinn.results.report import (
 )
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.stability import GAIN
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import load
 from accpinn.study.verification import QUICK, Verification, verify
 from tests.support.html import Reader

@@ -68,6 +68,7 @@ def overview(
     ribbons: Sequence[Sequence[style.Part]] = (),
     view: View = "motion",
     highlight: int = 0,
+    several: Sequence[Window] = (),
 ) -> go.Figure:
     """A whole recording over time, the window on it, and what each vehicle does.
 
@@ -79,6 +80,7 @@ def overview(
         view: what is drawn.
         highlight: number of the one follower that is not faint, nor the vehicle ahead of it; 0 for
             all chosen ones.
+        several: windows that are chosen together in place of the one.
     """
     strips = [traces for traces in ribbons if traces]
     drawn = _curves(recording, vehicles, view)
@@ -93,11 +95,12 @@ def overview(
     )  # fmt: skip
     chart.axis("x*", range=[0, recording.duration])
     chart.axis("y*", fixedrange=True, title_standoff=6)
-    chart.shape(
-        {"type": "rect", "xref": "x", "yref": "paper", "x0": window.start, "x1": window.end,
-         "y0": 0, "y1": 1, "fillcolor": WINDOW, "line": {"color": style.FOLLOWERS[0], "width": 1.5},
-         "layer": "below"}
-    )  # fmt: skip
+    for part in several or (window,):
+        chart.shape(
+            {"type": "rect", "xref": "x", "yref": "paper", "x0": part.start, "x1": part.end,
+             "y0": 0, "y1": 1, "fillcolor": WINDOW, "layer": "below",
+             "line": {"color": style.FOLLOWERS[0], "width": 1.5}}
+        )  # fmt: skip
     strong = {highlight} if highlight else {*vehicles[1:]}
     if view == "time gap":
         chart.axis("y", range=[0, HIGHEST_TIME_GAP])

@@ -422,7 +422,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     if abs(ratio - 1) < SAME_AMPLITUDE:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"
-    return f"The {what} {verb} to {ratio:.3g} times the leader's: {size}."
+    return f"The {what} {verb} to {ratio:.3g} times the leader's at the last follower: {size}."
 
 
 def by_linearisation(run: PlatoonRun) -> str:

@@ -253,8 +253,9 @@ def _show_overview(
     drivers = figures.driver_ribbons(recording, workspace.vehicles)
     ribbons = drivers, figures.regime_ribbons(whole, regimes)
     figure = figures.overview(
-        recording, workspace.vehicles, workspace.window, ribbons, view, highlight
-    )
+        recording, workspace.vehicles, workspace.window, ribbons, view, highlight,
+        workspace.several_windows,
+    )  # fmt: skip
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
     _handles(workspace, recording)
     with st.container(horizontal=True, vertical_alignment="center", gap="large"):

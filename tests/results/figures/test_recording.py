@@ -19,6 +19,8 @@ def test_overview_draws_all_vehicles_and_the_window() -> None:
     assert [trace.opacity for trace in figure.data] == [1, 1, 1, 0.35, 0.35]
     (shape,) = figure.layout.shapes
     assert (shape.x0, shape.x1) == (5.0, 25.0)
+    both = figures.overview(recording(), (1, 2), WINDOW, several=(Window(0, 10), Window(20, 30)))
+    assert [(shape.x0, shape.x1) for shape in both.layout.shapes] == [(0, 10), (20, 30)]
     assert (figure.layout.dragmode, figure.layout.selectdirection) == ("select", "h")
     again = figures.overview(recording(), (2, 3), Window(0, 20)).layout.uirevision
     other = figures.overview(recording(names="XYZ"), (1, 2), Window(0, 20)).layout.uirevision
