@@ -1,6 +1,5 @@
 """The package as a whole: what importing it offers and loads, and what its files hold."""
 
-import ast
 import re
 import subprocess
 import sys
@@ -26,7 +25,7 @@ def loaded_after(code: str, *names: str) -> set[str]:
 
 def test_importing_the_package_loads_nothing_slow() -> None:
     slow = ("numpy", "torch", "pandas", "scipy", "streamlit")
-    assert not loaded_after("import accpinn; dir(accpinn)", *slow)
+    assert not loaded_after("import accpinn.cli; dir(accpinn)", *slow)
 
 
 SAMPLE = "sample_data/synthetic_paper_study.csv"
@@ -62,11 +61,6 @@ def test_public_names_exist_and_are_documented() -> None:
     for name in accpinn.__all__:
         assert getattr(accpinn, name) is not None
         assert re.search(rf"\b{name}\b", accpinn.__doc__), name
-
-
-def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="guess"):
-        accpinn.guess  # noqa: B018
 
 
 def project_files() -> list[str]:
@@ -114,10 +108,8 @@ def test_the_container_gets_all_that_the_app_needs() -> None:
     for name in copied:
         assert any(file == name or file.startswith(f"{name}/") for file in tracked), name
     scripts = [ROOT / "app.py", *(ROOT / "pages").rglob("*.py"), *PACKAGE.rglob("*.py")]
-    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in scripts)
-    nodes = [node for tree in trees for node in ast.walk(tree)]
-    imported = {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
-    imported |= {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names}
+    code = "\n".join(path.read_text(encoding="utf-8") for path in scripts)
+    imported = set(re.findall(r"^ *(?:from|import) (\w+)", code, re.MULTILINE))
     own = {path.name for path in ROOT.iterdir() if path.is_dir()}
-    assert {name.partition(".")[0] for name in imported} & own <= set(copied)
+    assert {"accpinn", "pages"} <= imported & own <= set(copied)
     assert {"app.py", "sample_data", "requirements.txt", ".streamlit/config.toml"} <= set(copied)

@@ -12,28 +12,20 @@ from accpinn.storage import (
     folder,
     reason_of,
     reported,
-    variable,
     write_whole,
     written_whole,
 )
 
 
-class TestFolder:
-    @pytest.mark.parametrize("name", get_args(FolderName))
-    def test_is_named_by_the_environment(
-        self, name: FolderName, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setenv(variable(name), "/elsewhere")
-        assert variable(name) == f"ACCPINN_{name.upper()}"
-        assert folder(name) == Path("/elsewhere")
-
-    @pytest.mark.parametrize("name", get_args(FolderName))
-    def test_is_among_the_users_files_otherwise(
-        self, name: FolderName, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.delenv(variable(name), raising=False)
-        assert folder(name).is_absolute()
-        assert folder(name).name == ("accpinn" if name == "cache" else name)
+@pytest.mark.parametrize("name", get_args(FolderName))
+def test_a_folder_is_named_by_the_environment_or_among_the_users_files(
+    name: FolderName, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"ACCPINN_{name.upper()}", "/elsewhere")
+    assert folder(name) == Path("/elsewhere")
+    monkeypatch.delenv(f"ACCPINN_{name.upper()}")
+    assert folder(name).is_absolute()
+    assert folder(name).name == ("accpinn" if name == "cache" else name)
 
 
 class TestWriteWhole:

@@ -48,11 +48,7 @@ class TestAsAProcess:
     @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
     @pytest.mark.parametrize(
         ("redirected", "unbuffered", "status", "said"),
-        [
-            (">&- 2>&-", "", 0, ""),
-            (">/dev/full", "", 1, "error: standard output: "),
-            (">/dev/full", "1", 1, "error: standard output: "),
-        ],
+        [(">&- 2>&-", "", 0, ""), (">/dev/full", "1", 1, "error: standard output: ")],
     )
     def test_streams_that_are_closed_or_full(
         self, redirected: str, unbuffered: str, status: int, said: str
@@ -84,15 +80,6 @@ class TestAsAProcess:
         assert done.stderr.splitlines() == [done.stderr.rstrip("\n")]
         assert all(shown in done.stderr for shown in ("a\\nb", "\\u001b", "\\udcff"))
         assert done.stderr.rstrip("\n").isprintable()
-
-    def test_help_imports_no_command(self) -> None:
-        code = (
-            "import sys, accpinn.cli\n"
-            "try: accpinn.cli.main(['--help'])\n"
-            "except SystemExit: print(sorted({'numpy', 'pandas'} & set(sys.modules)))\n"
-        )
-        done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
-        assert done.stdout.decode().splitlines()[-1] == "[]"
 
     def test_a_pipe_without_greek_letters_gets_them_as_utf_8(self) -> None:
         """As on Windows, where a pipe has the code page of the country."""

@@ -45,12 +45,14 @@ def test_nothing_goes_nowhere(capsys: Capture, command: str, options: list[str],
         ("--start", "inf"),
         ("--duration", 1),
         ("--duration", "nan"),
+        ("--windows", "0-60,5000-5060"),
+        ("--windows", "all", "--duration", 1000),
         ("--vehicles", "1,3"),
         ("--vehicles", "7,8"),
     ],
 )
 def test_a_window_or_platoon_that_the_recording_does_not_have(
-    capsys: Capture, options: tuple[str, object]
+    capsys: Capture, options: tuple[object, ...]
 ) -> None:
     assert PLATOON.name in refused(capsys, 1, "fit", PLATOON, *options)
 
@@ -83,14 +85,13 @@ def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str
         (["fit", STUDY, "--initial", "", "--method", "least-squares"], "α,β,τ"),
         (["fit", STUDY, "--initial=-1,1,1"], "initial"),
         (["fit", STUDY, "--initial", "-1,1,1"], "initial"),
-        (["fit", STUDY, "--iterations", 0], "iterations"),
-        (["fit", STUDY, "--seed", -1], "seed"),
-        (["fit", STUDY, "--threads", 0], "threads"),
         (["fit", STUDY, "--threads", 10**20], "threads"),
         (["fit", STUDY, "--lbfgs", 5], "paper preset"),
         (["starts", STUDY, "--seeds", 0], "choose 1 to 100"),
+        (["fit", STUDY, "--windows", "0-60,60-120", "--start", "10"], "leave --start out"),
+        (["fit", STUDY, "--windows", "0-60,60-120", "--duration", "60"], "leave --duration out"),
+        (["fit", STUDY, "--windows", "all", "--start", "10"], "leave --start out"),
         (["starts", STUDY, "--seeds", 10**9], "choose 1 to 100"),
-        (["compare", STUDY, "--methods", "guess"], "guess"),
         (["stability", "--alpha", 1], "--beta and --tau missing"),
         (["stability", "--snapshot", "x", "--alpha", 1], "not both"),
         (["stability", "--alpha", 1, 2, "--beta", 1, "--tau", 1], "2 of --alpha"),

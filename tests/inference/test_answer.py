@@ -64,16 +64,6 @@ def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> 
     assert ((ends[0] < given.windows.values) & (given.windows.values < ends[1])).mean() > 0.85
 
 
-def test_the_time_gap_is_tau_and_the_intercept_over_the_speed() -> None:
-    given = usual()
-    for speed in (50 / 3.6, 100 / 3.6):
-        gap = given.time_gap(speed, 0)
-        value = given.span("tau", 0).value + given.span("s0", 0).value / speed
-        assert gap.value == pytest.approx(value, rel=1e-12)
-        drawn = given.typical.tau[:, 0] + given.typical.s0[:, 0] / speed
-        np.testing.assert_allclose([gap.lower, gap.upper], np.quantile(drawn, [0.05, 0.95]), 0.01)
-
-
 def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
     """Σ₀'s deviation of ln α is .49, so 90 % of windows lie within 1.6 in ln α."""
     one, several = answer(windows(range(1)), model="cthp-s0"), usual()
@@ -126,11 +116,11 @@ def test_a_follower_that_does_not_move_is_not_determined() -> None:
 
 
 def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> None:
-    """One of three windows has a headway .4 s longer; of five cars without that at most one."""
+    """One of three windows has a headway .4 s longer; of three cars without that at most one."""
     changed = answer([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
     assert changed.findings == (HeterogeneousWindows(2, 3, float(changed.differ[0])),)
     assert changed.differ[0] < 1e-4
-    equal = [answer(windows(range(k, k + 3)), model="cthp-s0") for k in range(0, 15, 3)]
+    equal = [answer(windows(range(k, k + 3)), model="cthp-s0") for k in range(0, 9, 3)]
     assert sum(bool(given.findings) for given in equal) <= 1
     assert np.median([given.differ[0] for given in equal]) > 0.1
 

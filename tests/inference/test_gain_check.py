@@ -66,20 +66,13 @@ def test_a_verdict_that_the_recording_denies_is_the_models_alone(
 ) -> None:
     found, said = check(car, parameters)
     assert found.contradiction == kind
-    names = ("Audi",)
-    chosen = ParameterSet("made", names, parameters)
+    chosen, report = ParameterSet("made", ("Audi",), parameters), stability_report(parameters)
     assert part in found.sentence(chosen)
-    report = stability_report(parameters)
-    firm = headline(chosen, report, said.uncertainty)
-    loose = headline(chosen, report, said.uncertainty, (found,))
-    assert " by the model" in loose
-    assert f"the measured gain contradicts the model ({found.short})" in loose
-    assert "by the model" not in firm
+    assert " by the model" in headline(chosen, report, said.uncertainty, (found,))
+    assert "by the model" not in headline(chosen, report, said.uncertainty)
     table = verdict_table(chosen, report, said.uncertainty, (found,))
     (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))
     assert mark.why == found.sentence(chosen)
-    assert f'title="{mark.why}"' in table.to_html().replace("&#39;", "'")
-    assert f"{mark.text}*" in table.to_text()
 
 
 def test_too_few_coherent_frequencies_say_nothing() -> None:

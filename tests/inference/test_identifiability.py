@@ -120,16 +120,15 @@ class TestWarnings:
         (whole,) = narrower_intervals(segment.info, uncertainty, found, 30.0)
         assert whole.recording is None, "a recording no longer than the window is no cure"
 
-    def test_constant_speed_windows_of_a_recording(self, astazero: Recording) -> None:
+    def test_a_constant_speed_window_of_a_recording(self, astazero: Recording) -> None:
         """AstaZero's leader holds its speed within 0.09 m/s there, behind it four followers."""
         moving = cut(astazero, 320, 300)
         usual = intervals(moving, least_squares.fit(moving))
-        for start in (820, 1140):
-            steady = cut(astazero, start, 60)
-            assert steady.speeds[:, 0].std() < 0.1
-            own = intervals(steady, least_squares.fit(steady))
-            found = identifiability_warnings(steady, own)
-            assert [one.vehicle for one in found] == list(steady.vehicles[1:])
-            assert any(one.wide for one in found)
-            widths, usual_widths = (u.upper.values - u.lower.values for u in (own, usual))
-            assert (widths[[0, 3], 1] > 1.5 * usual_widths[[0, 3], 1]).all()
+        steady = cut(astazero, 820, 60)
+        assert steady.speeds[:, 0].std() < 0.1
+        own = intervals(steady, least_squares.fit(steady))
+        found = identifiability_warnings(steady, own)
+        assert [one.vehicle for one in found] == list(steady.vehicles[1:])
+        assert any(one.wide for one in found)
+        widths, usual_widths = (u.upper.values - u.lower.values for u in (own, usual))
+        assert (widths[[0, 3], 1] > 1.5 * usual_widths[[0, 3], 1]).all()

@@ -149,7 +149,7 @@ def test_an_estimate_of_zero_lies_in_its_interval() -> None:
 def test_the_truth_lies_inside_and_biased_estimates_lie_outside() -> None:
     """Twelve recordings: a 90 % interval misses in more than four of them once in two hundred."""
     recordings = [
-        disturbed(Parameters.of([LAW]), seed, Disturbance(), duration=200.0) for seed in range(12)
+        disturbed(Parameters.of([LAW]), seed, Disturbance(), duration=120.0) for seed in range(12)
     ]
     fits = [least_squares.fit(one) for one in recordings]
     found = [intervals(one, fit) for one, fit in zip(recordings, fits, strict=True)]

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from accpinn.inference import model_adequacy
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, Inadequate, model_forms
 from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -105,6 +106,13 @@ def test_a_delay_delays_what_the_controller_asks_for() -> None:
         assert found == pytest.approx(values[0, 0] * np.exp(-1j * omega * delay), rel=0.01)
 
 
+@pytest.fixture
+def cthp_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests of the innovations, which are those of the CTHP."""
+    monkeypatch.setattr(model_adequacy, "FORMS", ("cthp",))
+
+
+@pytest.mark.usefixtures("cthp_alone")
 def test_innovations_that_are_not_those_of_the_model_are_told() -> None:
     """Measured space-gaps in steps of a metre."""
     segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(), duration=150.0)
@@ -118,6 +126,7 @@ def test_innovations_that_are_not_those_of_the_model_are_told() -> None:
     assert told.correlated or told.nonnormal
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_a_limited_acceleration_is_no_linear_response() -> None:
     segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(limits=(-2.0, 0.5)), duration=150.0)
     (told,) = [one for one in model_forms(segment).findings if isinstance(one, Inadequate)]
@@ -126,7 +135,7 @@ def test_a_limited_acceleration_is_no_linear_response() -> None:
 
 
 def test_followers_of_case_i_share_the_forms() -> None:
-    segment = disturbed(Parameters.of([TRUE, TRUE]), 2, Disturbance(), duration=120.0)
+    segment = disturbed(Parameters.of([TRUE, TRUE]), 2, Disturbance(), duration=60.0)
     found = model_forms(segment, "I")
     for form in found.forms:
         assert form.parameters[0] == form.parameters[1]
@@ -138,8 +147,9 @@ def test_a_window_that_is_too_short_has_no_forms() -> None:
     assert (found.forms, found.tests, found.findings) == ((), None, ())
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_short_stretches_leave_the_tests_open() -> None:
-    segment = driven(duration=60.0, noise=0.02)
+    segment = disturbed(Parameters.of([TRUE]), 1, Disturbance(), duration=60.0)
     mask = np.arange(segment.samples)[:, None] % 60 < 52
     found = model_forms(replace(segment, mask=mask))
     assert np.isfinite(found.forms[0].lower.values).all()

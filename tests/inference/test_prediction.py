@@ -79,21 +79,6 @@ def test_it_holds_most_of_what_is_measured_and_begins_there(
     assert names.count("disturbance") == 1
 
 
-def test_the_disturbance_has_the_deviation_that_is_asked_for(
-    segment: Segment, uncertainty: Uncertainty
-) -> None:
-    """A vehicle without control under a nearly constant push p = p₀ - rt²/2."""
-    draws = Parameters.of(np.tile([1e-9, 1e-9, 1.0], (SIMULATIONS, 1, 1)))
-    free = replace(uncertainty, draws=draws)
-    size = np.array([[0.3, 1e6, 0.01]])
-    steps = prediction._Steps.of(free, size, 0.5)
-    gaps = steps.simulate(np.full(21, 20.0), np.array([30.0]), np.array([20.0]),
-                          np.random.default_rng(0))  # fmt: skip
-    pushes = 2 * (30.0 - gaps[:, -1, 0]) / 10.0**2
-    assert pushes.std() == pytest.approx(0.3, rel=0.15)
-    assert abs(pushes.mean()) < 0.07
-
-
 def test_behind_a_follower_without_draws_there_is_no_band(
     segment: Segment, uncertainty: Uncertainty
 ) -> None:

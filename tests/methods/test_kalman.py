@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
-from accpinn.methods import likelihood
 from accpinn.methods.kalman import innovations, log_likelihood, smooth
-from accpinn.methods.series import series_of
 from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, state_space
 from accpinn.model.registry import CTHPS
-from tests.support.driving import MIXED, driven
 
 STEP = 0.5
 
@@ -39,25 +36,6 @@ def drawn_from(model: StateSpace, samples, rng):
     return measured
 
 
-def textbook(model: StateSpace, measured, b):
-    """Log L of one model as any textbook computes it: all measurements of an instant at once."""
-    transition, process = model.transition[..., b], model.process[..., b]
-    state, covariance = model.first[:, b], model.first_covariance[..., b]
-    total = 0.0
-    for row in measured:
-        seen = ~np.isnan(row)
-        observe = np.eye(len(state))[list(OBSERVED)][seen]
-        error = row[seen] - observe @ state
-        spread = observe @ covariance @ observe.T + np.diag(model.noise[seen, b])
-        gain = covariance @ observe.T @ np.linalg.inv(spread)
-        total -= 0.5 * (error @ np.linalg.solve(spread, error) + np.linalg.slogdet(spread)[1])
-        total -= 0.5 * seen.sum() * np.log(2 * np.pi)
-        state = state + gain @ error
-        covariance = covariance - gain @ observe @ covariance
-        state, covariance = transition @ state, transition @ covariance @ transition.T + process
-    return total
-
-
 def shifted(model: StateSpace, measured):
     """The measurements of the states, without the intercept s₀."""
     return measured - np.stack([model.shift, 0 * model.shift, 0 * model.shift])
@@ -69,18 +47,6 @@ def with_holes(measured, rng):
     measured[rng.random(measured.shape) < 0.02] = np.nan
     measured[120:180, :2] = np.nan
     return measured
-
-
-@pytest.mark.parametrize("form", CTHPS)
-@pytest.mark.parametrize("holes", [False, True])
-def test_the_likelihood_is_that_of_a_textbook_filter(form, holes):
-    rng = np.random.default_rng(7)
-    model = state_space(form, random_values(form, 3, rng), STEP)
-    measured = drawn_from(model, 300, rng)
-    if holes:
-        measured = with_holes(measured, rng)
-    expected = [textbook(model, shifted(model, measured)[..., b], b) for b in range(3)]
-    np.testing.assert_allclose(log_likelihood(model, measured), expected, rtol=1e-8, atol=1e-8)
 
 
 def test_the_innovations_add_up_to_the_likelihood():
@@ -130,24 +96,3 @@ def test_likelihood_and_smoothed_states_agree_with_statsmodels(form):
         scale = np.sqrt(np.einsum("iik->ki", expected.smoothed_state_cov))
         off = (found[..., b] - expected.smoothed_state.T) / np.maximum(scale, 1e-7)
         assert np.abs(off).max() < 1e-4
-
-
-def test_models_are_filtered_in_parts_that_fit_cache_and_memory(monkeypatch):
-    series = series_of([driven(MIXED, duration=60.0, noise=0.05)], "II")
-    criterion, samples = likelihood.Criterion(series), len(series.measured)
-    z = np.log(random_values("cthp", 20, np.random.default_rng(4)))
-    groups = np.arange(20) % series.groups
-    together = criterion.log_likelihood(z, groups)
-    for at_once, largest, most in ((7, 10**9, 7), (400, 3 * samples, 3)):
-        counts = []
-
-        def counted(model, measured, counts=counts):
-            counts.append(measured.shape[2])
-            return log_likelihood(model, measured)
-
-        monkeypatch.setattr(likelihood, "AT_ONCE", at_once)
-        monkeypatch.setattr(likelihood, "LARGEST_BATCH", largest)
-        monkeypatch.setattr(likelihood, "log_likelihood", counted)
-        np.testing.assert_allclose(criterion.log_likelihood(z, groups), together, rtol=1e-10)
-        assert max(counts) == most
-        assert sum(counts) == 20

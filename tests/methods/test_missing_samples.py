@@ -4,21 +4,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
 
 from accpinn.errors import SegmentError
 from accpinn.inference.intervals import intervals
-from accpinn.methods import maximum_likelihood
-from accpinn.methods.kalman import log_likelihood
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import measured_of, series_of
-from accpinn.methods.state_space import OBSERVED, coordinates, state_space
 from accpinn.model.cthp import Parameters
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
-from tests.support.driving import LAW, driven
+from tests.support.driving import LAW
 from tests.support.holes import with_holes
 from tests.support.openacc_files import platoon, recording
 
@@ -44,41 +40,6 @@ def test_the_estimate_stays_and_its_intervals_widen() -> None:
     assert ((part.lower.values < LAW) & (part.upper.values > LAW)).all()
 
 
-def test_what_stands_where_samples_are_missing_has_no_effect() -> None:
-    segment = with_holes(complete(), OWN)
-    measured = measured_of(segment)
-    assert np.isnan(measured[:, :2]).mean() == pytest.approx(0.45, abs=0.01)
-    assert not np.isnan(measured[:, 2]).any()
-    known = ~np.isnan(measured)
-    np.testing.assert_array_equal(measured[known], measured_of(complete())[known])
-
-
-@pytest.mark.parametrize("rows", [slice(0, 8), slice(11, 19), slice(24, 30)])
-def test_the_likelihood_is_that_of_the_samples_that_are_left(rows: slice) -> None:
-    """The joint normal density of all samples, without the missing ones' rows and columns."""
-    rng, samples, noted = np.random.default_rng(3), 30, np.array(OBSERVED)
-    model = state_space("cthp", np.array([[one.start for one in coordinates("cthp")]]), 0.5)
-    move, first = model.transition[..., 0], model.first_covariance[..., 0]
-    covariances = [first]
-    for _ in range(samples - 1):
-        covariances.append(move @ covariances[-1] @ move.T + model.process[..., 0])
-    joint = np.zeros((samples, 3, samples, 3))
-    for i in range(samples):
-        between = covariances[i]
-        for j in range(i, samples):
-            joint[j, :, i] = between[np.ix_(noted, noted)]
-            joint[i, :, j] = joint[j, :, i].T
-            between = move @ between
-        joint[i, :, i] += np.diag(model.noise[:, 0])
-    flat = joint.reshape(3 * samples, -1)
-    drawn = rng.multivariate_normal(np.zeros(3 * samples), flat).reshape(samples, 3, 1)
-    drawn[rows] = np.nan
-    left = ~np.isnan(drawn.ravel())
-    density = multivariate_normal(cov=flat[np.ix_(left, left)], allow_singular=True)
-    expected = density.logpdf(drawn.ravel()[left])
-    assert log_likelihood(model, drawn)[0] == pytest.approx(expected, rel=1e-6)
-
-
 def test_too_little_that_is_measured_is_refused() -> None:
     most = [Stretch(0, 2899)]
     with pytest.raises(SegmentError, match="count and are measured"):
@@ -97,10 +58,6 @@ def test_every_other_method_refuses_them_in_one_sentence(key: str) -> None:
     assert sentence.endswith("take a window without it, or choose maximum-likelihood.")
 
 
-def test_only_the_likelihood_allows_them() -> None:
-    assert [key for key, one in METHODS.items() if one.allows_missing] == [maximum_likelihood.KEY]
-
-
 def test_bridged_samples_serve_every_method_but_not_the_likelihood() -> None:
     frame = platoon()
     frame.loc[150:154, "Speed2"] = np.nan
@@ -108,9 +65,3 @@ def test_bridged_samples_serve_every_method_but_not_the_likelihood() -> None:
     assert METHODS["least-squares"].fit(segment).parameters
     assert np.isnan(measured_of(segment)[30, 1, 0])
     assert np.isnan(measured_of(segment)).sum() == 2  # as own speed and as speed ahead
-
-
-def test_a_segment_without_any_is_as_before() -> None:
-    segment = driven()
-    assert not np.isnan(measured_of(segment)).any()
-    assert segment.counts.all()

@@ -5,7 +5,7 @@ import pytest
 
 from accpinn.methods import recursive, splines
 from accpinn.methods.fit import BoundActiveAtTimes, WeaklyDetermined
-from accpinn.methods.online import TRACK_EVERY, track
+from accpinn.methods.online import TRACK_EVERY
 from accpinn.model.cthp import regressors
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
@@ -84,12 +84,6 @@ class TestUncertainty:
             misses.append((path.parameters.values[-1, 0] - LAW) / path.deviation[-1, 0])
         assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 1.5
 
-    def test_nothing_is_determined_before_three_samples(self) -> None:
-        whole = driven((LAW,), step=1.0)
-        path = recursive.fit(whole).track
-        assert np.isnan(path.parameters.values[:2]).all()
-        assert np.isfinite(path.parameters.values[5:]).all()
-
     def test_reports_what_is_never_determined(self) -> None:
         fit = recursive.fit(standing_still())
         assert np.isnan(fit.track.parameters.values).all()
@@ -102,14 +96,6 @@ class TestUncertainty:
         assert found
         assert all(0 < finding.share < 1 for finding in found)
         assert (fit.parameters.values >= 0).all()
-
-    def test_tau_has_a_deviation_by_the_delta_method(self) -> None:
-        theta = np.array([[[0.1, 0.15, 0.2]]])
-        covariance = np.diag([1e-6, 4e-6, 9e-6])[None, None]
-        path = track(driven(step=0.5, duration=0.5), theta, covariance)
-        draws = np.random.default_rng(0).multivariate_normal(theta[0, 0], covariance[0, 0], 100_000)
-        expected = (1e-3, 3e-3, (draws[:, 1] / draws[:, 0]).std())
-        np.testing.assert_allclose(path.deviation[0, 0], expected, rtol=0.02)
 
 
 class TestRealRecordings:

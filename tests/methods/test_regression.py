@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
 
-from accpinn.methods.regression import Regression, Solution, one_second_means, solve_bounded
-from accpinn.model.cthp import Parameters, regressors
+from accpinn.methods.regression import Regression, Solution, solve_bounded
 from accpinn.units import FloatArray
-from tests.support.driving import LAW, MIXED, driven
+from tests.support.driving import MIXED, driven
 
 entries = st.floats(-10, 10).map(lambda value: round(value, 3))
 problems = st.sampled_from([2, 3]).flatmap(
@@ -47,18 +46,6 @@ class TestSolveBounded:
         np.testing.assert_allclose(solution.unconstrained, expected, rtol=1e-6, atol=1e-7)
         assert (solution.unconstrained >= 0).all() == (not held.any())
 
-    def test_a_negative_beta_is_held_at_zero_and_said(self) -> None:
-        x = np.eye(3)
-        solution = solve((x, np.array([0.1, 0.15, -0.18])))
-        np.testing.assert_allclose(solution.theta, [0.1, 0.15, 0.0])
-        np.testing.assert_allclose(solution.unconstrained, [0.1, 0.15, -0.18])
-        assert solution.active_names == (("β",),)
-
-    def test_all_bounds_can_hold(self) -> None:
-        solution = solve((np.eye(3), -np.ones(3)))
-        np.testing.assert_array_equal(solution.theta, np.zeros(3))
-        assert solution.active.all()
-
     def test_survives_collinear_data(self) -> None:
         # Constant speed: gap, speed and a zero relative speed leave α and ατ inseparable.
         x = np.tile([30.0, -20.0, 0.0], (50, 1))
@@ -78,27 +65,3 @@ class TestRegression:
         whole = Regression.of(replace(segment, mask=mask)).solve("II")
         np.testing.assert_array_equal(bent.theta, whole.theta)
         np.testing.assert_allclose(bent.parameters.values, MIXED, rtol=2e-3)
-
-    def test_case_i_pools_the_rows_of_all_followers(self) -> None:
-        rows = Regression.of(driven(MIXED, noise=0.02))
-        solution = rows.solve("I")
-        pooled = np.linalg.lstsq(rows.terms.reshape(-1, 3), rows.rates.ravel())[0]
-        np.testing.assert_allclose(solution.theta, [pooled] * 3, rtol=1e-9)
-        assert solution.active_names == ((), (), ())
-
-
-class TestOneSecondMeans:
-    def test_obey_the_model(self) -> None:
-        segment = driven((LAW,))
-        means = one_second_means(segment)
-        assert (means.samples, means.length) == (10, 1.0)
-        terms = regressors(segment.speeds, segment.gaps) @ Parameters(*LAW).theta
-        residual = means.rates - means.means(terms.T)
-        np.testing.assert_allclose(residual, 0.0, atol=1e-3)
-
-    def test_a_step_with_a_masked_sample_is_masked(self) -> None:
-        segment = driven((LAW,))
-        mask = np.ones(segment.gaps.shape, dtype=bool)
-        mask[103] = False
-        means = one_second_means(replace(segment, mask=mask))
-        assert np.flatnonzero(~means.mask[0]).tolist() == [10]

@@ -6,41 +6,10 @@ import pytest
 from accpinn.evaluation.closed_loop import closed_loop_errors, tracking_errors
 from accpinn.methods import simulation, splines
 from accpinn.methods.fit import Outcome, SimulatedSeparately, WeaklyDetermined
-from accpinn.methods.simulation import Chain, chains
 from accpinn.model.cthp import Case, Parameters, simulate
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
-
-
-class TestChain:
-    @pytest.fixture
-    def chain(self) -> Chain:
-        (chain,) = chains(driven(MIXED), "I")
-        return chain
-
-    def test_states_are_the_simulators(self, chain: Chain) -> None:
-        segment, three = driven(MIXED), Parameters.of([LAW] * 3)
-        expected = simulate(
-            three, segment.time, segment.speeds[:, 0], segment.speeds[0, 1:], segment.gaps[0]
-        )
-        states = chain.states(three.theta[0], chain.measured[0])
-        np.testing.assert_allclose(states[:, ::2], expected.gaps, atol=1e-9)
-        np.testing.assert_allclose(states[:, 1::2], expected.speeds[:, 1:], atol=1e-9)
-
-    def test_slopes_are_difference_quotients(self, chain: Chain) -> None:
-        theta, start = Parameters(*LAW).theta, chain.measured[0]
-        slopes = chain.slopes(theta, start)
-        assert slopes.shape == (*chain.measured.shape, 3 + len(start))
-        for column in range(slopes.shape[2]):
-            change = np.zeros(3 + len(start))
-            change[column] = 1e-5
-            up, down = (
-                chain.states(theta + sign * change[:3], start + sign * change[3:])
-                for sign in (1, -1)
-            )
-            exact, quotient = slopes[:, :, column], (up - down) / 2e-5
-            np.testing.assert_allclose(exact, quotient, atol=2e-6 * abs(exact).max())
 
 
 class TestTruth:
@@ -64,13 +33,15 @@ class TestTruth:
 class TestCriterion:
     def test_no_neighbour_drives_better(self) -> None:
         segment = driven(MIXED, noise=0.1)
-        (chain,) = chains(segment, "I")
         fit = simulation.fit(segment, "I")
-        start = np.stack([fit.surrogate.gaps[0], fit.surrogate.speeds[0, 1:]], axis=1).ravel()
+        start, ahead = fit.surrogate, segment.speeds[:, 0]
         theta = fit.parameters[0].theta
 
         def cost(theta: np.ndarray) -> float:
-            return float(((chain.states(theta, start) - chain.measured) ** 2).sum())
+            one = Parameters.from_theta(np.tile(theta, (3, 1)))
+            run = simulate(one, segment.time, ahead, start.speeds[0, 1:], start.gaps[0])
+            off = np.hstack([run.speeds - segment.speeds, run.gaps - segment.gaps])
+            return float((off**2).sum())
 
         best = cost(theta)
         assert fit.loss["total"] == pytest.approx(best / (segment.samples * 3), rel=1e-9)

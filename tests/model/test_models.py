@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from accpinn.errors import ConfigError
 from accpinn.model.cthp import TERMS, Parameters, simulate
-from accpinn.model.registry import CTHPS, FOLLOWING, following_model
+from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.serial import dump, restore
 from accpinn.units import FloatArray
 
@@ -27,12 +26,6 @@ def test_a_key_names_the_terms_in_the_order_of_the_complete_parameters() -> None
     }
     for at, term in enumerate(TERMS, 3):
         np.testing.assert_array_equal(getattr(PLATOON, term), PLATOON.complete[:, at])
-
-
-@pytest.mark.parametrize("key", ["", "CTHP", "s0", "cthp-delay-s0", "cthp-lag-delay"])
-def test_another_key_is_refused_with_the_choices(key: str) -> None:
-    with pytest.raises(ConfigError, match=rf"^model: {key} is not known; choose from cthp, "):
-        following_model(key)
 
 
 @pytest.mark.parametrize("parameters", [PLATOON, PLATOON[1], BARE, PLATOON[[3, 3]]])

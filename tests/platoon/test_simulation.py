@@ -1,5 +1,6 @@
 """Simulated platoons: exact motion against tight integration, findings, and amplitudes."""
 
+from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
 from math import inf, nan, pi
@@ -166,21 +167,25 @@ class TestFindings:
 
 
 @pytest.mark.parametrize(
-    ("platoon", "leader", "step", "words"),
+    ("make", "words"),
     [
-        (row(AUDI, NO_GAP_CONTROL), Sinusoid(), None, r"set 2: with α = 0 .* give τ"),
-        (AUDI, Sinusoid(), 0.0, "Sample time 0 s"),
-        (AUDI, Brake(), 1e-9, "shorten its duration"),
-        (Parameters([], [], []), Sinusoid(), None, "no vehicle"),
-        (Parameters(nan, 1, 1), Sinusoid(), None, "set 1: α is missing"),
-        (Parameters(1e9, 1e9, 1), Sinusoid(), None, "within a microsecond"),
+        (lambda: simulate_platoon(row(AUDI, NO_GAP_CONTROL), Sinusoid()), r"set 2: .* give τ"),
+        (lambda: simulate_platoon(AUDI, Sinusoid(), 0.0), "Sample time 0 s"),
+        (lambda: simulate_platoon(AUDI, Brake(), 1e-9), "shorten its duration"),
+        (lambda: simulate_platoon(Parameters([], [], []), Sinusoid()), "no vehicle"),
+        (lambda: simulate_platoon(Parameters(nan, 1, 1), Sinusoid()), "set 1: α is missing"),
+        (lambda: simulate_platoon(Parameters(1e9, 1e9, 1), Sinusoid()), "within a microsecond"),
+        (lambda: Sinusoid(frequency=0.0), "frequency = 0, but it must be above zero"),
+        (lambda: Sinusoid(frequency=nan), "frequency = nan is no number"),
+        (lambda: Sinusoid(amplitude=-1.0), "amplitude = -1, but it must be zero or more"),
+        (lambda: SpeedStep(duration=0.0), "duration = 0, but it must be above zero"),
+        (lambda: Brake(deceleration=0.0), "deceleration = 0, but it must be above zero"),
+        (lambda: Brake(hold=inf), "hold = inf is no number"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused(
-    platoon: Parameters, leader: Leader, step: float | None, words: str
-) -> None:
+def test_what_cannot_be_simulated_is_refused(make: Callable[[], object], words: str) -> None:
     with pytest.raises(ParameterError, match=words):
-        simulate_platoon(platoon, leader, step)
+        make()
 
 
 def measured(platoon: Parameters, leader: Sinusoid) -> Amplitudes:

@@ -1,6 +1,5 @@
 """The sample recordings: reproducible, realistic, and their truth can be recovered."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +7,8 @@ import pytest
 
 from accpinn.errors import RecordingError
 from accpinn.methods.least_squares import fit_smoothed
-from accpinn.model.cthp import Trajectories
 from accpinn.recordings import openacc, synthetic
-from accpinn.recordings.synthetic import SCENARIOS, Noise, Scenario, Truth
+from accpinn.recordings.synthetic import SCENARIOS, Scenario, Truth
 from accpinn.segment.cut import cut
 from accpinn.units import FloatArray
 from tests.support.samples import FOLDER
@@ -65,50 +63,6 @@ class TestCommittedFiles:
         assert all("-like" in name or "Synthetic" in name for name in scenario.vehicles)
         assert recording.sample_time == pytest.approx(0.1, abs=1e-9)
         assert recording.duration == pytest.approx(scenario.duration)
-
-
-class TestTrueTrajectories:
-    @every_scenario
-    def test_are_realistic(self, scenario: Scenario) -> None:
-        true = synthetic.true_trajectories(scenario)
-        leader = true.speeds[:, 0]
-        assert leader.std() > 2
-        assert 15 < leader.min() < leader.max() < 36
-        assert 10 < true.speeds.min() < true.speeds.max() < 40
-        assert np.abs(np.gradient(true.speeds, true.time, axis=0)).max() < 2
-        assert true.gaps.min() > 5
-
-    def test_start_where_the_scenario_says_or_in_equilibrium(self) -> None:
-        true = synthetic.true_trajectories(BY_NAME["synthetic_paper_study"])
-        assert (true.gaps[0, 0], true.speeds[0, 1], true.time[-1]) == (20.3, 21.3, 300)
-        scenario = BY_NAME["synthetic_astazero_like"]
-        true = synthetic.true_trajectories(scenario)
-        np.testing.assert_allclose(true.speeds[0], true.speeds[0, 0])
-        np.testing.assert_allclose(true.gaps[0], true.speeds[0, 0] * scenario.parameters.tau)
-
-
-@pytest.fixture(scope="module")
-def errors() -> Trajectories:
-    """Recorded minus true, over an hour."""
-    scenario = replace(BY_NAME["synthetic_vicolungo_like"], duration=3600.0)
-    true = synthetic.true_trajectories(scenario)
-    recorded = synthetic.record(true, scenario.noise, scenario.seed)
-    return Trajectories(
-        recorded.time, recorded.speeds - true.speeds[::2], recorded.gaps - true.gaps[::2]
-    )
-
-
-class TestNoise:
-    def test_errors_have_the_stated_sizes(self, errors: Trajectories) -> None:
-        # Cubic splines through white reports keep about nine tenths of their size on average.
-        assert 0.8 * Noise().speed < errors.speeds.std() < Noise().speed
-
-        gaps = errors.gaps  # they wander by decimetres over a minute
-        assert 0.1 < gaps.std() < 0.2
-        lag = 600  # one minute
-        assert -0.75 < np.corrcoef(gaps.T)[0, 1] < -0.25, "neighbours share a receiver"
-        kept = np.mean(gaps[lag:] * gaps[:-lag]) / np.mean(gaps**2)
-        assert 0.15 < kept < 0.6  # 1/e, give or take what an hour can tell
 
 
 class TestRecovery:

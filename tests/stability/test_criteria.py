@@ -88,7 +88,7 @@ def vehicle_with(total: float, share: float, alpha: float) -> Parameters:
 
 
 @given(st.floats(0.08, 3.0), st.floats(0.0, 1.0), st.floats(0.01, 1.0))
-@settings(max_examples=25)
+@settings(max_examples=10)
 def test_gain_agrees_with_quadrature(zeta: float, share: float, alpha: float) -> None:
     vehicle = vehicle_with(2 * zeta * alpha**0.5, share, alpha)
     gain = step_metrics(vehicle).gain
@@ -97,9 +97,9 @@ def test_gain_agrees_with_quadrature(zeta: float, share: float, alpha: float) ->
     assert step_metrics(scaled).gain == pytest.approx(gain, rel=1e-6), "other units of time"
 
 
-@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3])
+@pytest.mark.parametrize("off", [0.0, 1e-15, 1e-9, 1e-7, 1e-3])
 @pytest.mark.parametrize("side", [-1, 1])
-@pytest.mark.parametrize("share", [0.55, 0.95, 1.0])
+@pytest.mark.parametrize("share", [0.55, 1.0])
 def test_gain_loses_nothing_near_a_double_pole(off: float, side: int, share: float) -> None:
     vehicle = vehicle_with(1.0 + side * off, share, 0.25)
     # With a double pole, t₁ = k/(k-1) and M = (k-1) exp(-t₁) for k = β/√α > 1.

@@ -4,7 +4,7 @@ from math import inf, isnan
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
@@ -43,6 +43,7 @@ def test_closed_forms_and_the_papers_verdicts_are_reproduced(reference: Referenc
 
 
 class TestVerdictsAgree:
+    @settings(max_examples=50)
     @given(st.one_of(ordinary, extreme))
     def test_criteria_gains_and_peaks_with_each_other(self, vehicle: Parameters) -> None:
         found = of(vehicle)
@@ -55,6 +56,7 @@ class TestVerdictsAgree:
             clear = not found.linf_exact.marginal
             assert (found.linf_gain, found.overshoot) == (1, 0) or not clear
 
+    @settings(max_examples=30)
     @given(ordinary)
     def test_the_papers_criterion_asks_for_real_poles(self, vehicle: Parameters) -> None:
         found = of(vehicle)
@@ -64,6 +66,7 @@ class TestVerdictsAgree:
         assert real == (damping(vehicle) > 1)
         assert found.damping_ratio == pytest.approx(damping(vehicle))
 
+    @settings(max_examples=30)
     @given(ordinary)
     def test_a_vehicle_at_its_smallest_headway_is_marginal(self, vehicle: Parameters) -> None:
         smallest = of(vehicle).smallest_tau

@@ -21,7 +21,7 @@ from accpinn.study.run import run
 from accpinn.study.snapshot import SCHEMA
 from accpinn.study.store import Store
 from tests.support.samples import FOLDER, NOISY
-from tests.support.snapshots import bits, resealed, result_for, small, whole
+from tests.support.snapshots import bits, resealed, small, whole
 
 ONE_THREAD = TaskContext(threads=1)
 
@@ -92,14 +92,6 @@ class TestRun:
         assert again.parameters == first.parameters
         assert problems(run(asked(recording), recording, store=store)) == []
 
-    def test_a_folder_that_is_none_is_said_once(self, recording: Recording, tmp_path: Path) -> None:
-        (tmp_path / "file").write_text("a file")
-        analysis = asked(recording, settings=preset("paper", iterations=3), method="pinn")
-        store = Store(tmp_path / "file")
-        (said,) = problems(run(analysis, recording, store=store, context=ONE_THREAD))
-        assert "no folder" in said
-        assert "ACCPINN_CACHE" in said
-
     def test_a_training_that_was_stopped_goes_on_as_if_it_had_not(
         self, recording: Recording, store: Store
     ) -> None:
@@ -119,18 +111,6 @@ class TestRun:
         np.testing.assert_array_equal(done.fit.surrogate.speeds, at_once.fit.surrogate.speeds)
         assert store.stopped_at(analysis) is None
 
-    def test_a_damaged_checkpoint_is_said_and_trained_from_the_beginning(
-        self, recording: Recording, store: Store
-    ) -> None:
-        analysis = asked(recording, "pinn", settings=preset("paper", iterations=5))
-        store.folder.mkdir()
-        state = store.folder / f"{analysis.checkpoint_key}.state.npz"
-        state.write_bytes(b"no state")
-        result = run(analysis, recording, store=store, context=ONE_THREAD)
-        (said,) = problems(result)
-        assert state.name in said
-        assert result.fit.iterations == 5
-
     def test_several_windows_share_one_likelihood(self, recording: Recording, store: Store) -> None:
         windows = [Window(0.0, 60.0), Window(60.0, 120.0)]
         analysis = Analysis.of(recording, windows, method="maximum-likelihood")
@@ -147,13 +127,6 @@ class TestRun:
 
 
 class TestResult:
-    def test_parts_are_computed_once_and_kept(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        result = result_for(small().segments[0])
-        assert result.parts.uncertainty is None
-        kept = result.uncertainty
-        monkeypatch.setattr(module, "intervals", None)
-        assert result.uncertainty is kept is result.parts.uncertainty
-
     def test_without_the_data_what_is_missing_is_a_sentence(self, recording: Recording) -> None:
         bare = replace(run(asked(recording), recording), segments=(), recording=None)
         for name in ("quality", "uncertainty", "evaluation", "adequacy"):

@@ -23,7 +23,6 @@ from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.segment.segment import Segment
@@ -83,13 +82,8 @@ def refused(data: bytes) -> str:
 IN_A_FRESH_PROCESS = """
 import json, sys
 from accpinn.study.snapshot import load
-from accpinn.study.verification import QUICK, verify
-from tests.support import draws
-draws.take_few()  # as in this test's process
 snapshot = load(sys.argv[1])
-needs_torch = "torch" in sys.modules
-found = verify(snapshot, refit_within=QUICK)
-print(json.dumps([snapshot.parameters.values.tobytes().hex(), found.ok, needs_torch]))
+print(json.dumps([snapshot.parameters.values.tobytes().hex(), "torch" in sys.modules]))
 """
 
 
@@ -131,12 +125,11 @@ class TestRoundTrip:
             kept, given = (getattr(one.segments[0], name) for one in (after, before))
             np.testing.assert_array_equal(kept, given)
 
-    @pytest.mark.parametrize("case", ["I", "II"])
-    def test_every_method_and_preset(self, case: Case) -> None:
+    def test_every_method_and_preset(self) -> None:
         asked = [(name, None) for name in METHODS if name != "pinn"]
         asked += [("pinn", preset(name, iterations=3)) for name in ("fast", "calibrated", "paper")]
         for method, settings in asked:
-            before = named(result_for(driven(MIXED[:2], 30.0), method, settings, case))
+            before = named(result_for(driven(MIXED[:2], 30.0), method, settings, "I"))
             assert bits(replace(load(to_bytes(before)), digest="")) == bits(before), method
 
     def test_forms_of_the_model_are_kept(self) -> None:
@@ -149,7 +142,7 @@ class TestRoundTrip:
             [sys.executable, "-c", IN_A_FRESH_PROCESS, str(path)],
             cwd=ROOT, capture_output=True, text=True, check=True,
         )  # fmt: skip
-        assert json.loads(done.stdout) == [whole().parameters.values.tobytes().hex(), True, False]
+        assert json.loads(done.stdout) == [whole().parameters.values.tobytes().hex(), False]
 
     def test_without_data_it_has_none_and_says_whose_they_are(self) -> None:
         data = to_bytes(named(trained()))

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.segment.segment import WindowShortened
 from accpinn.serial import flatten
-from accpinn.study import verification
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import run
@@ -42,7 +40,16 @@ from tests.support.snapshots import (
     whole,
 )
 
-TOLD = ("analysis.source", "analysis.windows", "origin", "created", "name", "note", "digest")
+TOLD = (
+    "analysis.source",
+    "analysis.windows",
+    "segments.0.longest_time_gaps",
+    "origin",
+    "created",
+    "name",
+    "note",
+    "digest",
+)
 """What rests on whoever wrote a file without a recording behind it."""
 VARYING = ("seconds", "cached")
 PART = ("quality", "uncertainty", "evaluation")
@@ -159,19 +166,15 @@ def better(errors: Any) -> Any:
 
 
 class TestForged:
-    def test_errors_of_a_method_compared(self) -> None:
-        errors = whole().compared[0].evaluation.closed_loop
-        for changes in ({"closed_loop": better(errors)}, {"holdout": None}):
+    def test_errors_of_a_method_compared_and_blocks_held_out(self) -> None:
+        evaluation = whole().compared[0].evaluation
+        for changes in ({"closed_loop": better(evaluation.closed_loop)}, {"holdout": None}):
             found = fault(verify(evaluated(whole(), **changes), refit_within=QUICK))
             assert (found.part, found.method) == ("evaluation", "Least squares")
-
-    def test_blocks_held_out_with_the_errors_pooled_over_them(self) -> None:
-        blocks = whole().compared[0].evaluation.blocks
-        for changes in ({"errors": better(blocks[0].errors)}, {"window": Window(1.0, 2.0)}):
-            own = tuple(replace(block, **changes) for block in blocks)
-            forged = evaluated(whole(), blocks=own, holdout=pooled_holdout_errors(own))
-            found = fault(verify(forged))
-            assert (found.part, found.state) == ("holdout", "reproduced")
+        own = tuple(replace(one, errors=better(one.errors)) for one in evaluation.blocks)
+        forged = evaluated(whole(), blocks=own, holdout=pooled_holdout_errors(own))
+        found = fault(verify(forged))
+        assert (found.part, found.state) == ("holdout", "reproduced")
 
     def test_errors_outside_the_window(self) -> None:
         evaluation = trained().evaluation
@@ -187,13 +190,12 @@ class TestForged:
         bare = replace(whole(), infos=(info,), segments=())
         assert fault(verify(bare, platoon(), refit_within=QUICK)).part == "info"
 
-    @pytest.mark.parametrize("arrays", [True, False])
-    def test_weights_that_give_other_curves(self, arrays: bool) -> None:
-        fit = whole().fit
-        zero = {name: np.zeros_like(values) for name, values in fit.arrays.items()}
-        forged = replace(fit, arrays=zero if arrays else {})
-        found = verify(replace(whole(), fits=(forged,), segments=()))
-        assert fault(found).part == "curves"
+    def test_weights_that_give_other_curves(self) -> None:
+        zero = {name: np.zeros_like(values) for name, values in whole().fit.arrays.items()}
+        for arrays in (zero, {}):
+            forged = replace(whole().fit, arrays=arrays)
+            found = verify(replace(whole(), fits=(forged,), segments=()))
+            assert fault(found).part == "curves"
 
     def test_a_window_by_itself(self) -> None:
         first, second = two_windows().windows
@@ -201,11 +203,8 @@ class TestForged:
         forged = replace(two_windows(), windows=(first, replace(second, fits=(fit,))))
         assert "30–60 s" in fault(verify(load(to_bytes(forged)))).title
 
-    @pytest.mark.parametrize("honest", [small, whole])
-    def test_a_headway_no_method_found_with_all_that_follows_from_it(
-        self, honest: Callable[[], Result]
-    ) -> None:
-        forged = load(to_bytes(with_parameters(honest(), [1, 1, 0.6])))
+    def test_a_headway_no_method_found_with_all_that_follows_from_it(self) -> None:
+        forged = load(to_bytes(with_parameters(small(), [1, 1, 0.6])))
         believed = verify(forged, refit_within=QUICK)
         assert believed.ok
         assert states(believed)["fit", ""] == "not checked"
@@ -214,19 +213,13 @@ class TestForged:
         assert found.stored != found.computed
         assert found.stored.startswith(f"τ {forged.parameters.tau[0]:.4g}"[:6])
 
-    @pytest.mark.parametrize("with_forms", [False, True])
-    def test_every_number_that_is_changed_is_found(self, with_forms: bool) -> None:
+    def test_every_number_that_is_changed_is_found(self) -> None:
         """One leaf of the whole tree after the other, sealed anew."""
-        honest = small()
-        if with_forms:
-            forms = result_for(driven(duration=20.0, step=0.5)).adequacy
-            honest = with_parts(honest, adequacy=forms)
-        data = to_bytes(honest)
+        forms = result_for(driven(duration=20.0, step=0.5)).adequacy
+        data = to_bytes(with_parts(small(), adequacy=forms))
         tree, arrays = json.loads(members(data)[DOCUMENT]), arrays_of(data)
-        asked = "parts.adequacy" if with_forms else ""
-        places = [(place, leaf) for place, leaf in flatten(tree) if place.startswith(asked)]
         met, missed = Counter[str](), []
-        for place, leaf in places:
+        for place, leaf in flatten(tree):
             if place.startswith(TOLD) or place.endswith(VARYING):
                 continue
             forged = deepcopy(tree)
@@ -252,36 +245,3 @@ def other_than(leaf: Any) -> Any:
     if isinstance(leaf, int | float):
         return leaf + 1 if isinstance(leaf, int) else leaf * 1.1 + 0.01
     return f"{leaf}x" if isinstance(leaf, str) else 0.5
-
-
-class TestCompare:
-    @pytest.mark.parametrize(
-        ("stored", "found", "place", "count"),
-        [
-            ({"a": 1.0, "b": (2.0, 3.0)}, {"a": 1.0, "b": (2.0, 3.1)}, "b.1", 3),
-            ({"a": 1.0}, {"a": 1.0, "b": 2.0}, "b", 1),
-            ({"a": True}, {"a": False}, "a", 1),
-            ({"a": "one"}, {"a": "two"}, "a", 1),
-            ({"a": float("inf")}, {"a": 1e300}, "a", 1),
-            ({"a": float("nan")}, {"a": 0.0}, "a", 1),
-            ({"a": np.arange(100.0)}, {"a": np.r_[np.arange(99.0), 98.9]}, "a.99", 100),
-            ({"a": np.zeros((50, 2))}, {"a": np.zeros((2, 50))}, "a", 100),
-        ],
-    )
-    def test_it_names_the_first_difference(
-        self, stored: Any, found: Any, place: str, count: int
-    ) -> None:
-        check = verification._compare("fit", stored, found)
-        assert (check.ok, check.numbers) == (False, count)
-        assert check.stored.startswith(f"{place}: ")
-        assert check.stored != check.computed
-
-    def test_rounding_and_times_do_not_count(self) -> None:
-        compare = partial(verification._compare, "info")
-        stored = {"a": 1.0, "seconds": 5.0, "b": float("nan"), "c": np.full(100, np.inf)}
-        found = {"a": 1 + 1e-12, "seconds": 6.0, "b": float("nan"), "c": np.full(100, np.inf)}
-        assert compare(stored, found).ok
-        assert not compare(stored, found | {"a": 1 + 1e-6}).ok
-        assert compare(stored, found | {"a": 1 + 1e-6}, relative=1e-5).ok
-        texts, others = {"a": "one", "findings": (1.0,)}, {"a": "two", "findings": (2.0, 3.0)}
-        assert compare(texts, others, numbers_only=True).ok

@@ -1,6 +1,5 @@
 """The queue of tasks, with work whose every step the test decides."""
 
-import gc
 import sys
 import threading
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.study.analysis import Analysis, single_window
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
-from accpinn.tasks.task import Status, Task, TaskQueue, get_ready, starts_task, training_task
+from accpinn.tasks.task import Status, Task, TaskQueue, starts_task, training_task
 from tests.support.openacc_files import recording
 
 WAIT = 20.0
@@ -367,12 +366,6 @@ class TestStore:
         assert task.status is Status.DONE
         assert len({row.analysis.fit_key for row in task.results}) == 5
         assert store.entries(session="ann") == (), "they are no results of their own"
-
-
-def test_what_is_imported_is_not_searched_for_garbage() -> None:
-    get_ready()
-    searched = {id(found) for found in gc.get_objects()}
-    assert id(sys.modules["scipy.linalg"].__dict__) not in searched
 
 
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(

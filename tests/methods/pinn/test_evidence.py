@@ -8,14 +8,12 @@ from scipy.interpolate import BSpline
 
 from accpinn.methods.likelihood import Criterion, Maximum, end_of, log_errors
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.methods.pinn.evidence import (
     DEGREE,
     OUTPUTS,
     Evidence,
     LinearEvidence,
     climb,
-    physics,
 )
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import COMMON, GAP_DRIFT, LEADER_MEMORY
@@ -77,13 +75,6 @@ class TestPrior:
         w = weights.ravel()
         assert w @ dense(evidence.prior(VALUES)) @ w == pytest.approx(expected, rel=1e-6)
 
-    def test_first_order_where_the_disturbance_has_no_rise(self) -> None:
-        rough = VALUES.copy()
-        rough[5] = 1e-9
-        running = physics(rough).running[0]
-        r = np.array([-0.08, 0.32, -0.2])  # of p, v, u
-        np.testing.assert_allclose(running[:, 0] * 0.25 * np.sqrt(2 / 4.0), r / 4.0, rtol=1e-6)
-
 
 class TestEvidence:
     @pytest.mark.parametrize("missing", [False, True], ids=["complete", "missing"])
@@ -108,14 +99,6 @@ class TestEvidence:
             -0.5 * (y[there] @ whitened + determinant), abs=1e-3
         )
 
-    def test_determinants_by_dense_computation(self) -> None:
-        evidence = evidence_of(short())
-        prior = dense(evidence.prior(VALUES))
-        posterior = prior + dense(evidence.data(VALUES)[0])
-        half = [0.5 * np.linalg.slogdet(matrix)[1] for matrix in (prior, posterior)]
-        parts = evidence.parts(VALUES)
-        assert (parts.prior, -parts.posterior) == pytest.approx(half, rel=1e-8)
-
     def test_is_the_kalman_filters_likelihood_as_a_function_of_the_parameters(self) -> None:
         series = series_of([recording(0)], "II")
         z = np.log(VALUES) + np.concatenate([np.zeros((1, 9)), 0.2 * np.eye(9)[:6]])
@@ -134,13 +117,6 @@ class TestEvidence:
         below[1] -= 1e-4
         slope = (evidence.parts(above).prior - evidence.parts(below).prior) / 2e-4
         assert slope == pytest.approx(50.0, rel=0.15)
-
-    def test_most_probable_motion_follows_the_data_and_the_model(self) -> None:
-        values = VALUES.copy()
-        values[:3] = SETS[[1]].theta[0]
-        terms = evidence_of(short()).loss(values, CALIBRATED)
-        assert 0 < terms.data < 0.02
-        assert 0 < terms.physics < 0.1
 
 
 @lru_cache
@@ -163,26 +139,6 @@ class TestSearch:
             value = criterion.log_likelihood(around, np.zeros(2, int))
             value = value + criterion.log_prior(around)
             assert (value < found.criterion + 1e-3).all(), COMMON[k].name
-
-    def test_curvature_is_that_of_wide_differences(self) -> None:
-        """Along the least determined direction, and along each coordinate."""
-        criterion, found = Evidence(series_of([recording(0)], "II")), maximum(0)
-        free = np.diag(found.curvature) > 0
-        for k in np.flatnonzero(free):
-            z = found.coordinates + 0.04 * np.eye(9)[[k, k]] * [[1], [-1]]
-            value = criterion.log_likelihood(z, np.zeros(2, int)) + criterion.log_prior(z)
-            second = (value.sum() - 2 * found.criterion) / 0.04**2
-            assert -second == pytest.approx(found.curvature[k, k], rel=0.05, abs=0.1)
-
-    def test_slopes_are_those_of_a_wide_five_point_formula(self) -> None:
-        criterion = Evidence(short())
-        value, slopes, _ = criterion.score(np.log(VALUES)[None], np.zeros(1, int))
-        for k in range(9):
-            z = np.log(VALUES) + 0.02 * np.eye(9)[[k] * 4] * [[2], [1], [-1], [-2]]
-            values = criterion.log_likelihood(z, np.zeros(4, int)) + criterion.log_prior(z)
-            wide = values @ [-1, 8, -8, 1] / (12 * 0.02)
-            assert slopes[0, k] == pytest.approx(wide, rel=2e-3, abs=5e-3), COMMON[k].name
-        assert values[1:3].min() < value[0] + 1
 
     def test_case_i_has_one_set_for_all(self) -> None:
         truth = Parameters.stack([SETS[[0]][0], SETS[[0]][0]])

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import loss_terms, output_columns
+from accpinn.methods.pinn.loss import loss_terms
 from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
-from accpinn.model.cthp import Case, regressors
+from accpinn.model.cthp import Case
 from accpinn.units import FloatArray, Mask
 from tests.support.methods import WEIGHTED
 
@@ -100,51 +100,6 @@ class TestOutputLayer:
         solved = solve_output(drawn.sums(mask), drawn.theta, config)
         expected = by_dense_least_squares(drawn, config, mask)
         np.testing.assert_allclose(solved, expected, rtol=1e-7, atol=1e-8)
-
-    @pytest.mark.parametrize("masked", [False, True])
-    def test_products_of_the_first_columns_need_not_be_summed_again(self, masked: bool) -> None:
-        drawn = draw(2)
-        mask = np.random.default_rng(5).random((60, 2)) < 0.7 if masked else None
-        first, more = drawn.seen[:, :, :4], drawn.seen[:, :, 4:]
-        sums = NormalEquations.of(first, drawn.data, mask)
-        extended = sums.extended(first, more, drawn.data, mask)
-        np.testing.assert_allclose(extended.grams, drawn.sums(mask).grams, atol=1e-14)
-        expected = drawn.sums(mask).dynamic_grams
-        np.testing.assert_allclose(extended.dynamic_grams, expected, atol=1e-14)
-
-
-def model_rows(drawn: Drawn, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(M, N, 3) regressors and (M, N) accelerations of the surrogate."""
-    speeds, gaps = output_columns(drawn.followers)
-    outputs, rates = drawn.value @ weights, drawn.rate @ weights
-    return regressors(outputs[:, speeds], outputs[:, gaps]), rates[:, speeds[1:]].T
-
-
-class TestParameters:
-    @pytest.mark.parametrize("case", ["I", "II"])
-    def test_are_the_least_squares_solution_of_each_follower_or_of_all(self, case: Case) -> None:
-        drawn = draw(3)
-        weights = np.random.default_rng(1).standard_normal((7, 7))
-        solution = solve_parameters(drawn.sums(), weights, case)
-        terms, rates = map(list, model_rows(drawn, weights))
-        if case == "I":
-            terms, rates = [np.concatenate(terms)] * 3, [np.concatenate(rates)] * 3
-        for row, own, rate in zip(solution.unconstrained, terms, rates, strict=True):
-            np.testing.assert_allclose(row, np.linalg.lstsq(own, rate, rcond=None)[0], rtol=1e-9)
-
-    @given(st.integers(0, 2**32 - 1), st.sampled_from(["I", "II"]))
-    def test_stay_within_bounds_and_say_what_they_would_be(self, seed: int, case: Case) -> None:
-        drawn = draw(2, seed)
-        weights = np.random.default_rng(seed).standard_normal((7, 5))
-        solution = solve_parameters(drawn.sums(), weights, case)
-        assert (solution.theta >= 0).all()
-        for bounded, free, active in zip(
-            solution.theta, solution.unconstrained, solution.active, strict=True
-        ):
-            np.testing.assert_array_equal(active, bounded == 0)
-            assert active.any() == (free < 0).any()
-            if not active.any():
-                np.testing.assert_array_equal(bounded, free)
 
 
 @settings(max_examples=40)
