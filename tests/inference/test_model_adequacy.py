@@ -16,6 +16,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.estimates import model_form_table
 from accpinn.segment.segment import Segment
+from accpinn.units import Estimate
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 
@@ -172,6 +173,5 @@ def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> N
         extras = {name: row[names.index(name)] for name in ("s₀", "λ", "d")}
         given = [value.value for value in extras.values() if value is not None]
         assert given == [getattr(form.parameters[0], term) for term in FOLLOWING[form.form].terms]
-        assert row[1] == pytest.approx(
-            [form.parameters[0].alpha, form.lower[0].alpha, form.upper[0].alpha]
-        )
+        known = form.parameters[0].alpha, form.lower[0].alpha, form.upper[0].alpha
+        assert row[1] == Estimate(*known)

@@ -13,7 +13,6 @@ from accpinn.model.cthp import (
     LINEAR_NAMES,
     Parameters,
     collides,
-    motion_matrix,
     orbit,
     regressors,
     simulate,
@@ -52,14 +51,6 @@ class TestParameters:
 
 
 class TestRegressors:
-    def test_have_one_block_a_follower_with_gap_minus_speed_and_relative_speed(self) -> None:
-        speeds = np.array([[20.0, 19.0, 21.0], [22.0, 20.0, 20.5]])
-        gaps = np.array([[30.0, 25.0], [31.0, 24.0]])
-        found = regressors(speeds, gaps)
-        assert found.shape == (2, 2, 3)
-        np.testing.assert_array_equal(found[0], [[30.0, -19.0, 1.0], [31.0, -20.0, 2.0]])
-        np.testing.assert_array_equal(found[1], [[25.0, -21.0, -2.0], [24.0, -20.5, -0.5]])
-
     @given(vehicles, st.floats(0, 40), st.floats(0, 40), st.floats(0, 200))
     def test_times_theta_are_the_acceleration(
         self, one: Parameters, ahead: float, speed: float, gap: float
@@ -111,19 +102,6 @@ class TestSimulate:
         found = simulate(platoon, time, np.full(201, speed), np.full(len(platoon), speed), gaps)
         np.testing.assert_allclose(found.speeds, speed, rtol=1e-9)
         np.testing.assert_allclose(found.gaps, np.broadcast_to(gaps, found.gaps.shape), rtol=1e-9)
-
-
-class TestMotionMatrix:
-    @given(platoons, st.integers(0, 1000))
-    def test_is_the_model(self, platoon: Parameters, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        speeds, gaps = rng.uniform(0, 40, len(platoon) + 1), rng.uniform(0, 80, len(platoon))
-        state = np.append(np.stack([gaps, speeds[1:]], axis=1).ravel(), speeds[0])
-        rates = motion_matrix(platoon) @ state
-        rows = regressors(speeds[None], gaps[None])[:, 0]
-        expected = [one.theta @ row for one, row in zip(platoon, rows, strict=True)]
-        np.testing.assert_allclose(rates[0::2], -np.diff(speeds), atol=1e-12)
-        np.testing.assert_allclose(rates[1::2], expected, rtol=1e-9, atol=1e-9)
 
 
 def test_a_gap_that_ends_at_zero_is_no_collision_and_one_below_it_is() -> None:

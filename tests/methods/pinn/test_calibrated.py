@@ -6,11 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods.fit import Fit, Outcome, Progress
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
-from accpinn.methods.pinn.config import CALIBRATED, PinnConfig, preset
+from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.model.cthp import Case
 from accpinn.segment.segment import Segment
 from bench.coverage import SETS
@@ -90,14 +89,3 @@ def test_a_stopped_search_draws_the_curves_of_the_parameters_so_far(stop: int) -
     assert (fit.outcome, fit.iterations) == (Outcome.STOPPED, stop)
     assert fit.parameters == fit.history.parameters[-1]
     assert surrogate_errors(platoon(), fit).gap_mae.max() < 0.5
-
-
-class TestSettings:
-    def test_weights_are_those_of_the_evidence(self) -> None:
-        with pytest.raises(ConfigError, match="weights"):
-            preset("calibrated", weight_data=(2.0, 1.0))
-
-    def test_come_back_from_json(self) -> None:
-        changed = preset("calibrated", seed=3)
-        assert PinnConfig.from_json(changed.to_json()) == changed
-        assert changed.changes() == {"seed": 3}

@@ -10,7 +10,6 @@ import torch
 from accpinn.errors import ConfigError
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
-from accpinn.methods.pinn.loss import output_columns, stack_outputs
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.registry import METHODS
 from tests.support.methods import train
@@ -18,19 +17,6 @@ from tests.support.samples import NOISY, sample
 
 FOURIER = replace(FAST, width=7, highest_frequency=0.2, seed=3)
 BOTH = pytest.mark.parametrize("config", [FOURIER, replace(PAPER, seed=3)], ids=["fast", "paper"])
-
-
-@pytest.mark.parametrize("followers", [1, 2, 10])
-def test_output_order_there_and_back(followers: int) -> None:
-    rng = np.random.default_rng(followers)
-    speeds = rng.standard_normal((5, followers + 1))
-    gaps = rng.standard_normal((5, followers))
-    stacked = stack_outputs(speeds, gaps)
-    speed_columns, gap_columns = output_columns(followers)
-    assert sorted(speed_columns + gap_columns) == list(range(2 * followers + 1))
-    assert (speed_columns[:2], gap_columns[:1]) == ([0, 1], [2])
-    np.testing.assert_array_equal(stacked[:, speed_columns], speeds)
-    np.testing.assert_array_equal(stacked[:, gap_columns], gaps)
 
 
 def test_frequencies_reach_from_a_cycle_in_somewhat_more_than_the_window_to_the_highest() -> None:
