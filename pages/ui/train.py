@@ -42,6 +42,12 @@ REDRAWN = 1.1
 logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
 FIRST_DRAWING: Seconds = 1.0
 """Seconds of training before the first curves: drawing would slow a short one."""
+MOVES = 5_000
+FLAT = (
+    "They stay nearly flat for the first thousands of iterations, as a network on raw time learns"
+    " slow motions first, and α, β and τ are then far from where they end."
+)
+"""Said of the preset `paper` before its iteration `MOVES`."""
 CONTINUES = (
     "A training of this window with these settings, here or in another session, was stopped there;"
     " the server keeps its checkpoint."
@@ -166,7 +172,9 @@ def _show_live(
     show.charts([*drawn.items()], "train_live")
     if curves:
         # Widgets must not stand in what is drawn again and again: it is the first follower's.
-        st.caption(f"{escape_markdown(segment.labels[1])}: the data and the network's curves.")
+        is_papers = asked is not None and asked.settings.get("preset") == "paper"
+        said = f"{escape_markdown(segment.labels[1])}: the data and the network's curves."
+        st.caption(f"{said} {FLAT}" if is_papers and history.iteration[-1] < MOVES else said)
         show.chart(curves, "train_live_tracking")
 
 
