@@ -211,7 +211,7 @@ def _show_validation(workspace: Workspace) -> None:
 
 def _next_button(workspace: Workspace) -> None:
     if st.button(
-        "Next: do these vehicles amplify disturbances?", icon=":material/arrow_forward:",
+        "Next: string stability in detail", icon=":material/arrow_forward:",
         key="train_next", type="primary",
     ):  # fmt: skip
         workspace.choose_source("fit")

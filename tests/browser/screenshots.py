@@ -113,7 +113,7 @@ def home(camera: Camera) -> None:
         train_sample(page)
         camera.shoot(page, "train_sample_fold", whole=False)
         camera.shoot(page, "train_sample")
-        page.get_by_text("Next: do these vehicles amplify").click()
+        page.get_by_text("Next: string stability in detail").click()
         chart(page, "stability_bode")
         idle(page)
         camera.shoot(page, "stability_learned")
