@@ -55,7 +55,7 @@ HEIGHT = 370
 """Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
-MOST_REASONS = 4
+MOST_REASONS = 5
 """Vehicles and platoon whose reasons stand together; of more, one is chosen."""
 PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 NO_DATA = (
@@ -333,9 +333,11 @@ def _show_reasons(workspace: Workspace, source: Chosen) -> None:
             labelled=False, width=240,
         )  # fmt: skip
         texts = [texts[which]]
-    # A row of columns each, so that a narrow screen keeps their order.
+    # A row of columns each, so that a narrow screen keeps their order; the last of an odd number,
+    # as the platoon after four vehicles, takes the whole width.
     for at in range(0, len(texts), 2):
-        for column, text in zip(st.columns(2, gap="large"), texts[at : at + 2], strict=False):
+        pair = texts[at : at + 2]
+        for column, text in zip(st.columns(len(pair), gap="large"), pair, strict=True):
             column.markdown(text)
 
 
