@@ -191,10 +191,7 @@ class Workspace:
 
     @property
     def several_windows(self) -> tuple[Window, ...]:
-        """The windows in car-following if they are chosen; empty where there are not several.
-
-        Only the preset calibrated takes several; others keep the chosen window.
-        """
+        """The windows in car-following, if chosen for a preset that takes several; else empty."""
         chosen = self.preset == "calibrated" and self.choices.get(ALL_WINDOWS, True)
         if not (self.recording and self.vehicles and chosen):
             return ()
