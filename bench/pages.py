@@ -4,6 +4,7 @@ Each switch is timed from the click in the sidebar until the script has ended an
 is drawn.
 """
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,7 +27,7 @@ PAGES = {
     "Snapshots": "",
 }
 """Pages and the key of the chart that is waited for; empty if the page has none."""
-LIMIT: Seconds = 1.0
+LIMIT: Seconds = 0.6
 SWITCHES = 10
 """Switches to each page."""
 
@@ -52,7 +53,7 @@ def _train(page: Page, recording: Path) -> None:
     page.goto("/")
     idle(page)
     give(page, recording)
-    button = page.get_by_role("button", name="Train on this window")
+    button = page.get_by_role("button", name=re.compile("Train on "))
     button.click(timeout=TRAINING_MS)
     table(page, ESTIMATES).wait_for(timeout=TRAINING_MS)
     idle(page)

@@ -9,7 +9,12 @@ stays there, except α, ατ, β and the further unknown of a form.
 
 With a lag or a delay the posterior is a curved ridge and may have two modes. The proposal is then a
 mixture with one part for each of several values of the lag. Each part lies at the maximum of the
-criterion for its value, is as wide as these values are apart, and adapts to the draws near it.
+criterion for its value, is as wide as these values are apart, and adapts to the draws near it. What
+it proposes below the least value is folded back there.
+
+With an intercept s₀ it is the time gap at the mean speed v that is determined, and of τ and s₀ only
+τ + s₀/v. So proposals are of w, which is z with ln α(τ + s₀/v) in place of ln ατ: there the ridge
+is straight.
 
 The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
 of fifty of 0.08 1/s², of β within one of twenty of 0.2 1/s, and of τ within one of three of 1.4 s.
@@ -19,7 +24,7 @@ Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (20
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -27,7 +32,7 @@ from scipy.special import gammaln
 
 from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import EXTRA, Form
+from accpinn.methods.state_space import COMMON, EXTRA, Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.model.registry import FOLLOWING, Held
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds
@@ -44,11 +49,12 @@ FURTHER = 3
 """Largest number of further stages, for groups with few effective draws."""
 ENOUGH = 0.2
 """Effective draws per draw above which no further stage is needed."""
-GRID = (0.3, 0.8, 1.4)
-"""Lags or delays in s of the parts of the first proposal."""
-FREEDOM = 5.0
+GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
+"""Lags or delays in s of the parts of the first proposal, and the gain in log density that is worth
+no further round in the search for a part's maximum."""
+FREEDOM = 8.0
 """Degrees of freedom of Student's t; its tails are wider than those of all posteriors so far."""
-INFLATION = 1.15
+INFLATION = 1.1
 """Factor on the proposal's deviations, for the same reason."""
 TRUST = 10.0
 """Effective draws at which their covariance and the previous scale have equal weight."""
@@ -56,6 +62,10 @@ LEAST_PRECISION = 0.25
 """Least precision of the first proposal in any direction, against a flat criterion."""
 LEAST_SHARE = 0.02
 """Least share of a part of a mixture."""
+S0 = len(COMMON)
+"""Where z has s₀, in models that have it."""
+SLOWEST: MetresPerSecond = 2.0
+"""Least speed v of the time gap of proposals."""
 ROUNDING = 1e-12
 """Share of the largest variance below which a variance counts as zero."""
 
@@ -151,23 +161,33 @@ def sample(
     """
     criterion = Criterion(series, form, held)
     rng = np.random.default_rng(seed)
-    proposals = [Proposal.at(parts) for parts in _first_parts(criterion, maxima)]
+    means = (np.nanmean(series.measured[:, 1, series.members(g)]) for g in range(len(maxima)))
+    speeds = [max(SLOWEST, float(mean)) for mean in means]
+    least = criterion.lower[-1] if _has_delay(form) else -np.inf
+    proposals = [
+        Proposal.at([_by_time_gap(part, speed) for part in parts], least)
+        for parts, speed in zip(_first_parts(criterion, maxima), speeds, strict=True)
+    ]
     fixed = criterion.lower == criterion.upper
     best: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
         drawn = [proposals[g].draw(count, rng) for g in wanted]
-        for z in drawn:
-            z[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
+        for w in drawn:
+            w[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
+        pairs = zip(wanted, drawn, strict=True)
+        each = np.concatenate([_from_time_gap(form, w, speeds[g]) for g, w in pairs])
         places = np.repeat(np.array(wanted), count)
-        prior, likelihood = _log_posterior(criterion, np.concatenate(drawn), places)
-        parts = prior.reshape(-1, count), likelihood.reshape(-1, count)
-        for g, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
-            densities = proposals[g].log_densities(z)
-            ratios = likelihoods + priors - np.logaddexp.reduce(densities, axis=0)
+        prior, likelihood = _log_posterior(criterion, each, places)
+        shape = len(wanted), count
+        parts = each.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
+        for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
+            densities = proposals[g].log_densities(w)
+            volume = w[:, 1] - z[:, 1]  # ln |dz/dw|
+            ratios = likelihoods + priors + volume - np.logaddexp.reduce(densities, axis=0)
             weights = normalised(ratios)
-            posterior = Posterior(z, natural(criterion.form, z)[:, :3], weights, likelihoods)
-            proposals[g] = proposals[g].adapted(z, weights, densities)
+            posterior = Posterior(z, natural(form, z)[:, :3], weights, likelihoods)
+            proposals[g] = proposals[g].adapted(w, weights, densities)
             if stage < len(stages) or posterior.effective > best[g].effective:
                 best[g] = posterior
         if stage >= len(stages) - 1:
@@ -177,15 +197,45 @@ def sample(
     return tuple(best[g] for g in range(len(maxima)))
 
 
+def _has_delay(form: Form) -> bool:
+    """Whether the last unknown is a lag or a delay."""
+    return not {"lag", "delay"}.isdisjoint(FOLLOWING[form].terms)
+
+
+def _by_time_gap(maximum: Maximum, speed: MetresPerSecond) -> Maximum:
+    """A maximum in the coordinates w of proposals."""
+    if "s0" not in FOLLOWING[maximum.form].terms:
+        return maximum
+    (alpha, alpha_tau), w = np.exp(maximum.coordinates[:2]), maximum.coordinates.copy()
+    w[1] = w[0] + np.log(max(alpha_tau / alpha + w[S0] / speed, LEAST_GAP))
+    slope, ratio = np.eye(len(w)), float(np.exp(w[1]) / alpha_tau)
+    slope[1, [0, 1, S0]] = 1.0 - ratio, ratio, -alpha / alpha_tau / speed
+    bent = maximum.curvature
+    if bent[1, 1]:  # else a bound holds ατ
+        bent = slope.T @ bent @ slope
+    return replace(maximum, coordinates=w, curvature=bent)
+
+
+def _from_time_gap(form: Form, w: FloatArray, speed: MetresPerSecond) -> FloatArray:
+    """(n, P) z of draws w (n, P); ln ατ lies below all bounds where s₀ is more than the gap."""
+    if "s0" not in FOLLOWING[form].terms:
+        return w
+    z = w.copy()
+    alpha_tau = np.exp(w[:, 1]) - np.exp(w[:, 0]) * w[:, S0] / speed
+    z[:, 1] = np.log(np.maximum(alpha_tau, np.finfo(float).tiny))
+    return z
+
+
 def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Sequence[Maximum]]:
     """The maxima of the parts of each group's first proposal.
 
     A form with a curved posterior has one part for each of several values of its lag or delay.
     """
     is_free = criterion.lower[-1] < criterion.upper[-1]
-    if not is_free or not {"lag", "delay"} & set(FOLLOWING[criterion.form].terms):
+    if not is_free or not _has_delay(criterion.form):
         return [[maximum] for maximum in maxima]
     rows = np.array([np.append(m.coordinates[:-1], lag) for lag in GRID for m in maxima])
+    criterion.negligible = ROUGH
     parts = search(criterion, rows, np.arange(len(rows)) % len(maxima), is_last_held=True)
     return [parts[g :: len(maxima)] for g in range(len(maxima))]
 
@@ -274,16 +324,18 @@ class Proposal:
     """The K parts."""
     shares: FloatArray
     """(K,) shares of the parts, which sum to one."""
+    least: float = -np.inf
+    """Least value of the last coordinate, at which what is below it is folded."""
 
     @classmethod
-    def at(cls, maxima: Sequence[Maximum]) -> "Proposal":
+    def at(cls, maxima: Sequence[Maximum], least: float) -> "Proposal":
         """A mixture with a part at each maximum; several lie on the grid of the further unknown."""
         curvatures = np.array([maximum.curvature for maximum in maxima])
         if len(maxima) > 1:
             # An unknown that a bound holds in some parts varies in these as well.
-            least = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
+            held = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
             usual = np.diagonal(curvatures, axis1=1, axis2=2).max(axis=0)
-            curvatures += np.einsum("kp,pq->kpq", least * usual, np.eye(len(usual)))
+            curvatures += np.einsum("kp,pq->kpq", held * usual, np.eye(len(usual)))
             grid = [maximum.coordinates[-1] for maximum in maxima]
             curvatures[:, -1, -1] += 1.0 / np.gradient(grid) ** 2
         parts = tuple(
@@ -294,25 +346,25 @@ class Proposal:
             maximum.criterion + np.log(np.diag(part.root()[1])).sum()
             for maximum, part in zip(maxima, parts, strict=True)
         ]
-        return cls(parts, _floored(normalised(np.array(mass))))
+        return cls(parts, _floored(normalised(np.array(mass))), least)
 
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draws (count, P)."""
-        if len(self.parts) == 1:
-            return self.parts[0].draw(count, rng)
         numbers = rng.multinomial(count, self.shares)
-        return np.concatenate(
-            [part.draw(number, rng) for part, number in zip(self.parts, numbers, strict=True)]
-        )
+        parts = zip(self.parts, numbers, strict=True)
+        drawn = np.concatenate([part.draw(number, rng) for part, number in parts])
+        below = drawn[:, -1] < self.least
+        drawn[below, -1] = 2.0 * self.least - drawn[below, -1]
+        return drawn
 
     def log_densities(self, drawn: FloatArray) -> FloatArray:
         """(K, n) log density of each part at (n, P), times its share."""
-        return np.array(
-            [
-                np.log(share) + part.log_density(drawn)
-                for part, share in zip(self.parts, self.shares, strict=True)
-            ]
-        )
+        logs = np.array([part.log_density(drawn) for part in self.parts])
+        if np.isfinite(self.least):
+            folded = drawn.copy()
+            folded[:, -1] = 2.0 * self.least - folded[:, -1]
+            logs = np.logaddexp(logs, [part.log_density(folded) for part in self.parts])
+        return np.asarray(np.log(self.shares)[:, None] + logs)
 
     def adapted(self, drawn: FloatArray, weights: FloatArray, densities: FloatArray) -> "Proposal":
         """Adapt each part to the weighted draws that probably came from it.
@@ -325,12 +377,13 @@ class Proposal:
         belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * weights
         pairs = zip(self.parts, belongs, strict=True)
         parts = [part.adapted(drawn, own_weights) for part, own_weights in pairs]
-        return Proposal(tuple(parts), _floored(belongs.sum(axis=1)))
+        return Proposal(tuple(parts), _floored(belongs.sum(axis=1)), self.least)
 
 
 def _floored(shares: FloatArray) -> FloatArray:
     """Shares of which none vanishes, because a part may have had too few draws so far."""
-    return np.asarray((shares + LEAST_SHARE) / (1.0 + LEAST_SHARE * len(shares)))
+    floored = shares + LEAST_SHARE
+    return np.asarray(floored / floored.sum())
 
 
 def normalised(log: FloatArray) -> FloatArray:

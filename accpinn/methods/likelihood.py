@@ -122,8 +122,8 @@ def vanishing(form: Form, z: FloatArray) -> FloatArray:
 class Criterion:
     """log L + log prior of every group, as a function of its coordinates."""
 
-    rounding: float = 0.0
-    """Gain that rounding hides; a search that expects less ends."""
+    negligible: float = 0.0
+    """Gain that is worth no further round; a search that expects less ends."""
 
     def __init__(self, series: Series, form: Form = "cthp", held: Held = ()) -> None:
         """For series, under a form of the model, with some of its terms held at given values."""
@@ -291,7 +291,7 @@ def ascend(
             trial[k] = np.clip(z[k] + step, criterion.lower, criterion.upper)
             is_full = damping[k] < 1.0 and np.abs(step).max() < 0.99 * reach[k]
             gain = gradient[k] @ step
-            done[k] = (is_full and gain < CLOSE) or gain < criterion.rounding
+            done[k] = (is_full and gain < CLOSE) or gain < criterion.negligible
         active = active[~done[active]]
         if not len(active):
             break

@@ -33,7 +33,7 @@ from accpinn.results.messages.stability import (
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import at_speed
 from accpinn.segment.segment import Segment
-from accpinn.stability.report import stability_report
+from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import Chosen, choose_parameters
 from pages.ui.components.show import escape_markdown
@@ -335,7 +335,7 @@ def _frequency(
         speed = workspace.choices.get("platoon_sinusoid_speed", speed)
         vehicles, _ = at_speed(vehicles, None, speed)
     platoon = vehicles.parameters[[*order]]
-    peak = float(f"{stability_report(platoon).platoon.peaks[-1].omega:.4g}") or Sinusoid.frequency
+    peak = float(f"{head_to_tail_peaks(platoon).omega[-1]:.4g}") or Sinusoid.frequency
     chosen = workspace.choices.get(key)
     value = peak if chosen is None else chosen
     shown = bound(key, value, workspace.keep(key), optional=True)

@@ -76,7 +76,7 @@ def test_followers_of_case_i_share_narrower_ones(segment: Segment) -> None:
 def test_estimates_outside_are_found_with_a_cause(
     segment: Segment, outcome: Outcome, cause: Cause
 ) -> None:
-    beside = Parameters.of([[LAW[0], 9.0, 9.0], LAW])
+    beside = Parameters.of([[LAW[0], 9.0, 9.0], [0.08, 0.16, 1.5]])
     fit = replace(least_squares.fit(segment), parameters=beside, outcome=outcome)
     uncertainty = intervals(segment, fit)
     assert uncertainty.inside[0].tolist() == [True, False, False]

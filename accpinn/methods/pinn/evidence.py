@@ -227,7 +227,7 @@ class LinearEvidence:
 class Evidence(Criterion):
     """log evidence + log prior of every group, in place of the Kalman filter's likelihood."""
 
-    rounding = 1e-5
+    negligible = 1e-5
 
     def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
         """For series, each with features of its own length, and the paper's model or s₀ beside."""
