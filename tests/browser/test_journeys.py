@@ -62,7 +62,7 @@ def test_what_goes_wrong_on_a_page_is_noticed(browser: Browser) -> None:
 # Every page: also for those who cannot see it as it is drawn, or not all of it
 
 SERIOUS = ("serious", "critical")
-TALLEST = 2600
+TALLEST = 2400
 """Pixels of a page at a width of 1440."""
 OUTSIDE = """main => [...main.querySelectorAll('button, input, [role=combobox]')]
     .filter(one => one.checkVisibility({visibilityProperty: true, opacityProperty: true}))
@@ -119,14 +119,15 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
 ) -> None:
     makes = (row(f"Make {k}", file="a.csv", start=0.0, duration=60.0, sha256="0") for k in range(9))
     write_study(app.studies / "nine makes", *makes)
-    sample = (FOLDER / "synthetic_astazero_like.csv").read_text().replace("A8-like", NASTY)
+    whole = (FOLDER / "synthetic_astazero_like.csv").read_text().replace("A8-like", NASTY)
+    sample = "".join(whole.splitlines(keepends=True)[:2500])  # is soon done
     file = f"{NASTY.replace('/', '')}.csv"
     first = opened()
     look(first)
     give(first, (file, sample.encode()))
     expect(first.get_by_text("Preview of the window")).to_be_visible()
     expect(first.locator("strong").filter(has_text=file).first).to_be_visible()
-    first.get_by_role("button", name=re.compile("Train on . windows")).click()
+    first.get_by_role("button", name=re.compile("Train on ")).click()
     leader, learned, *_ = rows(first, ESTIMATES)
     assert NASTY in leader[0]
     assert learned[0] == "2 Audi (A6-like)"
