@@ -35,10 +35,9 @@ from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results
-from accpinn.study.analysis import Analysis
-from accpinn.study.batch import WindowData, WindowRows, batch
+from accpinn.study.batch import WindowJob, batch
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import FILE, read_failures
+from accpinn.study.studies import FILE, Answer, read_failures
 from tests.support.command import ROOT, Capture, strict
 from tests.support.openacc_files import csv, metadata, platoon
 
@@ -192,9 +191,9 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> Non
     assert unique(table(study))
 
 
-def killed(window: WindowData, _: Sequence[Analysis]) -> list[WindowRows]:
+def killed(job: WindowJob) -> list[Answer]:
     """A job as the scheduler reports it after its workers have died."""
-    if window.recording["file"] == "run2.csv":
+    if job.file.name == "run2.csv":
         raise KilledWorker("run2", SimpleNamespace(address="tcp://away"), 1)
     return []
 
@@ -205,7 +204,7 @@ def test_a_window_at_which_workers_die_is_told_and_tried_again(
     options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200, "scheduler": cluster}
     real = batches.answer_all
     with monkeypatch.context() as patched:
-        patched.setattr(batches, "answer_all", lambda *job: killed(*job) or real(*job))
+        patched.setattr(batches, "answer_all", lambda job: killed(job) or real(job))
         found = batch(folder, study, **options)
     assert (found.rows, found.failed) == (2, 1)
     [failure] = [one for one in read_failures(study) if one.start == 0]
@@ -217,12 +216,12 @@ def test_a_window_at_which_workers_die_is_told_and_tried_again(
     assert not [one for one in read_failures(study) if one.start == 0]
 
 
-def dying(_: WindowData, analyses: Sequence[Analysis]) -> list[WindowRows]:
+def dying(job: WindowJob) -> list[Answer]:
     """The first job ends its worker, once."""
     with suppress(FileExistsError):
         Path(os.environ["ACCPINN_TEST_DEATH"]).touch(exist_ok=False)
         os._exit(1)
-    return [WindowRows(analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
+    return [Answer(job.analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
 
 
 def test_a_worker_that_dies_is_replaced(
@@ -279,7 +278,7 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
     cluster: str, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = batches.answer_all
-    monkeypatch.setattr(batches, "answer_all", lambda *job: time.sleep(0.1) or real(*job))
+    monkeypatch.setattr(batches, "answer_all", lambda job: time.sleep(0.1) or real(job))
     folder = tmp_path / "runs"
     folder.mkdir()
     for k in range(5):
@@ -289,7 +288,7 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
         if not (study / FILE).exists():
             return 0
         with closing(sqlite3.connect(study / FILE)) as database:
-            return int(database.execute("select count(*) from results").fetchone()[0])
+            return int(database.execute("select count(*) from answers").fetchone()[0])
 
     with running(*command(folder, study, cluster)) as process:
         while results() < 3 and process.poll() is None:
