@@ -27,7 +27,7 @@ from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, following_model
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import opened, read_all
-from accpinn.recordings.mapping import CsvMapping, write_mapping
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.segment.segment import Segment
@@ -314,8 +314,7 @@ class _Batch:
         """
         with reported(lambda reason: RecordingError(f"it cannot be opened ({reason})")):
             raw = file.read_bytes()
-        used = opened(raw, file.name, self._request.mapping).mapping
-        mapping = sha256(write_mapping(used)).hexdigest() if used else ""
+        mapping = opened(raw, file.name, self._request.mapping).mapping
         digest = sha256(raw).hexdigest()
         earlier = self._digests.setdefault(digest, file)
         if earlier != file:
@@ -337,7 +336,7 @@ class _Batch:
                 left.append(replace(job, analyses=tuple(map(window.with_method, missing))))
         return left
 
-    def _read(self, file: Path, mapping: str) -> tuple[KnownFile, list[WindowJob]]:
+    def _read(self, file: Path, mapping: CsvMapping | None) -> tuple[KnownFile, list[WindowJob]]:
         """What a file holds, and its windows with their data."""
         recordings, refused, parts = 0, 0, list[WindowJob | AccpinnError]()
         for recording in read_all(file, mapping=self._request.mapping):

@@ -60,16 +60,13 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
     count = str(workers or os.cpu_count() or 1)
     places = (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))
     path = os.pathsep.join(place for place in places if place)
-    with (
-        tempfile.TemporaryDirectory(prefix="accpinn-") as space,
-        subprocess.Popen(
-            [sys.executable, "-P", "-m", MODULE, count, space],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": path},
-        ) as process,
-    ):
+    with subprocess.Popen(
+        [sys.executable, "-P", "-m", MODULE, count],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    ) as process:
         assert process.stdin
         assert process.stdout
         import distributed  # noqa: F401 - while the other process does so, too
@@ -216,8 +213,8 @@ def _outcome(future: "Future[Any]") -> Any:
     return future.result() if future.status == "finished" else future.exception()
 
 
-def serve(workers: int, space: str) -> None:
-    """Be scheduler and workers, whose files lie in that folder, until standard input ends."""
+def serve(workers: int) -> None:
+    """Be scheduler and workers until standard input ends."""
     import dask
     from distributed import LocalCluster
 
@@ -230,6 +227,7 @@ def serve(workers: int, space: str) -> None:
     }
     try:
         with (
+            tempfile.TemporaryDirectory(prefix="accpinn-") as space,
             dask.config.set(settings),
             LocalCluster(
                 n_workers=workers,
@@ -248,4 +246,4 @@ def serve(workers: int, space: str) -> None:
 
 
 if __name__ == "__main__":
-    serve(int(sys.argv[1]), sys.argv[2])
+    serve(int(sys.argv[1]))

@@ -77,8 +77,8 @@ class Request:
 class KnownFile:
     """What was read of one file."""
 
-    mapping: str
-    """SHA-256 of the mapping it was read by; empty for a file that needs none."""
+    mapping: CsvMapping | None
+    """What it was read by; None for a file that needs none."""
     recordings: int
     """Recordings in it that could be read."""
     refused: int
@@ -138,19 +138,22 @@ class Study:
 
     def note(self, request: Request) -> None:
         """Keep what the study is asked to do."""
-        document = msgspec.json.encode(request).decode()
-        self._write(("delete from request", ()), ("insert into request values (?)", (document,)))
+        with self._writing() as database:
+            database.execute("delete from request")
+            database.execute("insert into request values (?)", (_document(request),))
 
     def known_file(self, sha256: str) -> KnownFile | None:
         """What was read of a file with these bytes; None where it was not read yet."""
-        with _told(self.folder):
-            row = self._ask("select document from files where sha256 = ?", sha256)
+        asked = "select document from files where sha256 = ?"
+        with self._writing() as database:
+            row = database.execute(asked, (sha256,)).fetchone()
             return msgspec.json.decode(row[0], type=KnownFile) if row else None
 
     def add_file(self, sha256: str, known: KnownFile) -> None:
         """Keep what was read of a file, by the SHA-256 of its bytes."""
-        document = msgspec.json.encode(known).decode()
-        self._write(("insert or replace into files values (?, ?)", (sha256, document)))
+        with self._writing() as database:
+            values = (sha256, _document(known))
+            database.execute("insert or replace into files values (?, ?)", values)
 
     def refuse(self, path: Path, reasons: Sequence[str]) -> None:
         """Keep what of a file cannot be used, in place of what was said of that path before.
@@ -159,11 +162,10 @@ class Study:
             path: where the file is.
             reasons: one for each recording in it, or one for the whole file.
         """
-        statement = "insert into refused values (?, ?, ?)"
-        self._write(
-            ("delete from refused where path = ?", (str(path),)),
-            *((statement, (str(path), path.name, reason)) for reason in reasons),
-        )
+        values = [(str(path), path.name, reason) for reason in reasons]
+        with self._writing() as database:
+            database.execute("delete from refused where path = ?", (str(path),))
+            database.executemany("insert into refused values (?, ?, ?)", values)
 
     def rows_of(self, analysis: Analysis) -> int | None:
         """How many rows the answer to an analysis has.
@@ -171,13 +173,13 @@ class Study:
         Returns:
             0 where it failed in a way that would come again, None where it is to be run.
         """
-        with _told(self.folder):
-            row = self._ask(
-                "select json_array_length(rows) from answers where sha256 = ? and start = ?"
-                " and leader = ? and method = ? and key = ? and is_final",
-                *_place(analysis), analysis.method, analysis.key,
-            )  # fmt: skip
-        return int(row[0]) if row else None
+        asked = (
+            "select json_array_length(rows) from answers where sha256 = ? and start = ?"
+            " and leader = ? and method = ? and key = ? and is_final"
+        )
+        with self._writing() as database:
+            row = database.execute(asked, (*_place(analysis), analysis.key)).fetchone()
+            return int(row[0]) if row else None
 
     def add(self, file: str, answer: Answer) -> None:
         """Keep an answer, in place of one by an earlier version of its method.
@@ -188,32 +190,23 @@ class Study:
         """
         analysis, place = answer.analysis, _place(answer.analysis)
         _, *followers = analysis.vehicles
+        alone = followers[0] if len(followers) == 1 else None
         rows = json.dumps(list(answer.rows), ensure_ascii=False, allow_nan=False)
-        values = (
-            *place, analysis.method, analysis.key, file,
-            followers[0] if len(followers) == 1 else None,
-            rows, f"{analysis.method}: {answer.reason}" if answer.reason else None, answer.is_final,
-        )  # fmt: skip
-        drawn = () if answer.posteriors is None else answer.posteriors
-        self._write(
-            (f"insert or replace into answers values ({', '.join('?' * len(values))})", values),
-            *(
-                (
-                    "insert or replace into posteriors values (?, ?, ?, ?)",
-                    (*place[:2], vehicle, draws.astype("<f8").tobytes()),
-                )
-                for vehicle, draws in zip(followers, drawn, strict=False)
-            ),
-        )
+        reason = f"{analysis.method}: {answer.reason}" if answer.reason else None
+        values = (*place, analysis.key, file, alone, rows, reason, answer.is_final)
+        drawn = () if answer.posteriors is None else answer.posteriors.astype("<f8")
+        with self._writing() as database:
+            places = ", ".join("?" * len(values))
+            database.execute(f"insert or replace into answers values ({places})", values)
+            for vehicle, draws in zip(followers, drawn, strict=False):
+                own = (*place[:2], vehicle, draws.tobytes())
+                database.execute("insert or replace into posteriors values (?, ?, ?, ?)", own)
 
-    def _ask(self, statement: str, *values: Any) -> Any:
-        return self._database.execute(statement, values).fetchone()
-
-    def _write(self, *statements: tuple[str, tuple[Any, ...]]) -> None:
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
         """One transaction."""
         with _told(self.folder), self._database:
-            for statement, values in statements:
-                self._database.execute(statement, values)
+            yield self._database
 
     def publish(self) -> None:
         """Make the Parquet file, the list of failures and the schema from what is known so far."""
@@ -283,9 +276,14 @@ def _make(path: Path) -> None:
         write_whole(path, database.serialize())
 
 
-def _place(analysis: Analysis) -> tuple[str, Seconds, int]:
-    """What a study has one answer by each method for."""
-    return analysis.source.sha256, analysis.window.start, analysis.vehicles[0]
+def _place(analysis: Analysis) -> tuple[str, Seconds, int, str]:
+    """What a study has one answer for."""
+    start, leader = analysis.window.start, analysis.vehicles[0]
+    return analysis.source.sha256, start, leader, analysis.method
+
+
+def _document(of: object) -> str:
+    return msgspec.json.encode(of).decode()
 
 
 def _write_parquet(path: Path, rows: Iterator[dict[str, Any]]) -> None:

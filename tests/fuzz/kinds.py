@@ -307,7 +307,7 @@ def study_file() -> bytes:
             for k in range(3):
                 rows = [cells | {"start": 300.0 * k}]
                 study.add("a.csv", Answer(analysis(300.0 * k), rows))
-            study.add_file("r", KnownFile("", 1, 0, (analysis(),)))
+            study.add_file("r", KnownFile(None, 1, 0, (analysis(),)))
             study.refuse(Path("b.csv"), ["no reason"])
         return (folder / FILE).read_bytes()
 

@@ -79,7 +79,7 @@ def test_rows_have_one_order_whatever_ended_first(tmp_path: Path) -> None:
 
 
 def test_what_a_file_holds_and_what_was_asked_last_are_found_again(tmp_path: Path) -> None:
-    known, finished = KnownFile("", 1, 1, (analysis(),)), replace(REQUEST, is_finished=True)
+    known, finished = KnownFile(None, 1, 1, (analysis(),)), replace(REQUEST, is_finished=True)
     with written(tmp_path, REQUEST) as study:
         assert read_request(tmp_path) == REQUEST
         study.refuse(Path("runs/x.csv"), ["broken", "broken, too"])
