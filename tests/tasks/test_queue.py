@@ -59,7 +59,7 @@ class Puppet:
 
     def __init__(self) -> None:
         """No task runs yet."""
-        self.queue = TaskQueue(threads=1, prepare=lambda: None)
+        self.queue = TaskQueue(prepare=lambda: None)
         self.started: Queue[Any] = Queue()
         self.given: Queue[tuple[Any, threading.Event]] = Queue()
         self.context = TaskContext()
@@ -296,7 +296,7 @@ class TestStore:
     ) -> None:
         store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
         (tmp_path / f"{analysis.fit_key}.accpinn.zip").write_bytes(b"damaged")
-        queue = TaskQueue(store=store, threads=1)
+        queue = TaskQueue()
         task = finished(queue.submit(training_task("ann", analysis, run(), store)))
         assert any(analysis.fit_key in str(note) for note in task.result.fit.findings)
         assert [entry.id for entry in store.entries(session="ann")] == [analysis.fit_key]
@@ -312,34 +312,14 @@ class TestStore:
         finished(busy)
         queue.close()
 
-    def test_it_is_read_while_others_may_ask(self, puppet: Puppet, tmp_path: Path) -> None:
-        reading, read_on = threading.Event(), threading.Event()
-
-        class Slow(Store):
-            def has(self, name: str) -> bool:
-                reading.set()
-                assert read_on.wait(WAIT)
-                return False
-
-        queue = TaskQueue(store=Slow(tmp_path), threads=1, prepare=lambda: None)
-        task = puppet.task("ann", analysis=asked())
-        submitting = threading.Thread(target=queue.submit, args=(task,))
-        submitting.start()
-        assert reading.wait(WAIT)
-        assert queue.of("ben") is None
-        read_on.set()
-        submitting.join(WAIT)
-        puppet.give(result())
-        queue.close()
-
     def test_a_stopped_training_goes_on_with_its_history_or_begins_anew(
         self, tmp_path: Path
     ) -> None:
         store, analysis = Store(tmp_path), asked(PAPER)
-        queue = TaskQueue(store=store, threads=1)
+        queue = TaskQueue()
 
         def stopped_after(iteration: int, anew: bool = False) -> Task[Result]:
-            task = queue.submit(training_task("ann", analysis, run(), store), anew)
+            task = queue.submit(training_task("ann", analysis, run(), store, anew=anew))
             while not (task.progress and task.progress.iteration > iteration):
                 assert not task.wait(0.01)
             task.stop()
@@ -360,7 +340,7 @@ class TestStore:
 
     def test_five_starts_are_five_results(self, tmp_path: Path) -> None:
         store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
-        queue = TaskQueue(store=store, threads=1)
+        queue = TaskQueue()
         task = finished(queue.submit(starts_task("ann", analysis, run(), store)))
         queue.close()
         assert task.status is Status.DONE
@@ -372,7 +352,7 @@ def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    queue = TaskQueue(threads=1)
+    queue = TaskQueue()
     task = finished(queue.submit(training_task("ann", asked(PAPER), run(), None)))
     queue.close()
     assert task.status is Status.FAILED
