@@ -26,7 +26,7 @@ from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.storage import reason_of, reported, write_whole, written_whole
+from accpinn.storage import folder, reason_of, reported, write_whole, written_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.rows import COLUMNS
 from accpinn.units import FloatArray, Seconds
@@ -428,18 +428,17 @@ def _told(folder: Path) -> Iterator[None]:
 # Names
 
 
-def study_path(name: str, folder: Path) -> Path:
+def study_path(name: str) -> Path:
     """The folder of the study of that name, which need not exist.
 
     Args:
         name: letters, digits, spaces, points and hyphens.
-        folder: of all studies.
 
     Raises:
-        ConfigError: for what is no name, and for a link that leads out of the folder.
+        ConfigError: for what is no name, and for a link that leads out of the folder of studies.
     """
-    path = folder / name
-    outside = path.resolve().parent != folder.resolve()
+    path = folder("studies") / name
+    outside = path.resolve().parent != folder("studies").resolve()
     if not _NAME.fullmatch(name) or name != name.strip(" .") or outside:
         raise ConfigError(
             f'study: "{name[:60]}" is no name; take up to 60 letters, digits, spaces, points and'
@@ -448,11 +447,11 @@ def study_path(name: str, folder: Path) -> Path:
     return path
 
 
-def studies(folder: Path) -> tuple[str, ...]:
-    """The names of the studies in a folder, the one that was written to last first."""
+def studies() -> tuple[str, ...]:
+    """The names of the user's studies, the one that was written to last first."""
     changed: dict[str, int] = {}
-    for path in folder.glob(f"*/{FILE}"):
+    for path in folder("studies").glob(f"*/{FILE}"):
         name = path.parent.name
         with suppress(AccpinnError):  # a link that leads elsewhere
-            changed[name] = max(state_of(study_path(name, folder))[1::2], default=0)
+            changed[name] = max(state_of(study_path(name))[1::2], default=0)
     return tuple(sorted(changed, key=lambda name: -changed[name]))

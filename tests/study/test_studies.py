@@ -131,19 +131,25 @@ def test_what_is_no_study_ends_in_one_sentence(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["", ".", "..", "../x", "a/b", "/etc", "a\\b", ".hidden", "x ", "x" * 61, "a\n", "out"]
 )
-def test_what_leads_out_of_the_folder_is_refused(name: str, tmp_path: Path) -> None:
-    (tmp_path / "studies").mkdir()
-    write_study(tmp_path / "elsewhere", row("A"))
-    (tmp_path / "studies" / "out").symlink_to(tmp_path / "elsewhere")
+def test_what_leads_out_of_the_folder_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "studies"
+    monkeypatch.setenv("ACCPINN_STUDIES", str(folder))
+    folder.mkdir()
+    (folder / "out").symlink_to(write_study(tmp_path / "elsewhere", row("A")))
     with pytest.raises(ConfigError, match="is no name"):
-        study_path(name, tmp_path / "studies")
-    assert studies(tmp_path / "studies") == ()
+        study_path(name)
+    assert studies() == ()
 
 
-def test_studies_are_listed_the_latest_first(tmp_path: Path) -> None:
-    assert studies(tmp_path / "none") == ()
+def test_studies_are_listed_the_latest_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACCPINN_STUDIES", str(tmp_path))
+    assert studies() == ()
     for age, name in enumerate(("Meine Läufe (2)", "old")):
         file = write_study(tmp_path / name, row("A")) / FILE
         os.utime(file, (1e9 - age, 1e9 - age))
     (tmp_path / "no study").mkdir()
-    assert studies(tmp_path) == ("Meine Läufe (2)", "old")
+    assert studies() == ("Meine Läufe (2)", "old")
