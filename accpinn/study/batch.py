@@ -21,7 +21,7 @@ from typing import Any
 from accpinn.errors import AccpinnError, ConfigError, RecordingError, SegmentError
 from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext
+from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, following_model
@@ -34,7 +34,7 @@ from accpinn.segment.segment import Segment
 from accpinn.storage import reported
 from accpinn.study.analysis import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Sources, files_of, plan, size_of
+from accpinn.study.plan import LEAST, Sources, files_of, plan
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
 from accpinn.study.studies import Answer, KnownFile, Request, Study, StudyError, read_rows, written
@@ -302,7 +302,7 @@ class _Batch:
                 jobs = []
             if not jobs:
                 self._advance(file)
-            sizes = [size_of(job.analyses[0].window.duration, len(job.modes)) for job in jobs]
+            sizes = [relative_size(job.segment) for job in jobs]
             for job, size in zip(jobs, sizes, strict=True):
                 yield replace(job, fraction=size / sum(sizes))
 
