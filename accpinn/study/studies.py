@@ -243,7 +243,7 @@ def written(folder: Path, request: Request) -> Iterator[Study]:
             lock.execute("begin exclusive")  # as long as this process lives
             if not (folder / FILE).exists():
                 _make(folder / FILE)
-            database = stack.enter_context(closing(_connect(folder)))
+            database = stack.enter_context(_connected(folder))
             database.execute("pragma journal_mode = wal")
             database.execute("pragma synchronous = normal")
             kept = _request(database)
@@ -355,24 +355,21 @@ def state_of(folder: Path) -> tuple[int, ...]:
 def _read(folder: Path) -> Iterator[sqlite3.Connection]:
     if not (folder / FILE).is_file():
         raise StudyError(f"{folder}: no batch is there; name the folder that batch wrote to.")
-    with _told(folder), closing(_connect(folder)) as database:
+    with _told(folder), _connected(folder) as database:
         yield database
 
 
-def _connect(folder: Path) -> sqlite3.Connection:
+@contextmanager
+def _connected(folder: Path) -> Iterator[sqlite3.Connection]:
     """The study's file, which is there; it is not made anew where it is gone meanwhile."""
     uri = f"{(folder / FILE).resolve().as_uri()}?mode=rw"
-    database = sqlite3.connect(uri, uri=True, timeout=PATIENCE)
-    try:
+    with closing(sqlite3.connect(uri, uri=True, timeout=PATIENCE)) as database:
         if database.execute("pragma user_version").fetchone() != (FORMAT,):
             raise StudyError(
                 f"{folder}: the study was written by another version of accpinn; take another"
                 " folder."
             )
-    except BaseException:
-        database.close()
-        raise
-    return database
+        yield database
 
 
 def _rows(database: sqlite3.Connection) -> Iterator[dict[str, Any]]:
@@ -404,8 +401,7 @@ def _told(folder: Path) -> Iterator[None]:
     """Turn a fault of the disk, of SQLite or of a document in it into a sentence for the user."""
     try:
         yield
-    except (OSError, sqlite3.Error, msgspec.DecodeError, UnicodeDecodeError, TypeError,
-            ValueError) as fault:  # fmt: skip
+    except (OSError, sqlite3.Error, msgspec.DecodeError, TypeError, ValueError) as fault:
         # A table that is not there, or a text that is none, is no fault of the disk.
         kind = getattr(fault, "sqlite_errorname", "SQLITE_ERROR")
         of_disk = isinstance(fault, sqlite3.OperationalError) and kind != "SQLITE_ERROR"

@@ -95,11 +95,10 @@ def _is_at_hand(request: Request) -> bool:
 
 def _watch(task: StudyTask) -> None:
     """The bar, again and again; now and then the whole page, with the rows found meanwhile."""
-    drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
+    drawn, rows = time.monotonic(), task.latest.rows
 
     def has_more() -> bool:
-        known = task.latest.rows if task.latest else 0
-        return known > rows and time.monotonic() - drawn > REDRAWN
+        return task.latest.rows > rows and time.monotonic() - drawn > REDRAWN
 
     watch(task, lambda: _line_of(task), has_more)
 
@@ -107,7 +106,7 @@ def _watch(task: StudyTask) -> None:
 def _line_of(task: StudyTask) -> str:
     if task.status is Status.QUEUED:
         return "Waiting: another batch is running."
-    if task.latest is None:
+    if not task.latest.files:
         return "Getting ready …"
     parts = ["Stopping …"] if task.is_stopping else []
     parts.append(progress_line(task.latest))
