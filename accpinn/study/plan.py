@@ -86,8 +86,6 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
         allowed = np.column_stack([qualifies(recording, number) for number in chain[1:]])
         together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
         planned += [_planned(recording, chain, window) for window in together]
-        if len(chain) == 2:
-            continue
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
             alone = column.copy()
             for window in together:
@@ -159,20 +157,15 @@ def _inside(time: FloatArray, window: Window) -> Mask:
 
 def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Window]:
     """The windows of all stretches that are long enough."""
-    least = max(MINIMUM_DURATION, min(LEAST, longest))
-    return [
-        window
-        for stretch in stretches(allowed)
-        for window in _pieces(recording.window(stretch), longest, least)
-    ]
-
-
-def _pieces(whole: Window, longest: Seconds, least: Seconds) -> Iterator[Window]:
-    start = whole.start
-    while whole.end - start >= least - SLACK:
-        end = min(start + longest, whole.end)
-        yield Window(start, round(end, 6))
-        start = round(start + longest, 6)
+    least, windows = max(MINIMUM_DURATION, min(LEAST, longest)), list[Window]()
+    for stretch in stretches(allowed):
+        whole = recording.window(stretch)
+        start = whole.start
+        while whole.end - start >= least - SLACK:
+            end = min(start + longest, whole.end)
+            windows.append(Window(start, round(end, 6)))
+            start = round(start + longest, 6)
+    return windows
 
 
 def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> PlannedWindow:
