@@ -11,36 +11,34 @@ The files are read here; workers, on this machine or elsewhere, are sent the dat
 import math
 import os
 import time
-from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from accpinn.errors import AccpinnError, ConfigError
+from accpinn.errors import AccpinnError, ConfigError, RecordingError, SegmentError
 from accpinn.inference.window_posterior import window_posterior
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext
+from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, following_model
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import opened, read_all
-from accpinn.recordings.mapping import CsvMapping, write_mapping
+from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.segment.segment import Segment
-from accpinn.storage import reason_of
+from accpinn.storage import reported
 from accpinn.study.analysis import Analysis, Source
-from accpinn.study.cluster import Job, connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Sources, files_of, plan, size_of
+from accpinn.study.cluster import connected, run_all, sentence_of
+from accpinn.study.plan import LEAST, Sources, files_of, plan
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
-from accpinn.study.studies import Failure, KnownFile, Request, Study, read_rows
-from accpinn.units import FloatArray, Seconds
+from accpinn.study.studies import Answer, KnownFile, Request, Study, StudyError, read_rows, written
+from accpinn.units import Seconds
 
 PUBLISHED_EVERY: Seconds = 60.0
 """Time between two versions of `results.parquet` while a batch runs."""
@@ -50,7 +48,7 @@ OTHER_MAPPING = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass
 class BatchProgress:
     """How far a batch has got, and at its end what it has come to."""
 
@@ -152,115 +150,70 @@ def run_request(
 ) -> BatchProgress:
     """Do what is missing of a request; see `batch`."""
     files = files_of(request.sources, study)
-    with Study(study, request) as opened:
-        return _Batch(opened, request, files, on_progress, should_stop).work()
+    with written(study, request) as opened_study:
+        work = _Batch(opened_study, request, files, on_progress or (lambda _: None))
+        return work.run(should_stop or (lambda: False))
 
 
-# Windows
+# In a worker
 
 
 @dataclass(frozen=True, eq=False)
-class WindowData:
-    """A planned window with all that its rows need."""
+class WindowJob:
+    """A planned window with all that its rows need, and what is asked of it."""
 
-    analysis: Analysis
-    """The window asked of one method; the others are asked the same."""
+    file: Path
+    analyses: tuple[Analysis, ...]
+    """The window asked of several methods."""
     modes: tuple[str, ...]
     """(M,) as `plan` gives them."""
     recording: dict[str, Any]
     """What rows say of the recording."""
     segment: Segment
+    fraction: float = 0.0
+    """Its share of what is left to do of its file."""
 
 
-@dataclass(frozen=True, eq=False)
-class FileContents:
-    """What a file has for a batch."""
-
-    known: KnownFile
-    """What a study keeps of it."""
-    reasons: tuple[str, ...]
-    """One sentence for each trajectory that was not read, recording without a window, and window
-    that was not cut."""
-    windows: tuple[WindowData, ...]
+def answer_all(job: WindowJob) -> list[Answer]:
+    """Answer the analyses of one window; one that fails does not stop the others."""
+    segment = replace(job.segment)  # arrays of its own: those received may lie anyhow in memory
+    return [_answer(job, segment, analysis) for analysis in job.analyses]
 
 
-def read_file(path: Path, request: Request, mapping: str) -> FileContents:
-    """Read a file, and cut its windows; ``mapping`` is the digest of how its columns are read.
-
-    Raises:
-        RecordingError: when the file as a whole cannot be read.
-    """
-    recordings, refused, reasons, windows = 0, 0, list[str](), []
-    longest = request.window or math.inf
-    for recording in read_all(path, mapping=request.mapping):
-        if not isinstance(recording, Recording):
-            refused += 1
-            reasons.append(str(recording))
-            continue
-        recordings += 1
-        source, planned = Source.of(recording), plan(recording, longest)
-        named = {"file": path.name, "trajectory": source.trajectory, "sha256": source.sha256}
-        about = {**facts_of(recording), **named}
-        if not planned:
-            reasons.append(NOTHING)
-        for place in planned:
-            analysis = Analysis(
-                source, place.vehicles, (place.window,), request.case, model=request.model,
-                method=KEY,
-            )  # fmt: skip
-            try:
-                (segment,) = analysis.segments(recording)
-            except AccpinnError as fault:
-                reasons.append(str(fault))
-            else:
-                windows.append(WindowData(analysis, place.modes, about, segment))
-    analyses = tuple(data.analysis for data in windows)
-    known = KnownFile(mapping, recordings, refused, analyses)
-    return FileContents(known, tuple(reasons), tuple(windows))
-
-
-@dataclass(frozen=True)
-class WindowRows:
-    """What came of one analysis."""
-
-    analysis: Analysis
-    rows: list[dict[str, Any]]
-    """One a follower; empty where it failed."""
-    posteriors: FloatArray | None = None
-    """(M, n, p) draws of each follower for the answer over several windows."""
-    reason: str = ""
-    """Why it failed."""
-    is_final: bool = True
-    """Whether it would fail again."""
-
-
-def answer_all(window: WindowData, analyses: Sequence[Analysis]) -> list[WindowRows]:
-    """Answer analyses of one window; one that fails does not stop the others."""
-    return [_answer(window, analysis) for analysis in analyses]
-
-
-def _answer(window: WindowData, analysis: Analysis) -> WindowRows:
-    segment = replace(window.segment)  # arrays of its own: those received may lie anyhow in memory
+def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Answer:
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
         posterior = window_posterior(segment, analysis.case, analysis.model)
-        rows = rows_of(result, posterior, window.recording, window.modes)
-        return WindowRows(analysis, rows, posterior.drawn)
+        rows = rows_of(result, posterior, job.recording, job.modes)
+        return Answer(analysis, rows, posterior.drawn)
     except AccpinnError as fault:
-        return WindowRows(analysis, [], reason=str(fault))
+        return Answer(analysis, reason=str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time
-        return WindowRows(analysis, [], reason=sentence_of(fault), is_final=False)
+        return Answer(analysis, reason=sentence_of(fault), is_final=False)
 
 
 # In the caller's process
 
-Known = tuple[Analysis, int | None]
-"""An analysis, and the number of its rows as `Study.rows_of` gives it."""
 
-
-def _missing(rows: list[Known]) -> tuple[Analysis, ...]:
-    """Those analyses of a window that are to be run."""
-    return tuple(analysis for analysis, number in rows if number is None)
+def cut_windows(
+    file: Path, recording: Recording, request: Request
+) -> Iterator[WindowJob | AccpinnError]:
+    """The windows of a recording, each asked of one method; where there is none, why."""
+    source, planned = Source.of(recording), plan(recording, request.window or math.inf)
+    named = {"file": file.name, "trajectory": source.trajectory, "sha256": source.sha256}
+    about = {**facts_of(recording), **named}
+    if not planned:
+        yield SegmentError(NOTHING)
+    for place in planned:
+        analysis = Analysis(
+            source, place.vehicles, (place.window,), request.case, model=request.model, method=KEY
+        )
+        try:
+            (segment,) = analysis.segments(recording)
+        except AccpinnError as fault:
+            yield fault
+        else:
+            yield WindowJob(file, (analysis,), place.modes, about, segment)
 
 
 class _Batch:
@@ -271,165 +224,158 @@ class _Batch:
         study: Study,
         request: Request,
         files: list[Path],
-        on_progress: Callable[[BatchProgress], None] | None,
-        should_stop: Callable[[], bool] | None,
+        on_progress: Callable[[BatchProgress], None],
     ) -> None:
         self._study, self._request, self._files = study, request, files
         self._digests: dict[str, Path] = {}
         """The files so far, by the SHA-256 of their bytes."""
-        self._on_progress = on_progress or (lambda _: None)
-        self._should_stop = should_stop or (lambda: False)
+        self._on_progress, self._now = on_progress, BatchProgress(len(files))
         sizes = {file: 1.0 + (file.stat().st_size if file.is_file() else 0.0) for file in files}
         self._weights = {file: size / sum(sizes.values()) for file, size in sizes.items()}
-        self._counts: dict[str, Any] = Counter[str]()
-        """The counts of `BatchProgress` by name."""
-        self._done = self._share = self._computed = 0.0
-        """Files done, and shares of all work that are done and that were computed by this call."""
+        """Each file's share of all work."""
+        self._computed = 0.0
+        """Share of all work that this call has computed."""
         self._began, self._published = time.monotonic(), 0.0
 
-    def work(self) -> BatchProgress:
-        """Run all jobs; workers are started for the first one that is left to do."""
-        request, study = self._request, self._study
-        self._tell(0)
-        jobs = chain.from_iterable(map(self._jobs_of, self._files))
-        is_ended, first = True, next(jobs, None)
-        if first:
-            with connected(request.workers, request.scheduler) as client:
-                is_ended = run_all(
-                    client,
-                    chain([first], jobs),
-                    is_local=not request.scheduler,
-                    on_progress=self._tell,
-                    should_stop=self._should_stop,
-                )
-        study.note(replace(request, is_finished=is_ended))
-        named = {row["name"] for row in read_rows(study.folder) if row["make"]}
-        names = tuple(sorted(name for name in named if not is_known(name)))
-        summary = replace(self._progress(0), stopped=not is_ended, unknown_names=names)
+    def run(self, should_stop: Callable[[], bool]) -> BatchProgress:
+        """Do all jobs; workers are started for the first one that is left to do."""
+        self._tell()
+        jobs = self._jobs()
+        first = next(jobs, None)
+        is_ended = first is None or self._work(chain([first], jobs), should_stop)
+        self._study.note(replace(self._request, is_finished=is_ended))
+        named = {row["name"] for row in read_rows(self._study.folder) if row["make"]}
+        self._now.unknown_names = tuple(sorted(name for name in named if not is_known(name)))
+        self._now.stopped = not is_ended
         if is_ended:
-            summary = replace(summary, seconds_left=0.0, share=1.0)
-        self._on_progress(summary)
-        return summary
+            self._now.share = 1.0
+        self._tell()
+        return self._now
 
-    def _tell(self, workers: int) -> None:
-        now = self._progress(workers)
-        self._on_progress(now)
-        if now.seconds - self._published > PUBLISHED_EVERY:
-            self._study.publish()
-            self._published = now.seconds
+    def _work(self, jobs: Iterator[WindowJob], should_stop: Callable[[], bool]) -> bool:
+        """Let workers do the jobs, and keep what they find; returns whether all have ended."""
+        request = self._request
+        with connected(request.workers, request.scheduler) as client:
+            for ended in run_all(client, answer_all, jobs, is_local=not request.scheduler):
+                if ended:
+                    job, answers, workers = ended
+                    self._finish(job, answers)
+                    self._tell(workers)
+                if should_stop():
+                    return False
+        return True
 
-    def _progress(self, workers: int) -> BatchProgress:
-        """How far it has got.
+    def _tell(self, workers: int = 0) -> None:
+        """Say how far it has got, and make the study's files now and then.
 
         Each file is a share of the work by its bytes, split among its windows by their size. The
         time left is what the rest would take at the pace so far, once each worker has had a window.
         """
-        seconds, share = round(time.monotonic() - self._began, 3), min(1.0, self._share)
-        is_known = self._counts["finished"] >= max(1, workers)
-        return BatchProgress(
-            files=len(self._files),
-            done=min(self._done, len(self._files)),
-            seconds=seconds,
-            seconds_left=seconds / self._computed * (1.0 - share) if is_known else None,
-            share=share,
-            **self._counts,
-        )
+        now = self._now
+        now.seconds = round(time.monotonic() - self._began, 3)
+        if now.share == 1.0:
+            now.seconds_left = 0.0
+        elif self._computed and now.finished >= workers:
+            now.seconds_left = now.seconds / self._computed * (1.0 - now.share)
+        self._on_progress(replace(now))
+        if now.seconds - self._published > PUBLISHED_EVERY:
+            self._study.publish()
+            self._published = now.seconds
 
-    def _advance(self, file: Path, fraction: float = 1.0) -> None:
-        """A fraction of a file is done."""
-        self._done += fraction
-        self._share += fraction * self._weights[file]
+    def _advance(self, file: Path, fraction: float = 1.0) -> float:
+        """A fraction of a file is done; returns its share of all work."""
+        share = fraction * self._weights[file]
+        self._now.done = min(self._now.done + fraction, len(self._files))
+        self._now.share = min(self._now.share + share, 1.0)
+        return share
 
-    def _jobs_of(self, file: Path) -> Iterator[Job]:
-        """The windows of a file that are left to do."""
-        try:
-            raw = file.read_bytes()
-            used = opened(raw, file.name, self._request.mapping).mapping
-        except OSError as fault:
-            reason = f"it cannot be opened ({reason_of(fault)})"
-        except Exception as fault:  # whatever a file holds, the others go on
-            reason = sentence_of(fault)
-        else:
-            mapping = sha256(write_mapping(used)).hexdigest() if used else ""
-            reason = yield from self._jobs_in(file, sha256(raw).hexdigest(), mapping)
-        if reason:
-            self._counts["refused"] += 1
-            self._advance(file)
-            self._study.refuse(file, [reason])
-
-    def _jobs_in(self, file: Path, digest: str, mapping: str) -> Generator[Job, None, str]:
-        """The same; returns why nothing of it can be used. What is known whole is not read."""
-        earlier = self._digests.setdefault(digest, file)
-        known, windows = self._study.known_file(digest), tuple[WindowData, ...]()
-        if earlier != file:
-            return f"its contents are those of {earlier.name}"
-        if known and known.mapping != mapping:
-            return OTHER_MAPPING
-        if not known or any(map(_missing, self._rows(known))):
+    def _jobs(self) -> Iterator[WindowJob]:
+        """The windows that are left to do, file by file."""
+        for file in self._files:
             try:
-                contents = read_file(file, self._request, mapping)
-            except Exception as fault:
-                return sentence_of(fault)
-            known, windows = contents.known, contents.windows
-            self._study.refuse(file, contents.reasons)
+                jobs = self._jobs_of(file)
+            except StudyError:
+                raise
+            except Exception as fault:  # whatever a file holds, the others go on
+                self._study.refuse(file, [sentence_of(fault)])
+                self._now.refused += 1
+                jobs = []
+            if not jobs:
+                self._advance(file)
+            sizes = [relative_size(job.segment) for job in jobs]
+            for job, size in zip(jobs, sizes, strict=True):
+                yield replace(job, fraction=size / sum(sizes))
+
+    def _jobs_of(self, file: Path) -> list[WindowJob]:
+        """The windows of a file that are left to do; what is known whole is not read.
+
+        Raises:
+            AccpinnError: where nothing of it can be used.
+        """
+        with reported(lambda reason: RecordingError(f"it cannot be opened ({reason})")):
+            raw = file.read_bytes()
+        mapping = opened(raw, file.name, self._request.mapping).mapping
+        digest = sha256(raw).hexdigest()
+        earlier = self._digests.setdefault(digest, file)
+        if earlier != file:
+            raise RecordingError(f"its contents are those of {earlier.name}")
+        known, jobs = self._study.known_file(digest), list[WindowJob]()
+        if known and known.mapping != mapping:
+            raise RecordingError(OTHER_MAPPING)
+        rows = self._rows(known) if known else []
+        if not known or any(None in numbers.values() for numbers in rows):
+            known, jobs = self._read(file, mapping)
             self._study.add_file(digest, known)
-        rows = self._rows(known)
+            rows = self._rows(known)
         self._count(known, rows)
-        left = [
-            (window, asked)
-            for window, asked in zip(windows, map(_missing, rows), strict=False)
-            if asked
-        ]
-        if not left:
-            self._advance(file)
-        sizes = [size_of(window.analysis.window.duration, len(window.modes)) for window, _ in left]
-        for (window, asked), size in zip(left, sizes, strict=True):
-            finish = partial(self._finish, file, size / sum(sizes), asked)
-            yield Job(answer_all, (window, asked), finish)
-        return ""
+        left = list[WindowJob]()
+        for job, numbers in zip(jobs, rows, strict=False):
+            (window,) = job.analyses
+            missing = [method for method, number in numbers.items() if number is None]
+            if missing:
+                left.append(replace(job, analyses=tuple(map(window.with_method, missing))))
+        return left
 
-    def _finish(
-        self,
-        file: Path,
-        fraction: float,
-        asked: tuple[Analysis, ...],
-        answers: list[WindowRows] | None,
-        fault: str,
-    ) -> None:
-        """Write what came of a window, which is a fraction of what was left of its file."""
-        self._advance(file, fraction)
-        self._computed += fraction * self._weights[file]
-        self._counts["finished"] += 1
-        for answer in answers or [WindowRows(a, [], reason=fault, is_final=False) for a in asked]:
-            self._keep(answer, file.name)
+    def _read(self, file: Path, mapping: CsvMapping | None) -> tuple[KnownFile, list[WindowJob]]:
+        """What a file holds, and its windows with their data."""
+        recordings, refused, parts = 0, 0, list[WindowJob | AccpinnError]()
+        for recording in read_all(file, mapping=self._request.mapping):
+            if isinstance(recording, Recording):
+                recordings += 1
+                parts += cut_windows(file, recording, self._request)
+            else:
+                refused += 1
+                parts.append(recording)
+        jobs = [part for part in parts if isinstance(part, WindowJob)]
+        self._study.refuse(file, [str(part) for part in parts if isinstance(part, AccpinnError)])
+        windows = tuple(job.analyses[0] for job in jobs)
+        return KnownFile(mapping, recordings, refused, windows), jobs
 
-    def _keep(self, answer: WindowRows, file: str) -> None:
-        """Write what came of an analysis."""
-        analysis = answer.analysis
-        if answer.rows:
-            self._study.add_rows(analysis, file, answer.rows, answer.posteriors)
-            self._counts["rows"] += len(answer.rows)
-            return
-        self._counts["failed"] += 1
-        alone = analysis.vehicles[1] if len(analysis.vehicles) == 2 else None
-        reason = f"{analysis.method}: {answer.reason}"
-        failure = Failure(file, analysis.window.start, alone, reason)
-        self._study.add_failure(analysis, failure, answer.is_final)
+    def _rows(self, known: KnownFile) -> list[dict[str, int | None]]:
+        """For each window of a file its number of rows by method, as `Study.rows_of` gives it."""
+        of, methods = self._study.rows_of, self._request.methods
+        return [{key: of(window.with_method(key)) for key in methods} for window in known.windows]
 
-    def _rows(self, known: KnownFile) -> list[list[Known]]:
-        """What is known of each window by each method."""
-        methods = self._request.methods
-        every = ([w.with_method(method) for method in methods] for w in known.windows)
-        return [[(asked, self._study.rows_of(asked)) for asked in window] for window in every]
-
-    def _count(self, known: KnownFile, rows: list[list[Known]]) -> None:
+    def _count(self, known: KnownFile, rows: list[dict[str, int | None]]) -> None:
         """Count a file's recordings and windows, and what is known of them."""
-        counts = self._counts
-        counts["recordings"] += known.recordings
-        counts["refused"] += known.refused
-        counts["windows"] += len(known.windows)
-        counts["followers"] += sum(len(window.vehicles) - 1 for window in known.windows)
-        numbers = [number for window in rows for _, number in window if number is not None]
-        counts["reused"] += sum(numbers)
-        counts["rows"] += sum(numbers)
-        counts["failed"] += numbers.count(0)
+        now = self._now
+        now.recordings += known.recordings
+        now.refused += known.refused
+        now.windows += len(known.windows)
+        now.followers += sum(len(window.vehicles) - 1 for window in known.windows)
+        numbers = [n for window in rows for n in window.values() if n is not None]
+        now.reused += sum(numbers)
+        now.rows += sum(numbers)
+        now.failed += numbers.count(0)
+
+    def _finish(self, job: WindowJob, answers: list[Answer] | Exception) -> None:
+        """Keep what came of a window."""
+        self._computed += self._advance(job.file, job.fraction)
+        self._now.finished += 1
+        if isinstance(answers, Exception):
+            reason = sentence_of(answers)
+            answers = [Answer(asked, reason=reason, is_final=False) for asked in job.analyses]
+        for answer in answers:
+            self._study.add(job.file.name, answer)
+            self._now.rows += len(answer.rows)
+            self._now.failed += not answer.rows

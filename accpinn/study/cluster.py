@@ -7,16 +7,16 @@ they end with the caller, however that ends.
 """
 
 import os
-import queue
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from accpinn import __version__
 from accpinn.errors import AccpinnError, RecordingError
@@ -24,6 +24,8 @@ from accpinn.units import Seconds
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+Job = TypeVar("Job")
 
 MODULE = "accpinn.study.cluster"
 """This module's name, also where it is run by itself."""
@@ -37,15 +39,6 @@ CONNECT: Seconds = 20.0
 """Longest wait for a scheduler to answer, and to have a worker."""
 WORKERLESS: Seconds = 180.0
 """Longest time without a worker on this machine; a busy machine may take long to start one."""
-
-
-class Job(NamedTuple):
-    """A call for a worker."""
-
-    run: Callable[..., Any]
-    arguments: tuple[Any, ...]
-    finish: Callable[[Any, str], None]
-    """Takes its answer, and why there is none or an empty text; called in the caller's thread."""
 
 
 @contextmanager
@@ -67,16 +60,13 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
     count = str(workers or os.cpu_count() or 1)
     places = (str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH"))
     path = os.pathsep.join(place for place in places if place)
-    with (
-        tempfile.TemporaryDirectory(prefix="accpinn-") as space,
-        subprocess.Popen(
-            [sys.executable, "-P", "-m", MODULE, count, space],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": path},
-        ) as process,
-    ):
+    with subprocess.Popen(
+        [sys.executable, "-P", "-m", MODULE, count],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    ) as process:
         assert process.stdin
         assert process.stdout
         import distributed  # noqa: F401 - while the other process does so, too
@@ -169,38 +159,30 @@ def sentence_of(fault: BaseException) -> str:
 
 
 def run_all(
-    client: "Client",
-    jobs: Iterator[Job],
-    *,
-    is_local: bool,
-    on_progress: Callable[[int], None],
-    should_stop: Callable[[], bool],
-) -> bool:
-    """Keep workers busy until all jobs have ended, or the caller says stop.
+    client: "Client", run: Callable[[Job], Any], jobs: Iterator[Job], *, is_local: bool
+) -> Iterator[tuple[Job, Any, int] | None]:
+    """Keep workers busy until all jobs have ended, or the caller asks for no more.
 
     Args:
         client: of their scheduler.
+        run: what a worker does with a job.
         jobs: each is asked for when a worker has room for it.
         is_local: whether the workers are those of this machine.
-        on_progress: called after every job with the number of workers.
-        should_stop: asked several times a second.
 
-    Returns:
-        Whether all jobs have ended.
+    Yields:
+        Each job that has ended, its answer or the exception in place of one, and how many jobs run
+        at a time; None several times a second meanwhile.
 
     Raises:
         RecordingError: when the scheduler is away, or the workers of this machine have died and no
             others start.
     """
-    ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-    running: dict[Any, tuple[Future[Any], Job]] = {}
-    slots, looked, alive = 0, -1.0, time.monotonic()
+    running: dict[Future[Any], Job] = {}
+    ended, alive = threading.Event(), time.monotonic()
     try:
-        while not should_stop():
-            now = time.monotonic()
-            if now - looked > 1.0:
-                slots, looked = threads_of(client), now
-                alive = now if slots or not is_local else alive
+        while True:
+            slots, now = threads_of(client), time.monotonic()
+            alive = now if slots or not is_local else alive
             if now - alive > WORKERLESS:
                 raise RecordingError(
                     "The workers have died and no others start; what was finished is kept, and"
@@ -208,38 +190,31 @@ def run_all(
                 )
             room = max(1, slots) * (1 if is_local else AHEAD)
             # What has ended is written before another file is read.
-            while len(running) < room and ended.empty() and (job := next(jobs, None)):
-                future = client.submit(job.run, *job.arguments, pure=False)
-                running[future.key] = (future, job)
-                future.add_done_callback(ended.put)
+            while len(running) < room and not ended.is_set() and (job := next(jobs, None)):
+                future = client.submit(run, job, pure=False)
+                running[future] = job
+                future.add_done_callback(lambda _: ended.set())
             if not running:
-                return True
-            try:
-                key = ended.get(timeout=POLL).key
-            except queue.Empty:
-                continue
-            if key in running:
-                future, job = running.pop(key)
-                _finish(future, job)
-                on_progress(slots)
-        return False
+                return
+            ended.wait(POLL)
+            ended.clear()
+            for future in [future for future in running if future.done()]:
+                yield running.pop(future), _outcome(future), slots
+            yield None
     finally:
-        for future, _ in running.values():
+        for future in running:
             future.cancel()
 
 
-def _finish(future: "Future[Any]", job: Job) -> None:
-    if future.status == "finished":
-        job.finish(future.result(), "")
-    elif future.status == "error":
-        job.finish(None, sentence_of(future.exception()))
-    else:
+def _outcome(future: "Future[Any]") -> Any:
+    """What a job that has ended answers, or the exception it ended with."""
+    if future.status not in ("finished", "error"):
         raise _lost()
-    future.release()
+    return future.result() if future.status == "finished" else future.exception()
 
 
-def serve(workers: int, space: str) -> None:
-    """Be scheduler and workers, whose files lie in that folder, until standard input ends."""
+def serve(workers: int) -> None:
+    """Be scheduler and workers until standard input ends."""
     import dask
     from distributed import LocalCluster
 
@@ -252,6 +227,7 @@ def serve(workers: int, space: str) -> None:
     }
     try:
         with (
+            tempfile.TemporaryDirectory(prefix="accpinn-") as space,
             dask.config.set(settings),
             LocalCluster(
                 n_workers=workers,
@@ -270,4 +246,4 @@ def serve(workers: int, space: str) -> None:
 
 
 if __name__ == "__main__":
-    serve(int(sys.argv[1]), sys.argv[2])
+    serve(int(sys.argv[1]))

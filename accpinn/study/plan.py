@@ -17,6 +17,7 @@ which are read; the others count by their bytes.
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -52,8 +53,6 @@ READ = 6
 """Largest number of files that are read for an estimate."""
 START: Seconds = 5.0
 """Time until the workers are ready."""
-TYPICAL: Seconds = 300.0
-"""Length of the windows that the typical seconds of methods are of."""
 WITHOUT_BLOCKS = 1 / 3
 """Share of a method's typical seconds that is left where no blocks are held out."""
 AUTO = "auto"
@@ -87,8 +86,6 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
         allowed = np.column_stack([qualifies(recording, number) for number in chain[1:]])
         together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
         planned += [_planned(recording, chain, window) for window in together]
-        if len(chain) == 2:
-            continue
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
             alone = column.copy()
             for window in together:
@@ -160,20 +157,15 @@ def _inside(time: FloatArray, window: Window) -> Mask:
 
 def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Window]:
     """The windows of all stretches that are long enough."""
-    least = max(MINIMUM_DURATION, min(LEAST, longest))
-    return [
-        window
-        for stretch in stretches(allowed)
-        for window in _pieces(recording.window(stretch), longest, least)
-    ]
-
-
-def _pieces(whole: Window, longest: Seconds, least: Seconds) -> Iterator[Window]:
-    start = whole.start
-    while whole.end - start >= least - SLACK:
-        end = min(start + longest, whole.end)
-        yield Window(start, round(end, 6))
-        start = round(start + longest, 6)
+    least, windows = max(MINIMUM_DURATION, min(LEAST, longest)), list[Window]()
+    for stretch in stretches(allowed):
+        whole = recording.window(stretch)
+        start = whole.start
+        while whole.end - start >= least - SLACK:
+            end = min(start + longest, whole.end)
+            windows.append(Window(start, round(end, 6)))
+            start = round(start + longest, 6)
+    return windows
 
 
 def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> PlannedWindow:
@@ -222,11 +214,6 @@ def _is_note(path: Path) -> bool:
 # How long it takes
 
 
-def size_of(duration: Seconds, followers: int) -> float:
-    """How many windows of one follower over 300 s take as long as one of ``duration`` s."""
-    return duration / TYPICAL * (1 + FURTHER * (followers - 1))
-
-
 @dataclass(frozen=True)
 class BatchEstimate:
     """What a batch will come to."""
@@ -257,15 +244,13 @@ def estimate_batch(source: Path, window: Seconds) -> BatchEstimate:
     taken = np.unique(np.linspace(0, len(files) - 1, min(READ, len(files))).round().astype(int))
     sums: FloatArray = np.zeros(3)
     for k in taken:
-        try:
+        with suppress(AccpinnError):  # a file that cannot be read has no windows
             for recording in read_all(files[k]):
                 if isinstance(recording, Recording):
                     for planned in plan(recording, window):
                         followers = len(planned.vehicles) - 1
-                        size = size_of(planned.window.duration, followers)
-                        sums += np.array([1.0, followers, size])
-        except AccpinnError:  # a file that cannot be read has no windows
-            continue
+                        lasting = planned.window.duration / DURATION
+                        sums += [1.0, followers, lasting * (1 + FURTHER * (followers - 1))]
     sums *= sizes.sum() / max(1.0, sizes[taken].sum())
     windows, followers, size = sums.tolist()
     return BatchEstimate(len(files), windows, followers, size, len(taken) == len(files))

@@ -21,7 +21,7 @@ class StudyTask(Task[BatchProgress]):
         """Queued."""
         super().__init__(owner, "batch", self._work)
         self._study, self._request = study, request
-        self.latest: BatchProgress | None = None
+        self.latest = BatchProgress()
         self.summary: BatchProgress | None = None
         """Also of a batch that was stopped; None before its end."""
 
@@ -34,12 +34,12 @@ class StudyTask(Task[BatchProgress]):
     @property
     def share(self) -> float:
         """The share of the work that is done, 0 to 1."""
-        return min(1.0, self.latest.share) if self.latest else 0.0
+        return self.latest.share
 
     @property
     def time_left(self) -> Seconds | None:
         """Until its end; None where nothing is known of it."""
-        return self.latest.seconds_left if self.latest else None
+        return self.latest.seconds_left
 
 
 class DownloadTask(Task[Download]):

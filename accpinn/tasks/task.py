@@ -77,7 +77,6 @@ class Task(Generic[Found]):
         names: tuple[str, ...] = ("",),
         weights: Sequence[float] = (),
         analysis: Analysis | None = None,
-        recall: Callable[[], Found | None] = lambda: None,
     ) -> None:
         """Queued.
 
@@ -89,9 +88,7 @@ class Task(Generic[Found]):
             weights: how long each result takes compared with the others, which the time left is
                 estimated from; empty for a task whose iterations have a rate.
             analysis: what a training answers; a task of an equal analysis is not run twice.
-            recall: the answer where it is known already; None where it is not.
         """
-        self.recall = recall
         self.owner, self.kind, self.names, self.analysis = owner, kind, names, analysis
         self._steps, self._weights = steps, tuple(weights)
         self._lock = threading.Lock()
@@ -195,14 +192,14 @@ class Task(Generic[Found]):
         """Wait for its end; False if that did not come in time."""
         return self._ended.wait(timeout)
 
-    def work(self, threads: int | None) -> None:
-        """Run it to its end, whatever that is, on so many threads; only the queue's worker does."""
+    def work(self) -> None:
+        """Run it to its end, whatever that is; only the queue's worker does."""
         with self._lock:
             if self.status is not Status.QUEUED:
                 return
             self.status, self._began = Status.RUNNING, time.monotonic()
         try:
-            for result in self._steps(TaskContext(None, threads, self._note, self._stop.is_set)):
+            for result in self._steps(TaskContext(None, None, self._note, self._stop.is_set)):
                 self._add(result)
         except AccpinnError as fault:  # a stop may leave nothing to answer with
             self._end(Status.STOPPED if self._stop.is_set() else Status.FAILED, str(fault))
@@ -257,20 +254,9 @@ def get_ready() -> None:
 class TaskQueue:
     """All tasks of a server, and the one thread that works on them."""
 
-    def __init__(
-        self,
-        store: Store | None = None,
-        threads: int | None = None,
-        prepare: Callable[[], object] = get_ready,
-    ) -> None:
-        """Start the worker.
-
-        Args:
-            store: where results and checkpoints are kept.
-            threads: processor threads for an estimation; None leaves the choice to the method.
-            prepare: called in the worker before the first task.
-        """
-        self._store, self._threads, self._prepare = store, threads, prepare
+    def __init__(self, prepare: Callable[[], object] = get_ready) -> None:
+        """Start the worker, which calls ``prepare`` before the first task."""
+        self._prepare = prepare
         self._lock = threading.RLock()
         self._tasks: list[Task[Any]] = []
         """In the order of their submission; active ones run in that order."""
@@ -280,21 +266,13 @@ class TaskQueue:
         self._worker = threading.Thread(target=self._serve, name="tasks", daemon=True)
         self._worker.start()
 
-    def submit(self, task: Task[Found], anew: bool = False) -> Task[Found]:
-        """Queue a task; an active one of the same owner and kind is stopped.
+    def submit(self, task: Task[Found]) -> Task[Found]:
+        """Queue a task, unless it has an answer; an active one of its owner and kind is stopped.
 
-        An active task of an equal analysis is returned in its place. A stored result is the answer
-        at once. A stopped training of an equal analysis goes on from its checkpoint. Where too many
-        wait already, the task fails at once and says so.
-
-        Args:
-            task: not queued yet.
-            anew: begin at the first iteration, whatever checkpoint there is.
+        An active task of an equal analysis is returned in its place. Where too many wait already,
+        the task fails at once and says so.
         """
-        analysis, store = task.analysis, self._store
-        known: Any = None
-        if analysis and store:  # before the lock: others need not wait for the disk
-            known = store.has(analysis.fit_key) and task.recall()
+        analysis = task.analysis
         with self._lock:
             earlier = self.of(task.owner, task.kind)
             if earlier:
@@ -303,16 +281,14 @@ class TaskQueue:
                 if is_same and earlier.is_active and not earlier.is_stopping:
                     return earlier
                 earlier.stop()
-            if anew and analysis and analysis.checkpoint_key and store:
-                store.checkpoints(analysis).drop()
             waiting = [other for other in self._tasks if other.status is Status.QUEUED]
             ended = [other for other in self._tasks if not other.is_active]
             forgotten = ended[:-KEPT_TASKS]
             self._tasks = [other for other in self._tasks if other not in forgotten]
             self._tasks.append(task)
-            if known:
-                task.answer(known)
-            elif len(waiting) >= LONGEST_QUEUE:
+            if not task.is_active:
+                return task
+            if len(waiting) >= LONGEST_QUEUE:
                 task.refuse(f"{len(waiting)} tasks are waiting already; try again later.")
             else:
                 self._waiting.put(task)
@@ -358,7 +334,7 @@ class TaskQueue:
         with suppress(Exception):  # reported by every task that needs what is prepared
             self._prepare()
         for task in iter(self._waiting.get, None):
-            task.work(self._threads)
+            task.work()
             del task
             if self._waiting.empty():
                 gc.collect()  # no page waits for that
@@ -373,8 +349,11 @@ def training_task(
     recording: Recording | None,
     store: Store | None,
     segments: tuple[Segment, ...] = (),
+    anew: bool = False,
 ) -> Task[Result]:
-    """The answer to one analysis, with all that a page shows of it.
+    """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
+
+    A stopped training of an equal analysis goes on from its checkpoint.
 
     Args:
         owner: who asked; a finished training is entered among what this session has shown.
@@ -382,6 +361,7 @@ def training_task(
         recording: that it is asked of; None where only the data of its window are at hand.
         store: where results and checkpoints are kept.
         segments: those data; by default they are cut from the recording.
+        anew: begin at the first iteration, whatever checkpoint there is.
     """
 
     def answer(context: TaskContext | None) -> Result:
@@ -397,11 +377,12 @@ def training_task(
             task.recorder.restore(state)
         yield answer(context)
 
-    def recall() -> Result | None:
-        known = store.find(analysis) if store else None
-        return answer(None) if known and known.parts.answer else None
-
-    task = Task(owner, "training", steps, analysis=analysis, recall=recall)
+    task = Task(owner, "training", steps, analysis=analysis)
+    known = store.find(analysis) if store else None
+    if known and known.parts.answer:
+        task.answer(answer(None))
+    elif store and anew and analysis.checkpoint_key:
+        store.checkpoints(analysis).drop()
     return task
 
 

@@ -25,7 +25,7 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot import load, save
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
-from accpinn.study.studies import Study, read_rows
+from accpinn.study.studies import Answer, read_rows, written
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
 from tests.support.snapshots import numbered, small, small_bytes
@@ -139,9 +139,9 @@ class TestFullDisk:
 
     def test_a_batch_keeps_what_it_had_and_goes_on(self, tmp_path: Path) -> None:
         def work() -> None:
-            with Study(tmp_path, REQUEST) as study:
+            with written(tmp_path, REQUEST) as study:
                 for k in range(100):
-                    study.add_rows(analysis(60.0 * k), "a.csv", [row("x" * 200)])
+                    study.add("a.csv", Answer(analysis(60.0 * k), [row("x" * 200)]))
 
         status, said = child(work, disk=50_000)
         assert status == 1
@@ -149,7 +149,7 @@ class TestFullDisk:
         assert "the same call again" in said
         kept = len(list(read_rows(tmp_path)))
         assert kept > 2
-        with Study(tmp_path, REQUEST) as study:
+        with written(tmp_path, REQUEST) as study:
             known = [study.rows_of(analysis(60.0 * k)) for k in range(100)]
         assert known == [1] * kept + [None] * (100 - kept)
 

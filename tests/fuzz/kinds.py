@@ -43,7 +43,14 @@ from accpinn.study.result import Result
 from accpinn.study.rows import COLUMNS
 from accpinn.study.snapshot import load, named, to_bytes
 from accpinn.study.snapshot_library import Library
-from accpinn.study.studies import FILE, KnownFile, Study, read_failures, read_request
+from accpinn.study.studies import (
+    FILE,
+    Answer,
+    KnownFile,
+    read_failures,
+    read_request,
+    written,
+)
 from accpinn.study.verification import QUICK, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
@@ -296,10 +303,11 @@ def study_file() -> bytes:
     cells |= {"method": "maximum-likelihood", "p_l2_stable": 0.3}
     with TemporaryDirectory() as name:
         folder = Path(name)
-        with Study(folder, REQUEST) as study:
+        with written(folder, REQUEST) as study:
             for k in range(3):
-                study.add_rows(analysis(300.0 * k), "a.csv", [cells | {"start": 300.0 * k}])
-            study.add_file("r", KnownFile("", 1, 0, (analysis(),)))
+                rows = [cells | {"start": 300.0 * k}]
+                study.add("a.csv", Answer(analysis(300.0 * k), rows))
+            study.add_file("r", KnownFile(None, 1, 0, (analysis(),)))
             study.refuse(Path("b.csv"), ["no reason"])
         return (folder / FILE).read_bytes()
 
@@ -311,8 +319,8 @@ def draw_study(draw: Random) -> bytes:
         with closing(sqlite3.connect(":memory:")) as database:
             database.deserialize(data)
             table, column = draw.choice(
-                (("results", "rows"), ("request", "document"), ("files", "document"),
-                 ("results", "file"), ("failures", "reason"), ("failures", "start"))
+                (("answers", "rows"), ("request", "document"), ("files", "document"),
+                 ("answers", "file"), ("refused", "reason"), ("answers", "start"))
             )  # fmt: skip
             (cell,) = database.execute(f"select {column} from {table}").fetchone()
             forged: Any = draw.choice((None, 1, -1e300, b"\xff\0", draw.choice(TOKENS)))
@@ -339,7 +347,7 @@ def use_study(data: bytes, folder: Path) -> bool:
     table.to_text(), table.to_csv(), table.to_latex()
     failure_table(read_failures(folder)).to_text()
     read_request(folder)
-    with Study(folder, REQUEST) as study:
+    with written(folder, REQUEST) as study:
         study.known_file("r"), study.rows_of(analysis())
         return True
 

@@ -71,6 +71,8 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
 
     session.train_starts(replace(FAST, iterations=20))
     assert session.starts.wait(WAIT)
+    assert len({row.analysis.fit_key for row in session.starts.results}) == 5
+    assert session.runs == (), "they are no results of their own"
     assert "Spread" in open_page(COMPARE, session).everything()
 
     before = session.compared[0]

@@ -18,7 +18,7 @@ from accpinn.recordings.recording import Mode, Window
 from accpinn.results.messages.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study
-from accpinn.study.studies import FILE, Failure, Request, Study
+from accpinn.study.studies import FILE, Answer, Request, written
 from accpinn.tasks import batches
 from accpinn.tasks.task import Status
 from pages.ui.data.sources import ASK
@@ -120,10 +120,10 @@ def test_a_link_to_no_study_shows_another(study: Path, name: str) -> None:
 
 
 def test_every_tab_and_the_failures(study: Path) -> None:
-    with Study(study, REQUEST) as written:
+    with written(study, REQUEST) as kept:
         said = "it <b>cannot</b> be read"
-        written.refuse(Path("bad0.csv"), [said])
-        written.add_failure(analysis(), Failure("bad1.csv", 5.0, None, said), True)
+        kept.refuse(Path("bad0.csv"), [said])
+        kept.add("bad1.csv", Answer(analysis(), reason=said))
     page = opened()
     assert "1 file without a window and 1 estimate failed" in page.plain()
     page.open_tab("database_tabs", "Failures")
@@ -189,12 +189,12 @@ def test_a_batch_is_started_stopped_and_continued(
     ) -> BatchProgress:
         asked.append((folder, request))
         is_first = len(asked) == 1
-        with Study(folder, request) as written:
-            written.add_rows(analysis(), "x.csv", [made("x.csv")])
+        with written(folder, request) as kept:
+            kept.add("x.csv", Answer(analysis(), [made("x.csv")]))
             note(BatchProgress(4, 1.0, finished=1, rows=1, seconds_left=30.0, share=0.25))
             if is_first:
                 until(should_stop)
-            written.note(replace(request, is_finished=not is_first))
+            kept.note(replace(request, is_finished=not is_first))
         return BatchProgress(1, recordings=1, windows=1, rows=1, stopped=is_first)
 
     monkeypatch.setattr(batches, "run_request", run)
@@ -203,7 +203,7 @@ def test_a_batch_is_started_stopped_and_continued(
     page.choose("database_window", 60.0)
     page.press("database_start")
     task = batch_queue().of("first", "batch")
-    until(lambda: task.latest is not None)
+    until(lambda: task.latest.files > 0)
     folder, request = asked[0]
     assert (request.window, request.sources) == (60.0, (str(recording.parents[1]),))
     assert folder == Path(os.environ["ACCPINN_STUDIES"]) / "first"
@@ -243,7 +243,7 @@ def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continue
     assert page.boxes("error") == ["it cannot be written"]
     study = write_study(Path(os.environ["ACCPINN_STUDIES"]) / "mine", made())
     for source, offered in ((recording.parent, True), (study, False), (Path("/etc"), False)):
-        with Study(study, replace(REQUEST, sources=(str(source),))):
+        with written(study, replace(REQUEST, sources=(str(source),))):
             pass
         keys = [button.key for button in opened(study="mine").button]
         assert ("database_continue" in keys) is offered

@@ -547,7 +547,14 @@ def test_stop_continue_or_begin_anew() -> None:
     page.press(f"Continue from iteration {at:,}")
     assert session.training is not job
     assert "Stop training" in labels(page)
+    while not (session.training.progress and session.training.progress.iteration > at):
+        assert not session.training.wait(0.01)
+    iterations = session.training.history().iteration
+    assert iterations[0] == 0, "of the whole training"
+    assert (np.diff(iterations) > 0).all()
     stop_training(session)
+    assert session.result.fit.iterations > at
+    assert session.runs == (), "none is finished"
     page.run()
     page.press("Start anew")
     while session.training.progress is None:

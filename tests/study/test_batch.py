@@ -8,16 +8,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import numpy as np
 import pandas as pd
 import pytest
-from distributed import Client, KilledWorker, LocalCluster
+from distributed import Client, LocalCluster
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
@@ -35,10 +34,9 @@ from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results
-from accpinn.study.analysis import Analysis
-from accpinn.study.batch import WindowData, WindowRows, batch
+from accpinn.study.batch import WindowJob, batch
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import FILE, read_failures
+from accpinn.study.studies import FILE, Answer, read_failures
 from tests.support.command import ROOT, Capture, strict
 from tests.support.openacc_files import csv, metadata, platoon
 
@@ -102,7 +100,7 @@ def unique(rows: pd.DataFrame) -> bool:
 
 
 def test_every_window_is_a_row_and_the_rest_a_failure(
-    cluster: str, folder: Path, study: Path
+    capsys: Capture, cluster: str, folder: Path, study: Path
 ) -> None:
     options: dict[str, Any] = {"window": 70, "case": "II", "scheduler": cluster}
     found = batch(folder, study, methods=METHODS_USED, **options)
@@ -135,27 +133,27 @@ def test_every_window_is_a_row_and_the_rest_a_failure(
     assert (again.recordings, again.refused, again.reused, again.rows) == (4, 1, 16, 36)
     assert unique(table(study))
     assert "broken.csv" not in set(pd.read_csv(study / "failures.csv")["file"])
+    # By the command, which says so in words.
+    methods = ("--methods", ",".join(METHODS_USED), "--window", "70", "--scheduler", cluster)
+    assert main(["batch", str(folder), "--out", str(study), *methods]) == 0
+    shown = capsys.readouterr().out
+    assert "24 rows, 24 of them known before" in shown
+    assert "1 files could not be read" in shown
 
 
 def test_what_is_known_needs_neither_workers_nor_the_files_contents(
     cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    uneven = frame(5)
+    uneven["Time"] += np.random.default_rng(5).uniform(0, 0.02, len(uneven)).round(4)
+    (folder / "run1.csv").write_bytes(csv(uneven, metadata(NAMES)))
     first = batch(folder / "run1.csv", study, methods=METHODS_USED, window=70, scheduler=cluster)
     (folder / "run1.csv").rename(folder / "renamed.csv")
     monkeypatch.setattr(batches, "read_all", None)
     monkeypatch.setattr(batches, "connected", None)
     again = batch(folder / "renamed.csv", study, methods=METHODS_USED, window=70)
-    assert again.reused == again.rows == first.rows == 8
-    assert (again.windows, again.recordings) == (first.windows, first.recordings)
-
-
-def test_windows_of_uneven_steps_are_known_again(cluster: str, folder: Path, study: Path) -> None:
-    uneven = frame(5)
-    uneven["Time"] += np.random.default_rng(5).uniform(0, 0.02, len(uneven)).round(4)
-    (folder / "run1.csv").write_bytes(csv(uneven, metadata(NAMES)))
-    options: dict[str, Any] = {"methods": METHODS_USED, "window": 70, "scheduler": cluster}
-    first, again = (batch(folder / "run1.csv", study, **options) for _ in range(2))
     assert (first.reused, again.reused) == (0, first.rows)
+    assert (again.windows, again.recordings, again.rows) == (first.windows, 1, first.rows)
 
 
 def test_results_by_another_mapping_are_not_taken(
@@ -192,48 +190,30 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> Non
     assert unique(table(study))
 
 
-def killed(window: WindowData, _: Sequence[Analysis]) -> list[WindowRows]:
-    """A job as the scheduler reports it after its workers have died."""
-    if window.recording["file"] == "run2.csv":
-        raise KilledWorker("run2", SimpleNamespace(address="tcp://away"), 1)
-    return []
-
-
-def test_a_window_at_which_workers_die_is_told_and_tried_again(
-    cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200, "scheduler": cluster}
-    real = batches.answer_all
-    with monkeypatch.context() as patched:
-        patched.setattr(batches, "answer_all", lambda *job: killed(*job) or real(*job))
-        found = batch(folder, study, **options)
-    assert (found.rows, found.failed) == (2, 1)
-    [failure] = [one for one in read_failures(study) if one.start == 0]
-    assert failure.file == "run2.csv"
-    assert "every worker died" in failure.reason
-    # Tried again the next time, and then no failure any more.
-    assert batch(folder, study, **options).failed == 0
-    assert len(table(study)) == 4
-    assert not [one for one in read_failures(study) if one.start == 0]
-
-
-def dying(_: WindowData, analyses: Sequence[Analysis]) -> list[WindowRows]:
-    """The first job ends its worker, once."""
-    with suppress(FileExistsError):
-        Path(os.environ["ACCPINN_TEST_DEATH"]).touch(exist_ok=False)
+def dying(job: WindowJob) -> list[Answer]:
+    """A job at which its worker dies: every time at run2.csv, else once."""
+    mark = Path(os.environ["ACCPINN_TEST_DEATHS"]) / job.file.name
+    if job.file.name == "run2.csv" or not mark.exists():
+        mark.touch()
         os._exit(1)
-    return [WindowRows(analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
+    return [Answer(job.analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
 
 
-def test_a_worker_that_dies_is_replaced(
-    folder: Path, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
+def test_workers_that_die_are_replaced_and_a_window_at_which_all_die_is_tried_again(
+    cluster: str, folder: Path, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    death = tmp_path / "death"
-    monkeypatch.setenv("ACCPINN_TEST_DEATH", str(death))
-    monkeypatch.setattr(batches, "answer_all", dying)
-    found = batch(folder, study, methods=METHODS_USED[:1], window=70, workers=1)
-    assert death.exists()
-    assert (found.rows, found.failed) == (4, 0)
+    monkeypatch.setenv("ACCPINN_TEST_DEATHS", str(tmp_path))
+    options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200}
+    with monkeypatch.context() as patched:
+        patched.setattr(batches, "answer_all", dying)
+        found = batch(folder, study, workers=1, **options)
+    assert (tmp_path / "copy.csv").exists()
+    assert (found.rows, found.failed) == (1, 1)
+    [failure] = [one for one in read_failures(study) if one.start == 0]
+    assert (failure.file, "every worker died" in failure.reason) == ("run2.csv", True)
+    # Tried again the next time, and then no failure any more.
+    assert batch(folder, study, scheduler=cluster, **options).failed == 0
+    assert not [one for one in read_failures(study) if one.start == 0]
 
 
 def test_without_workers_it_ends_with_a_word(
@@ -279,7 +259,7 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
     cluster: str, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = batches.answer_all
-    monkeypatch.setattr(batches, "answer_all", lambda *job: time.sleep(0.1) or real(*job))
+    monkeypatch.setattr(batches, "answer_all", lambda job: time.sleep(0.1) or real(job))
     folder = tmp_path / "runs"
     folder.mkdir()
     for k in range(5):
@@ -289,7 +269,7 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
         if not (study / FILE).exists():
             return 0
         with closing(sqlite3.connect(study / FILE)) as database:
-            return int(database.execute("select count(*) from results").fetchone()[0])
+            return int(database.execute("select count(*) from answers").fetchone()[0])
 
     with running(*command(folder, study, cluster)) as process:
         while results() < 3 and process.poll() is None:
@@ -302,6 +282,9 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
         out, err = process.communicate()
     found = strict(out)
     assert process.returncode == 0
+    assert found.keys() >= {
+        "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds"
+    }  # fmt: skip
     assert (found["windows"], found["rows"], found["reused"]) == (10, 20, 2 * before)
     assert len(table(study)) == 20
     assert unique(table(study))
@@ -333,18 +316,3 @@ def test_settings_and_sources_that_cannot_be(
     monkeypatch.setattr(clusters, "CONNECT", 0.3)
     with pytest.raises(RecordingError, match="no scheduler answers"):
         batch(one, tmp_path / "other", scheduler="tcp://127.0.0.1:9")
-
-
-def test_command_prints_the_contract_and_what_was_refused(
-    capsys: Capture, cluster: str, folder: Path, study: Path
-) -> None:
-    options = ["--out", str(study), "--methods", "least-squares", "--window", "all"]
-    assert main(["batch", str(folder), *options, "--scheduler", cluster, "--json"]) == 0
-    found = strict(capsys.readouterr().out)
-    assert found.keys() >= {
-        "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds"
-    }  # fmt: skip
-    assert main(["batch", str(folder), *options, "--scheduler", cluster]) == 0
-    shown = capsys.readouterr().out
-    assert f"{found['rows']} of them known before" in shown
-    assert "2 files could not be read" in shown

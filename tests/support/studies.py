@@ -11,7 +11,7 @@ from accpinn.recordings.recording import Window
 from accpinn.study.analysis import Analysis, Source
 from accpinn.study.groups import POSTERIOR
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import Request, Study
+from accpinn.study.studies import Answer, Request, written
 from accpinn.units import FloatArray
 
 REQUEST = Request(("runs",), ("least-squares",), 300.0)
@@ -63,12 +63,12 @@ def analysis(
 
 def write_study(folder: Path, *given: dict[str, Any]) -> Path:
     """The folder of a batch with these rows."""
-    with Study(folder, REQUEST) as study:
+    with written(folder, REQUEST) as study:
         for k, cells in enumerate(given):
             place = {"start": 60.0 * k if cells["start"] is None else cells["start"]}
             own = {name: cells[name] for name in ("sha256", "vehicle")}
             asked = analysis(**place, **own, method=cells["method"] or "least-squares")
             drawn = posterior(cells)
             posteriors = None if drawn is None else drawn[None]
-            study.add_rows(asked, cells["file"] or "", [cells | place], posteriors)
+            study.add(cells["file"] or "", Answer(asked, [cells | place], posteriors))
     return folder

@@ -21,7 +21,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.study.analysis import Analysis, single_window
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
-from accpinn.tasks.task import Status, Task, TaskQueue, starts_task, training_task
+from accpinn.tasks.task import Status, Task, TaskQueue, training_task
 from tests.support.openacc_files import recording
 
 WAIT = 20.0
@@ -59,7 +59,7 @@ class Puppet:
 
     def __init__(self) -> None:
         """No task runs yet."""
-        self.queue = TaskQueue(threads=1, prepare=lambda: None)
+        self.queue = TaskQueue(prepare=lambda: None)
         self.started: Queue[Any] = Queue()
         self.given: Queue[tuple[Any, threading.Event]] = Queue()
         self.context = TaskContext()
@@ -290,89 +290,33 @@ class TestSeveralResults:
         assert training.status is Status.DONE
 
 
-class TestStore:
-    def test_a_result_is_shown_by_who_asked_and_known_to_the_next(
-        self, puppet: Puppet, tmp_path: Path
-    ) -> None:
-        store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
-        (tmp_path / f"{analysis.fit_key}.accpinn.zip").write_bytes(b"damaged")
-        queue = TaskQueue(store=store, threads=1)
-        task = finished(queue.submit(training_task("ann", analysis, run(), store)))
-        assert any(analysis.fit_key in str(note) for note in task.result.fit.findings)
-        assert [entry.id for entry in store.entries(session="ann")] == [analysis.fit_key]
-        busy = queue.submit(puppet.task("cem"))
-        puppet.starts()
-        known = queue.submit(training_task("ben", analysis, run(), store))
-        assert known.status is Status.DONE, "it does not wait for its turn"
-        assert known.result.fit.cached
-        assert known.result.id == "", "it is no snapshot"
-        assert known.result.parameters == task.result.parameters
-        assert [entry.id for entry in store.entries(session="ben")] == [analysis.fit_key]
-        puppet.give(result())
-        finished(busy)
-        queue.close()
-
-    def test_it_is_read_while_others_may_ask(self, puppet: Puppet, tmp_path: Path) -> None:
-        reading, read_on = threading.Event(), threading.Event()
-
-        class Slow(Store):
-            def has(self, name: str) -> bool:
-                reading.set()
-                assert read_on.wait(WAIT)
-                return False
-
-        queue = TaskQueue(store=Slow(tmp_path), threads=1, prepare=lambda: None)
-        task = puppet.task("ann", analysis=asked())
-        submitting = threading.Thread(target=queue.submit, args=(task,))
-        submitting.start()
-        assert reading.wait(WAIT)
-        assert queue.of("ben") is None
-        read_on.set()
-        submitting.join(WAIT)
-        puppet.give(result())
-        queue.close()
-
-    def test_a_stopped_training_goes_on_with_its_history_or_begins_anew(
-        self, tmp_path: Path
-    ) -> None:
-        store, analysis = Store(tmp_path), asked(PAPER)
-        queue = TaskQueue(store=store, threads=1)
-
-        def stopped_after(iteration: int, anew: bool = False) -> Task[Result]:
-            task = queue.submit(training_task("ann", analysis, run(), store), anew)
-            while not (task.progress and task.progress.iteration > iteration):
-                assert not task.wait(0.01)
-            task.stop()
-            return finished(task)
-
-        first = stopped_after(3)
-        at = store.stopped_at(analysis)
-        assert at == first.result.fit.iterations
-        assert store.entries(session="ann") == ()
-        again = stopped_after(at)
-        iterations = again.history().iteration
-        assert iterations[0] == 0
-        assert (np.diff(iterations) > 0).all()
-        assert again.result.fit.iterations > at
-        anew = stopped_after(0, anew=True)
-        assert anew.result.fit.iterations < again.result.fit.iterations
-        queue.close()
-
-    def test_five_starts_are_five_results(self, tmp_path: Path) -> None:
-        store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
-        queue = TaskQueue(store=store, threads=1)
-        task = finished(queue.submit(starts_task("ann", analysis, run(), store)))
-        queue.close()
-        assert task.status is Status.DONE
-        assert len({row.analysis.fit_key for row in task.results}) == 5
-        assert store.entries(session="ann") == (), "they are no results of their own"
+def test_a_result_is_shown_by_who_asked_and_known_to_the_next(
+    puppet: Puppet, tmp_path: Path
+) -> None:
+    store, analysis = Store(tmp_path), asked(replace(FAST, iterations=2))
+    (tmp_path / f"{analysis.fit_key}.accpinn.zip").write_bytes(b"damaged")
+    queue = TaskQueue()
+    task = finished(queue.submit(training_task("ann", analysis, run(), store)))
+    assert any(analysis.fit_key in str(note) for note in task.result.fit.findings)
+    assert [entry.id for entry in store.entries(session="ann")] == [analysis.fit_key]
+    busy = queue.submit(puppet.task("cem"))
+    puppet.starts()
+    known = queue.submit(training_task("ben", analysis, run(), store))
+    assert known.status is Status.DONE, "it does not wait for its turn"
+    assert known.result.fit.cached
+    assert known.result.id == "", "it is no snapshot"
+    assert known.result.parameters == task.result.parameters
+    assert [entry.id for entry in store.entries(session="ben")] == [analysis.fit_key]
+    puppet.give(result())
+    finished(busy)
+    queue.close()
 
 
 def test_a_library_that_cannot_be_loaded_fails_the_task_with_a_sentence(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    queue = TaskQueue(threads=1)
+    queue = TaskQueue()
     task = finished(queue.submit(training_task("ann", asked(PAPER), run(), None)))
     queue.close()
     assert task.status is Status.FAILED

@@ -29,7 +29,14 @@ from accpinn.results.messages.database import (
 from accpinn.results.tables.estimates import TITLES
 from accpinn.results.tables.groups import HEADINGS, failure_table, group_table, spread_table
 from accpinn.study.groups import POSTERIOR, Group, Groups, group, read_study
-from accpinn.study.studies import Failure, read_failures, read_request, state_of
+from accpinn.study.studies import (
+    Failure,
+    read_failures,
+    read_request,
+    state_of,
+    studies,
+    study_path,
+)
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, kept, select, tabs
@@ -103,7 +110,7 @@ def show_page() -> None:
     _follow_link(workspace)
     # Of a batch that waits nothing may be written yet.
     active = batch_queue().active_owners("batch")
-    names = tuple(dict.fromkeys((*active, *running.known_studies())))
+    names = tuple(dict.fromkeys((*active, *studies())))
     asked = workspace.choices.get("database_study", "")
     refused = asked not in names and running.show_refusal(asked)
     if not names:
@@ -131,7 +138,7 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
 
 
 def _show_body(workspace: Workspace, study: str) -> None:
-    folder = running.folder_of(study)
+    folder = study_path(study)
     state = state_of(folder)
     running.show_batch(study, read_request(folder) if state else None)
     rows = study_rows(str(folder), state) if state else pd.DataFrame()
@@ -170,7 +177,7 @@ def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
 
 
 def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFrame) -> None:
-    folder = running.folder_of(study)
+    folder = study_path(study)
     with st.container(key="later_1_database_filters"):
         filters, method, by = _show_filters(workspace, rows)
     selected = shown(str(folder), state, tuple(filters.items()), method, by)

@@ -13,7 +13,6 @@ from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
 from accpinn.results.messages.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
-from accpinn.storage import folder
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
 from accpinn.study.studies import Request, studies, study_path
 from accpinn.tasks.batches import StudyTask
@@ -31,26 +30,9 @@ WINDOWS = {60.0: "60 s", 150.0: "150 s", DURATION: f"{DURATION:g} s", 600.0: "60
            math.inf: "whole stretches"}  # fmt: skip
 DEFAULT_METHODS = (KEY, "least-squares")
 ALL = "all recordings"
-OF_STUDY = {f"database_{name}" for name in (
-    "make", "model", "distance_setting", "campaign", "mode", "method", "row",
-    "source", "name", "methods", "window", "case", "answer", "workers",
-)}  # fmt: skip
-"""Choices that a new batch begins without: among the rows of another study, and its form's."""
+KEPT_CHOICES = ("database_by", "database_tabs", "database_units")
+"""Choices among those of this page that hold for another study, too."""
 DEFAULT_NAME = "OpenACC"
-
-
-def folder_of(name: str) -> Path:
-    """The folder of the study of that name.
-
-    Raises:
-        ConfigError: for what is no name.
-    """
-    return study_path(name, folder("studies"))
-
-
-def known_studies() -> tuple[str, ...]:
-    """The names of the server's studies, the one that was written to last first."""
-    return studies(folder("studies"))
 
 
 def _task(study: str) -> StudyTask | None:
@@ -61,7 +43,7 @@ def _task(study: str) -> StudyTask | None:
 def _start(study: str, request: Request) -> None:
     task = _task(study)
     if task is None or not task.is_active:
-        batch_queue().submit(StudyTask(study, folder_of(study), request))
+        batch_queue().submit(StudyTask(study, study_path(study), request))
 
 
 # Watching
@@ -113,11 +95,10 @@ def _is_at_hand(request: Request) -> bool:
 
 def _watch(task: StudyTask) -> None:
     """The bar, again and again; now and then the whole page, with the rows found meanwhile."""
-    drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
+    drawn, rows = time.monotonic(), task.latest.rows
 
     def has_more() -> bool:
-        known = task.latest.rows if task.latest else 0
-        return known > rows and time.monotonic() - drawn > REDRAWN
+        return task.latest.rows > rows and time.monotonic() - drawn > REDRAWN
 
     watch(task, lambda: _line_of(task), has_more)
 
@@ -125,7 +106,7 @@ def _watch(task: StudyTask) -> None:
 def _line_of(task: StudyTask) -> str:
     if task.status is Status.QUEUED:
         return "Waiting: another batch is running."
-    if task.latest is None:
+    if not task.latest.files:
         return "Getting ready …"
     parts = ["Stopping …"] if task.is_stopping else []
     parts.append(progress_line(task.latest))
@@ -199,7 +180,7 @@ def show_form(workspace: Workspace) -> None:
     if estimate and methods:
         duration = format_duration(estimate.seconds(methods, int(workers)))
         st.caption(f"{estimate_line(estimate)}; about {duration} in all.")
-    is_allowed = bool(name) and show.attempt(lambda: folder_of(name)) is not None
+    is_allowed = bool(name) and show.attempt(lambda: study_path(name)) is not None
     request = Request(
         sources=(str(path),),
         methods=tuple(methods),
@@ -216,13 +197,15 @@ def show_form(workspace: Workspace) -> None:
 
 
 def _free_name() -> str:
-    known = known_studies()
+    known = studies()
     names = (DEFAULT_NAME, *(f"{DEFAULT_NAME} {k}" for k in range(2, len(known) + 3)))
     return next(name for name in names if name not in known)
 
 
 def _start_from(workspace: Workspace, name: str, request: Request) -> None:
     _start(name, request)
-    others = {key: workspace.choices[key] for key in workspace.choices if key not in OF_STUDY}
-    workspace.choices = others | {"database_study": name}
+    workspace.choices = {
+        key: value for key, value in workspace.choices.items()
+        if key in KEPT_CHOICES or not key.startswith("database_")
+    } | {"database_study": name}  # fmt: skip
     st.session_state["database_new"] = False

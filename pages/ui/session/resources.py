@@ -52,7 +52,7 @@ def opened(name: str) -> Result:
 @st.cache_resource(show_spinner=False)
 def task_queue() -> TaskQueue:
     """The server's queue of trainings and comparisons."""
-    return TaskQueue(store=store())
+    return TaskQueue()
 
 
 @st.cache_resource(show_spinner=False)

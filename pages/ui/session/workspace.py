@@ -381,8 +381,8 @@ class Workspace:
                 self.restored = self.result
             self._record([self.result])
             self.choose_source("fit")
-            task = training_task(self.id, asked, self.recording, store(), self._data)
-            self.training = task_queue().submit(task, anew)
+            task = training_task(self.id, asked, self.recording, store(), self._data, anew)
+            self.training = task_queue().submit(task)
 
     @property
     def compared_segment(self) -> Segment | None:
