@@ -127,10 +127,8 @@ def test_a_stretch_begins_where_every_follower_is_in_car_following() -> None:
 
 def test_the_idm_starts_outside_its_window_from_no_queue(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
-    asked = Analysis.of(
-        recording, (Window(320.0, 620.0),), (1, 2, 3), model="idm", method="simulation"
-    )
-    result = run(asked, recording)
+    window = Window(320.0, 420.0)
+    result = run(Analysis.of(recording, (window,), (1, 2), model="idm"), recording)
     assert result.fit.model == "idm"
     before = [event for event in result.evaluation.out_of_window_findings if event.time < 320.0]
     assert not before
