@@ -12,12 +12,12 @@ import pytest
 from scipy.signal import lfilter
 
 from accpinn.methods import dual_ukf, online, particle
-from accpinn.methods.fit import BoundActive, FilterDiverged, FilterUncertain, Fit, Outcome
+from accpinn.methods.fit import BoundActive, FilterDiverged, Fit, Outcome
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of, standing_still
+from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of
 from tests.support.samples import NOISE_FREE, PLATOON, sample
 
 both_filters = pytest.mark.parametrize(
@@ -95,12 +95,6 @@ class TestBoth:
         np.testing.assert_array_equal(fit.surrogate.speeds[:, 0], segment.speeds[:, 0])
         assert abs(fit.surrogate.gaps - segment.gaps).mean() < 0.05
         assert abs(fit.surrogate.speeds - segment.speeds).mean() < 0.05
-
-    @both_filters
-    @pytest.mark.parametrize("speed", [0.0, 20.0])
-    def test_reports_insignificant_gains(self, estimate: Estimator, speed: float) -> None:
-        fit = estimate(standing_still(speed), "II")
-        assert any(isinstance(finding, FilterUncertain) for finding in fit.findings)
 
     @both_filters
     def test_is_uncertain_near_equilibrium(self, estimate: Estimator, astazero: Recording) -> None:

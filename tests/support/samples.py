@@ -13,7 +13,7 @@ from accpinn.units import FloatArray
 FOLDER = Path(__file__).parents[2] / "sample_data"
 NOISE_FREE = "synthetic_paper_study_noise_free"
 NOISY = "synthetic_paper_study"
-PLATOON = "synthetic_astazero_like"
+PLATOON, VICOLUNGO = "synthetic_astazero_like", "synthetic_vicolungo_like"
 
 
 @dataclass(frozen=True, eq=False)
