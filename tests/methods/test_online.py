@@ -1,11 +1,10 @@
 """Particle filter and dual unscented Kalman filter, and what both are made of.
 
 Tolerances: both filters assume a model error as large as on real roads, so on a synthetic drive of
-300 s they are less certain than batch methods; see `Tolerance`.
+300 s they are less certain than batch methods.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -26,20 +25,13 @@ both_filters = pytest.mark.parametrize(
 Estimator = Callable[[Segment, Case], Fit]
 
 
-class Tolerance(NamedTuple):
-    """Relative, of α, β, τ."""
-
-    alpha: float
-    beta: float
-    tau: float
-
-
 TOLERANCES = {
-    (dual_ukf.fit, NOISE_FREE): Tolerance(0.005, 0.01, 0.001),
-    (dual_ukf.fit, PLATOON): Tolerance(0.03, 0.08, 0.015),
-    (particle.fit, NOISE_FREE): Tolerance(0.05, 0.08, 0.005),
-    (particle.fit, PLATOON): Tolerance(0.12, 0.12, 0.015),
+    (dual_ukf.fit, NOISE_FREE): (0.005, 0.01, 0.001),
+    (dual_ukf.fit, PLATOON): (0.03, 0.08, 0.015),
+    (particle.fit, NOISE_FREE): (0.05, 0.08, 0.005),
+    (particle.fit, PLATOON): (0.12, 0.12, 0.015),
 }
+"""Relative, of α, β, τ."""
 
 
 class TestMotion:

@@ -53,18 +53,16 @@ def learned(campaign: str, case: Case, seed: int = 0) -> Fit:
     return train(SEGMENTS[campaign], case, preset("fast", seed=seed), threads=1)
 
 
-@pytest.mark.parametrize(
-    ("campaign", "case", "printed", "tolerance", "limit", "unit_of_tau"), PRINTED
-)
+@pytest.mark.parametrize(("campaign", "case", "printed", "tolerance", "limit", "unit"), PRINTED)
 def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
     campaign: str, case: Case, printed: list[list[float]], tolerance: tuple[float, ...],
-    limit: list[list[float]], unit_of_tau: float,
+    limit: list[list[float]], unit: float,
 ) -> None:  # fmt: skip
     found = learned(campaign, case)
     off = np.abs(found.parameters.values / printed - 1.0)
     assert (off <= tolerance).all(), off
     reached = splines.fit(SEGMENTS[campaign], case).parameters.values
-    assert (np.abs(reached - limit) <= unit_of_tau * np.array([0.1, 0.1, 1])).all()
+    assert (np.abs(reached - limit) <= unit * np.array([0.1, 0.1, 1])).all()
     off = np.abs(found.parameters.values / reached - 1.0)
     assert (off <= (0.01, 0.02, 0.01)).all(), off
     errors = surrogate_errors(SEGMENTS[campaign], found)

@@ -1,13 +1,11 @@
 """The model: its parameters, its regressors, and its exact simulation."""
 
-from itertools import pairwise
 from math import isnan
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from accpinn.model.cthp import (
     LINEAR_NAMES,
@@ -17,14 +15,11 @@ from accpinn.model.cthp import (
     regressors,
     simulate,
 )
-from accpinn.units import FloatArray
-from tests.support.driving import motion
 
 vehicles = st.builds(
     Parameters, alpha=st.floats(0.001, 2.0), beta=st.floats(0.0, 2.0), tau=st.floats(0.1, 4.0)
 )
 platoons = st.lists(vehicles, min_size=1, max_size=4).map(Parameters.stack)
-TWO = Parameters([0.0612, 0.176], [0.12, 0.3921], [1.19, 1.0])
 
 
 class TestParameters:
@@ -60,32 +55,7 @@ class TestRegressors:
         assert row @ one.theta == pytest.approx(expected, abs=1e-9)
 
 
-def integrate(
-    platoon: Parameters, time: FloatArray, ahead: FloatArray, start: FloatArray
-) -> FloatArray:
-    """(N, 2M) p_1, p_2, .., v_1, v_2, ..: the model as written, integrated tightly.
-
-    One call a sample, as the leader's speed has a kink at each.
-    """
-    rates = motion(platoon.values, lambda now: float(np.interp(now, time, ahead)))
-    states = [start]
-    for span in pairwise(time):
-        step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-12, atol=1e-12)
-        states.append(step.y[:, -1])
-    return np.array(states)
-
-
 class TestSimulate:
-    def test_agrees_with_a_tight_numerical_integration(self) -> None:
-        time = np.arange(151) * 0.1
-        rng = np.random.default_rng(3)
-        ahead = 25 + np.cumsum(rng.normal(0, 0.1, len(time)))
-        speeds, gaps = np.array([22.0, 27.0]), np.array([20.0, 45.0])
-        found = simulate(TWO, time, ahead, speeds, gaps)
-        reference = integrate(TWO, time, ahead, np.r_[gaps, speeds])
-        np.testing.assert_allclose(found.gaps, reference[:, :2], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.speeds[:, 1:], reference[:, 2:], rtol=0, atol=1e-9)
-
     @pytest.mark.parametrize("count", [1, 2, 255, 257, 700])
     def test_states_without_a_drive_are_the_powers_of_a_step(self, count: int) -> None:
         transition = np.array([[0.99, 0.1, 0.0], [-0.1, 0.98, 0.02], [0.0, 0.05, 0.9]])

@@ -54,12 +54,13 @@ def test_the_time_gap_is_the_headway_and_the_intercept_over_the_speed_and_lasts(
     np.testing.assert_allclose(motion.gaps, [gaps] * 301, rtol=1e-12)
 
 
-def test_motion_is_that_of_the_equations_integrated_tightly() -> None:
+@pytest.mark.parametrize("platoon", [PLATOON, BARE], ids=["with further terms", "without"])
+def test_motion_is_that_of_the_equations_integrated_tightly(platoon: Parameters) -> None:
     """1e-8; the approximant as d²z"/12 + dz'/2 + z = c, c - dz', not as in `motion_matrix`."""
     time = np.arange(61) * 0.25
     ahead = 25 + np.cumsum(np.random.default_rng(3).normal(0, 0.3, len(time)))
     speeds, gaps = np.array([22.0, 27.0, 24.0, 25.0]), np.array([40.0, 45.0, 20.0, 30.0])
-    alpha, beta, tau, s0, lag, d = PLATOON.complete.T
+    alpha, beta, tau, s0, lag, d = platoon.complete.T
 
     def command(p: FloatArray, v: FloatArray, now: float) -> tuple[FloatArray, FloatArray]:
         u = np.r_[np.interp(now, time, ahead), v[:-1]]
@@ -79,7 +80,7 @@ def test_motion_is_that_of_the_equations_integrated_tightly() -> None:
     for span in pairwise(time):
         step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-11, atol=1e-11)
         states.append(step.y[:, -1])
-    motion = simulate(PLATOON, time, ahead, speeds, gaps)
+    motion = simulate(platoon, time, ahead, speeds, gaps)
     both = np.hstack([motion.gaps, motion.speeds[:, 1:]])
     np.testing.assert_allclose(both, np.array(states)[:, :8], rtol=0, atol=1e-8)
 

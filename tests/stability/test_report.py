@@ -8,8 +8,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
+from accpinn.model.registry import FOLLOWING
 from accpinn.stability.criteria import MARGINAL
-from accpinn.stability.report import Behaviour, VehicleStability, stability_report
+from accpinn.stability.report import (
+    Behaviour,
+    VehicleStability,
+    peak_gains,
+    stability_at,
+    stability_report,
+)
 from tests.stability.references import TABLE, Reference, crossover, integral_of_magnitude, peak
 from tests.support.vehicles import (
     CALM,
@@ -74,6 +81,19 @@ class TestVerdictsAgree:
             at = of(Parameters(vehicle.alpha, vehicle.beta, getattr(smallest, name)))
             assert getattr(at, name).stable
             assert getattr(at, name).marginal
+
+
+def test_at_a_speed_it_is_that_of_the_linearisation() -> None:
+    """The CTHP's is the same at all; another model has none above its desired speed."""
+    speeds, cthp, idm = [10.0, 20.0, 30.0, 60.0], FOLLOWING["cthp-s0-delay"], FOLLOWING["idm"]
+    gains = peak_gains(cthp, cthp.typical, speeds)
+    (given,) = stability_report(cthp.linearised(cthp.typical, 20.0)[None]).vehicles
+    assert gains == pytest.approx(given.peak.db)
+    found = [stability_at(idm, idm.typical, speed) for speed in speeds]
+    gains = peak_gains(idm, idm.typical, speeds)
+    assert (found[3], isnan(gains[3])) == (None, True)
+    assert gains[:3] == pytest.approx([one.peak.db for one in found[:3]])
+    assert np.ptp(gains[:3]) > 0.1
 
 
 class TestDegenerate:
