@@ -1,6 +1,6 @@
 """The criteria, their boundaries in τ, what is refused; the exact L∞ gain against quadrature."""
 
-from math import inf, nan, pi
+from math import inf, nan
 
 import numpy as np
 import pytest
@@ -108,11 +108,3 @@ def test_gain_loses_nothing_near_a_double_pole(off: float, side: int, share: flo
     near = pytest.approx(double, abs=max(1e-14, 30 * off))
     expected = near if off <= 1e-9 else pytest.approx(integral_of_magnitude(vehicle), abs=1e-10)
     assert step_metrics(vehicle).gain == expected
-
-
-def test_without_beta_it_is_the_second_order_lag_of_the_textbook() -> None:
-    # It overshoots by exp(-πζ/√(1-ζ²)), and each swing is smaller by the same factor.
-    found = step_metrics(Parameters(0.04, 0.0, 2.0))
-    swing = np.exp(-pi * 0.2 / np.sqrt(1 - 0.04))
-    assert found.overshoot == pytest.approx(swing, rel=1e-12)
-    assert found.gain == pytest.approx(1 + 2 * swing / (1 - swing), rel=1e-12)

@@ -73,15 +73,6 @@ class TestVerdictsAgree:
         assert real == (damping(vehicle) > 1)
         assert found.damping_ratio == pytest.approx(damping(vehicle))
 
-    @settings(max_examples=30)
-    @given(ordinary)
-    def test_a_vehicle_at_its_smallest_headway_is_marginal(self, vehicle: Parameters) -> None:
-        smallest = of(vehicle).smallest_tau
-        for name in ("l2", "linf_exact"):
-            at = of(Parameters(vehicle.alpha, vehicle.beta, getattr(smallest, name)))
-            assert getattr(at, name).stable
-            assert getattr(at, name).marginal
-
 
 def test_at_a_speed_it_is_that_of_the_linearisation() -> None:
     """The CTHP's is the same at all; another model has none above its desired speed."""
