@@ -13,7 +13,6 @@ from accpinn.evaluation.evaluation import (
     cross_validate,
     evaluate,
     from_following,
-    part,
     pooled_holdout_errors,
     without,
 )
@@ -89,13 +88,6 @@ def test_blocks_are_pooled_by_duration() -> None:
     assert both.gap_mae[0] == pytest.approx(2.5)
     assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
     assert pooled_holdout_errors((first, Block(Window(20.0, 50.0), None))) is None
-
-
-def test_parts_keep_their_place_in_the_recording() -> None:
-    segment = cut(read(FOLDER / "synthetic_paper_study.csv"), 20.0, 60.0)
-    piece = part(segment, 100, 300)
-    assert (piece.start, piece.time[0], piece.samples) == (pytest.approx(30.0), 0.0, 200)
-    np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
 
 
 def test_an_evaluation_holds_what_it_is_given_data_for() -> None:

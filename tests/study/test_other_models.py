@@ -95,12 +95,14 @@ def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
 def test_a_small_disturbance_grows_as_linearised_and_a_large_one_does_not() -> None:
     near = FOLLOWING["idm"].linearisations(IDM.T, 20.0)[[0] * 3]
     small, large = (
-        simulate_platoon(near, Sinusoid(0.2, size, 20.0), model="idm").amplitudes
+        simulate_platoon(near, Sinusoid(0.2, size, 20.0, duration=200), model="idm").amplitudes
         for size in (0.05, 6.0)
     )
     np.testing.assert_allclose(small.measured, small.predicted, rtol=5e-3)
     assert abs(large.measured[-1] / large.predicted[-1] - 1) > 0.02
-    braking = simulate_platoon(near, Brake(1e-3, 1.0, 6.0, 1.0, speed=20.0), model="idm")
+    braking = simulate_platoon(
+        near, Brake(1e-3, 1.0, 6.0, 1.0, speed=20.0, duration=100), model="idm"
+    )
     np.testing.assert_allclose(braking.linear.speeds, braking.trajectories.speeds, atol=1e-4)
     cast = cast_of(ParameterSet("", tuple("abc"), near, model="idm"), [0, 1, 2])
     drawn = profiles(braking, cast, linear=braking.linear)
