@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -82,41 +81,6 @@ def test_any_numbers_survive(size: int, number: float) -> None:
 def test_any_texts_survive(name: str, names: list[str]) -> None:
     before = replace(record(), name=name, findings=(Bound(tuple(names)),))
     assert bits(again(before)) == bits(before)
-
-
-@pytest.mark.parametrize(
-    ("change", "place"),
-    [
-        ({"name": 5}, "name"),
-        ({"time": "much"}, "time"),
-        ({"time": None}, "time"),
-        ({"case": "III"}, "case"),
-        ({"values": [[1.0], [1.0, 2.0]]}, "values"),
-        ({"values": "values"}, "values"),
-        ({"values": "arrays.mask"}, "values"),
-        ({"values": {}}, "values"),
-        ({"mask": "arrays.w"}, "mask"),
-        ({"parameters": [[1.0, 2.0]]}, "parameters"),
-        ({"outcome": None}, "outcome"),
-        ({"findings": [{"type": "Other"}]}, "findings"),
-        ({"findings": [{"type": "Hit", "vehicle": 1}]}, "findings"),
-        ({"count": 1.5}, "count"),
-    ],
-    ids=str,
-)
-def test_what_the_types_do_not_allow_is_refused(change: dict[str, Any], place: str) -> None:
-    tree, arrays = dump(record())
-    with pytest.raises(ValueError, match=place):
-        restore(Record, tree | change, arrays)
-
-
-def test_fields_and_arrays_that_are_missing_are_refused() -> None:
-    tree, arrays = dump(record())
-    with pytest.raises(ValueError, match="arrays"):
-        restore(Record, tree, {})
-    for name in ("name", "values", "findings"):
-        with pytest.raises(ValueError, match=name):
-            restore(Record, {key: tree[key] for key in tree if key != name}, arrays)
 
 
 def test_leaves_have_their_places() -> None:

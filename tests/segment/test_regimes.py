@@ -109,28 +109,12 @@ class TestMethods:
 
 
 class TestMask:
-    def test_digest_changes_with_it_and_only_with_it(self) -> None:
-        segment = without_block(disturbed())
-        other = replace(segment, mask=~np.asarray(segment.mask))
-        plain = disturbed().info.digest
-        assert len({plain, segment.info.digest, other.info.digest}) == 3
-        assert replace(segment, mask=None, excluded_regimes=()).info.digest == plain
-        small = Segment(
-            time=np.arange(3.0), speeds=np.ones((3, 2)), gaps=np.ones((3, 1)), start=0.0,
-            vehicles=(1, 2), names=("A", "B"), source="x", sha256="",
-        )  # fmt: skip
-        assert small.info.digest == DIGEST
-
     def test_goes_with_a_part_and_into_the_description(self) -> None:
         segment = without_block(disturbed())
         assert np.array_equal(part(segment, 500, 1200).mask, segment.mask[500:1200])
         assert segment.info.excluded_regimes == ("catching up",)
         assert segment.info.excluded_share == pytest.approx((441 / 1801,) * 2)
         assert disturbed().info.excluded_share == ()
-
-
-DIGEST = "41bfefdbc68b3b7f5ca67fe1a66cc02677aa356c516efe63ff6ded54fac3f9a2"
-"""Another one would make cached results invalid."""
 
 
 @pytest.fixture

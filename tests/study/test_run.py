@@ -1,4 +1,4 @@
-"""From a question to its answer: by the method, from the store, on from a checkpoint, of windows."""
+"""From a question to its answer: by the method, from the store, from a checkpoint; of windows."""
 
 from dataclasses import replace
 from pathlib import Path
