@@ -111,7 +111,7 @@ class TestHonest:
         analysis = replace(whole().analysis, settings=settings)
         found = verify(replace(whole(), analysis=analysis, fits=(fit,), compared=()))
         (left,) = [check for check in found.unchecked if check.cure == "--refit"]
-        assert (left.part, left.seconds > 600) == ("fit", True)
+        assert (left.part, left.seconds > 240) == ("fit", True)
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED)
