@@ -203,7 +203,7 @@ class TestMissingSamples:
     ) -> None:
         some = ("--methods", "maximum-likelihood,splines")
         assert "or choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
-        window = ("--methods", "maximum-likelihood", "--duration", 120)
+        window = ("--methods", "maximum-likelihood", "--duration", 90)
         (row,) = document(capsys, "compare", holes, *window)["rows"]
         assert len(row["blocks_mae"]) == 3
 

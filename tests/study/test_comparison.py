@@ -90,18 +90,21 @@ def test_a_stop_keeps_the_results_so_far(asked: Analysis, recording: Recording) 
 
 class TestCommand:
     def test_has_the_document_of_the_contract(self, capsys: pytest.CaptureFixture[str]) -> None:
-        of = ("--duration", 60, "--vehicles", "1,2", "--methods", "pinn,splines", "--no-cache")
+        of = (
+            "--duration",
+            60,
+            "--vehicles",
+            "1,2",
+            "--methods",
+            "least-squares,splines",
+            "--no-cache",
+        )
         found = document(capsys, "compare", THREE, *of)
         assert isinstance(found["warnings"], list)
         assert [form["form"] for form in found["forms"]] == list(FORMS)
-        assert found["forms"][0].keys() >= {
-            "alpha",
-            "tau",
-            "aic",
-            "log_likelihood_ratio",
-            "holdout",
-        }
-        assert [row["method"] for row in found["rows"]] == ["pinn", "splines"]
+        shown = {"alpha", "tau", "aic", "log_likelihood_ratio", "holdout"}
+        assert found["forms"][0].keys() >= shown
+        assert [row["method"] for row in found["rows"]] == ["least-squares", "splines"]
         for row in found["rows"]:
             assert len(row["parameters"]) == len(row["intervals"]) == len(row["whiteness"]) == 1
             assert set(row) >= {"surrogate_mae", "closed_loop_mae", "holdout_mae", "seconds"}
@@ -111,9 +114,6 @@ class TestCommand:
             assert row["unseen_mae"]["p"]
             for interval in row["intervals"]:
                 assert set(interval) >= {"peak_gain", "linf_gain", "crossover", "alpha"}
-        ours, limit = (row["parameters"][0] for row in found["rows"])
-        assert ours["alpha"] == pytest.approx(limit["alpha"], rel=0.01)
-        assert ours["beta"] == pytest.approx(limit["beta"], rel=0.02)
 
     def test_names_the_method_that_refused(
         self, capsys: pytest.CaptureFixture[str], refusing: str
