@@ -1,5 +1,6 @@
 """Cutting windows: what comes out is even and complete, and its findings are what was done."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -185,24 +186,6 @@ def test_an_instant_between_samples_is_missing_with_either_and_none_is_none() ->
 
 
 @pytest.mark.parametrize(
-    ("text", "vehicles"),
-    [
-        ("1-5", (1, 2, 3, 4, 5)),
-        ("1,2", (1, 2)),
-        (" 2 - 4 , 5", (2, 3, 4, 5)),
-        ("3-1", (3, 2, 1)),
-        *((text, ()) for text in ("", "a", "1-", "1--2", "1;2", "-1", "1-9999", "1,,2", "1.5")),
-    ],
-)
-def test_vehicles_may_be_written(text: str, vehicles: tuple[int, ...]) -> None:
-    if vehicles:
-        assert parse_vehicles(text) == vehicles
-    else:
-        with pytest.raises(SegmentError, match="1-5"):
-            parse_vehicles(text)
-
-
-@pytest.mark.parametrize(
     ("vehicles", "absent", "possible", "default"),
     [
         (7, "Speed3 Speed4 IVS2 IVS3 IVS4", ((1, 2), (5, 6, 7)), (1, 2)),
@@ -377,16 +360,25 @@ def test_disjoint_windows_are_complete_and_do_not_overlap() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "windows"),
+    ("parse", "text", "expected"),
     [
-        ("0-300,600-900", (Window(0.0, 300.0), Window(600.0, 900.0))),
-        (" 12.5 - 40 ", (Window(12.5, 40.0),)),
-        *((text, ()) for text in ("", "-", "0", "0-", "-5-10", "0-1,", "a-b", "300-0", "5-5")),
+        (parse_vehicles, "1-5", (1, 2, 3, 4, 5)),
+        (parse_vehicles, "1,2", (1, 2)),
+        (parse_vehicles, " 2 - 4 , 5", (2, 3, 4, 5)),
+        (parse_vehicles, "3-1", (3, 2, 1)),
+        *((parse_vehicles, text, "1-5")
+          for text in ("", "a", "1-", "1--2", "1;2", "-1", "1-9999", "1,,2", "1.5")),
+        (parse_windows, "0-300,600-900", (Window(0.0, 300.0), Window(600.0, 900.0))),
+        (parse_windows, " 12.5 - 40 ", (Window(12.5, 40.0),)),
+        *((parse_windows, text, "0-300,600-900|ends before it starts")
+          for text in ("", "-", "0", "0-", "-5-10", "0-1,", "a-b", "300-0", "5-5")),
     ],
-)
-def test_windows_may_be_written(text: str, windows: tuple[Window, ...]) -> None:
-    if windows:
-        assert parse_windows(text) == windows
+)  # fmt: skip
+def test_vehicles_and_windows_may_be_written(
+    parse: Callable[[str], object], text: str, expected: tuple[object, ...] | str
+) -> None:
+    if isinstance(expected, tuple):
+        assert parse(text) == expected
     else:
-        with pytest.raises(SegmentError, match=r"0-300,600-900|ends before it starts"):
-            parse_windows(text)
+        with pytest.raises(SegmentError, match=expected):
+            parse(text)
