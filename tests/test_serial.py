@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -81,6 +82,15 @@ def test_any_numbers_survive(size: int, number: float) -> None:
 def test_any_texts_survive(name: str, names: list[str]) -> None:
     before = replace(record(), name=name, findings=(Bound(tuple(names)),))
     assert bits(again(before)) == bits(before)
+
+
+@pytest.mark.parametrize(
+    ("place", "array"), [("values", "arrays.mask"), ("mask", "arrays.w"), ("values", "absent")]
+)
+def test_an_array_of_another_kind_is_refused(place: str, array: str) -> None:
+    tree, arrays = dump(record())
+    with pytest.raises(ValueError, match=place):
+        restore(Record, tree | {place: array}, arrays)
 
 
 def test_leaves_have_their_places() -> None:

@@ -348,8 +348,6 @@ FORGED: list[tuple[str, Any]] = [
     ("parts.uncertainty.lower", [[0.1, 0.1, 1.0]] * 2),
     ("parts.uncertainty.peak_gain.lower", []),
     ("parts.uncertainty.draws", "segments.0.speeds"),
-    ("parts.uncertainty.inside", "segments.0.speeds"),
-    ("segments.0.mask", "segments.0.speeds"),
     ("parts.uncertainty", None),
     ("parts.quality.leader_deviation", 1e300),
     ("parts.quality.mean_time_gap", [1.0, 1.0]),
