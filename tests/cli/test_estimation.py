@@ -87,7 +87,7 @@ def test_likelihood_and_who_asks_get_intervals(
 
 @pytest.mark.parametrize("method", ["splines", "least-squares"])
 def test_other_methods_in_case_one(capsys: Capture, method: str) -> None:
-    options = ("--method", method, "--vehicles", "3-5", "--case", "I")
+    options = (*SHORT, "--method", method, "--vehicles", "3-5", "--case", "I")
     found = document(capsys, "fit", PLATOON, *options)
     assert (found["method"], found["outcome"]) == (method, "solved")
     assert (found["preset"], found["network_weights"]) == (None, 0)
@@ -143,7 +143,7 @@ def test_text_has_the_table_and_progress_is_for_terminals(capsys: Capture) -> No
 
 
 def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
-    segment = driven(duration=100.0)
+    segment = driven(duration=100.0, step=0.5)
     swaying = scaled(result_for(segment), 0.6, 0.0, 0.7)
     (event,) = describe_fit(swaying, False)["incidents"]
     assert "collides with the vehicle ahead at" in event
@@ -153,7 +153,7 @@ def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
 
 def test_options_without_effect_are_named(capsys: Capture) -> None:
     options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
-    assert main(["fit", str(STUDY), *options]) == 0
+    assert main(["fit", str(STUDY), *SHORT, *options]) == 0
     printed = capsys.readouterr()
     assert strict(printed.out)["method"] == "least-squares"
     assert "--preset, --seed has no effect" in printed.err

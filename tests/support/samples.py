@@ -24,7 +24,7 @@ class Sample:
 
 
 @cache
-def sample(name: str) -> Sample:
-    """The first 300 s."""
+def sample(name: str, duration: float = 300.0) -> Sample:
+    """The first of it, so many seconds."""
     path = FOLDER / f"{name}.csv"
-    return Sample(cut(read(path), 0, 300), load_truth(truth_path(path)).parameters.values)
+    return Sample(cut(read(path), 0, duration), load_truth(truth_path(path)).parameters.values)

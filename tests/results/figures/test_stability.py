@@ -141,7 +141,7 @@ def test_areas_do_not_overlap_and_hatch_where_the_paper_differs() -> None:
 
 @pytest.fixture(scope="module")
 def learned() -> tuple[ParameterSet, Uncertainty]:
-    segment = sample(PLATOON).segment
+    segment = sample(PLATOON, 60.0).segment
     fit = splines.fit(segment)
     return ParameterSet("Learned", segment.names[1:], fit.parameters), intervals(segment, fit)
 
