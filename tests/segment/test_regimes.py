@@ -90,10 +90,6 @@ class TestMethods:
         estimated = estimate(name, without_block(disturbed(truth)), case).parameters
         assert relative_error(estimated, truth).max() < TOLERANCE[name]
 
-    def test_the_excluded_instants_would_have_mattered(self) -> None:
-        everything = estimate("least-squares", disturbed(), "II").parameters
-        assert relative_error(everything).max(axis=1).min() > 0.1
-
     def test_intervals_rest_on_the_rest_alone(self) -> None:
         segment = without_block(disturbed())
         fit = ESTIMATORS["least-squares"](segment, "II")
@@ -108,13 +104,12 @@ class TestMethods:
             ESTIMATORS["simulation"](replace(disturbed(), mask=flicker), "II")
 
 
-class TestMask:
-    def test_goes_with_a_part_and_into_the_description(self) -> None:
-        segment = without_block(disturbed())
-        assert np.array_equal(part(segment, 500, 1200).mask, segment.mask[500:1200])
-        assert segment.info.excluded_regimes == ("catching up",)
-        assert segment.info.excluded_share == pytest.approx((441 / 1801,) * 2)
-        assert disturbed().info.excluded_share == ()
+def test_a_mask_goes_with_a_part_and_into_the_description() -> None:
+    segment = without_block(disturbed())
+    assert np.array_equal(part(segment, 500, 1200).mask, segment.mask[500:1200])
+    assert segment.info.excluded_regimes == ("catching up",)
+    assert segment.info.excluded_share == pytest.approx((441 / 1801,) * 2)
+    assert disturbed().info.excluded_share == ()
 
 
 @pytest.fixture
