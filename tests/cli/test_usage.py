@@ -21,89 +21,59 @@ def test_a_file_that_is_missing_or_no_recording(
     assert "odd.csv" in refused(capsys, 1, command, path, "--json")
 
 
-def test_an_empty_name_is_not_the_folder(capsys: Capture) -> None:
-    assert "No file is named" in refused(capsys, 1, "info", "")
+OF_PLATOON = (
+    ("--start", 5000), ("--start", -1), ("--start", "inf"), ("--duration", 1),
+    ("--duration", "nan"), ("--windows", "0-60,5000-5060"),
+    ("--windows", "all", "--duration", 1000), ("--vehicles", "1,3"), ("--vehicles", "7,8"),
+)  # fmt: skip
+"""Windows and platoons that the recording does not have."""
+UNREAD = (
+    [], ["paint"], ["info"],
+    *(["fit", STUDY, *wrong] for wrong in (
+        ["--case", "III"], ["--method", "magic"], ["--preset", "slow"], ["--start", "noon"],
+        ["--vehicles", "all"], ["--iterations", "many"],
+    )),
+)  # fmt: skip
+"""What cannot be parsed."""
+FIT, SETS = ("fit", STUDY), ("--beta", 1, "--tau", 1)
 
 
 @pytest.mark.parametrize(
-    ("command", "options", "kind"),
+    ("status", "words", "arguments"),
     [
-        ("fit", ["--out", ""], "snapshot"),
-        ("report", ["--out", ""], "report"),
-        ("export", ["--json", "--sumo", ""], "SUMO"),
-    ],
-)
-def test_nothing_goes_nowhere(capsys: Capture, command: str, options: list[str], kind: str) -> None:
-    assert kind in refused(capsys, 1, command, STUDY, *options)
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--start", 5000),
-        ("--start", -1),
-        ("--start", "inf"),
-        ("--duration", 1),
-        ("--duration", "nan"),
-        ("--windows", "0-60,5000-5060"),
-        ("--windows", "all", "--duration", 1000),
-        ("--vehicles", "1,3"),
-        ("--vehicles", "7,8"),
-    ],
-)
-def test_a_window_or_platoon_that_the_recording_does_not_have(
-    capsys: Capture, options: tuple[object, ...]
-) -> None:
-    assert PLATOON.name in refused(capsys, 1, "fit", PLATOON, *options)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        [],
-        ["paint"],
-        ["info"],
-        *(["fit", str(STUDY), *wrong] for wrong in (
-            ["--case", "III"], ["--method", "magic"], ["--preset", "slow"], ["--start", "noon"],
-            ["--vehicles", "all"], ["--iterations", "many"],
-        )),
+        (1, "No file is named", ["info", ""]),
+        (1, "snapshot", [*FIT, "--out", ""]),
+        (1, "report", ["report", STUDY, "--out", ""]),
+        (1, "SUMO", ["export", STUDY, "--json", "--sumo", ""]),
+        *((1, PLATOON.name, ["fit", PLATOON, *options]) for options in OF_PLATOON),
+        *((2, "see python -m accpinn", arguments) for arguments in UNREAD),
+        (2, "α,β,τ", [*FIT, "--initial", "1,1"]),
+        (2, "a,b,T,s0,v0", [*FIT, "--model", "idm", "--preset", "fast", "--initial", "1,1,1"]),
+        (2, "v0 5 to 100",
+         [*FIT, "--model", "idm", "--preset", "fast", "--initial", "1,1,1,3,400"]),
+        (2, "α,β,τ", [*FIT, "--initial", "", "--method", "least-squares"]),
+        (2, "initial", [*FIT, "--initial=-1,1,1"]),
+        (2, "initial", [*FIT, "--initial", "-1,1,1"]),
+        (2, "threads", [*FIT, "--threads", 10**20]),
+        (2, "paper preset", [*FIT, "--lbfgs", 5]),
+        (2, "leave --start out", [*FIT, "--windows", "0-60,60-120", "--start", "10"]),
+        (2, "leave --duration out", [*FIT, "--windows", "0-60,60-120", "--duration", "60"]),
+        (2, "leave --start out", [*FIT, "--windows", "all", "--start", "10"]),
+        (2, "choose 1 to 100", ["starts", STUDY, "--seeds", 0]),
+        (2, "choose 1 to 100", ["starts", STUDY, "--seeds", 10**9]),
+        (2, "--beta and --tau missing", ["stability", "--alpha", 1]),
+        (2, "not both", ["stability", "--snapshot", "x", "--alpha", 1]),
+        (2, "2 of --alpha", ["stability", "--alpha", 1, 2, *SETS]),
+        (2, "1 to 100", ["simulate", "--alpha", 1, *SETS, "--vehicles", 101]),
+        (2, "not 3",
+         ["simulate", "--alpha", 1, 1, "--beta", 1, 1, "--tau", 1, 1, "--vehicles", 3]),
+        (2, "frequency", ["simulate", "--alpha", 1, *SETS, "--frequency", 0]),
     ],
 )  # fmt: skip
-def test_what_cannot_be_parsed_exits_with_2(capsys: Capture, arguments: list[str]) -> None:
-    assert "see python -m accpinn" in refused(capsys, 2, *arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["fit", STUDY, "--initial", "1,1"], "α,β,τ"),
-        (["fit", STUDY, "--model", "idm", "--preset", "fast", "--initial", "1,1,1"], "a,b,T,s0,v0"),
-        (
-            ["fit", STUDY, "--model", "idm", "--preset", "fast", "--initial", "1,1,1,3,400"],
-            "v0 5 to 100",
-        ),
-        (["fit", STUDY, "--initial", "", "--method", "least-squares"], "α,β,τ"),
-        (["fit", STUDY, "--initial=-1,1,1"], "initial"),
-        (["fit", STUDY, "--initial", "-1,1,1"], "initial"),
-        (["fit", STUDY, "--threads", 10**20], "threads"),
-        (["fit", STUDY, "--lbfgs", 5], "paper preset"),
-        (["starts", STUDY, "--seeds", 0], "choose 1 to 100"),
-        (["fit", STUDY, "--windows", "0-60,60-120", "--start", "10"], "leave --start out"),
-        (["fit", STUDY, "--windows", "0-60,60-120", "--duration", "60"], "leave --duration out"),
-        (["fit", STUDY, "--windows", "all", "--start", "10"], "leave --start out"),
-        (["starts", STUDY, "--seeds", 10**9], "choose 1 to 100"),
-        (["stability", "--alpha", 1], "--beta and --tau missing"),
-        (["stability", "--snapshot", "x", "--alpha", 1], "not both"),
-        (["stability", "--alpha", 1, 2, "--beta", 1, "--tau", 1], "2 of --alpha"),
-        (["simulate", "--alpha", 1, "--beta", 1, "--tau", 1, "--vehicles", 101], "1 to 100"),
-        (["simulate", "--alpha", 1, 1, "--beta", 1, 1, "--tau", 1, 1, "--vehicles", 3], "not 3"),
-        (["simulate", "--alpha", 1, "--beta", 1, "--tau", 1, "--frequency", 0], "frequency"),
-    ],
-)
-def test_settings_out_of_range_exit_with_2_and_a_sentence(
-    capsys: Capture, arguments: list[object], words: str
+def test_what_cannot_be_used_ends_in_one_line(
+    capsys: Capture, status: int, words: str, arguments: list[object]
 ) -> None:
-    assert words in refused(capsys, 2, *arguments)
+    assert words in refused(capsys, status, *arguments)
 
 
 def test_help_explains_commands_and_methods(capsys: Capture) -> None:

@@ -1,4 +1,4 @@
-"""Hold-out blocks: nothing measured in them reaches the parameters that they are predicted with."""
+"""Hold-out blocks, whose measurements do not reach their parameters; validation elsewhere."""
 
 from dataclasses import replace
 from functools import partial
@@ -7,27 +7,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.evaluation.evaluation import (
     Block,
+    OtherVehicles,
+    ValidationOverlaps,
     cross_validate,
     evaluate,
     from_following,
-    part,
     pooled_holdout_errors,
+    validate,
     without,
 )
 from accpinn.methods import least_squares, splines
 from accpinn.methods.fit import Fit
+from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
+from accpinn.results.tables.estimates import validation_table
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis
 from accpinn.study.run import run
-from tests.support.driving import MIXED, driven
+from tests.support.driving import LAW, MIXED, driven
 from tests.support.methods import RIVALS
-from tests.support.samples import FOLDER
+from tests.support.samples import FOLDER, PLATOON
 
 
 def test_each_block_is_simulated_with_parameters_from_the_others() -> None:
@@ -91,13 +96,6 @@ def test_blocks_are_pooled_by_duration() -> None:
     assert pooled_holdout_errors((first, Block(Window(20.0, 50.0), None))) is None
 
 
-def test_parts_keep_their_place_in_the_recording() -> None:
-    segment = cut(read(FOLDER / "synthetic_paper_study.csv"), 20.0, 60.0)
-    piece = part(segment, 100, 300)
-    assert (piece.start, piece.time[0], piece.samples) == (pytest.approx(30.0), 0.0, 200)
-    np.testing.assert_array_equal(piece.gaps, segment.gaps[100:300])
-
-
 def test_an_evaluation_holds_what_it_is_given_data_for() -> None:
     recording = read(FOLDER / "synthetic_paper_study.csv")
     segment = cut(recording, 0.0, 100.0)
@@ -127,11 +125,45 @@ def test_a_stretch_begins_where_every_follower_is_in_car_following() -> None:
 
 def test_the_idm_starts_outside_its_window_from_no_queue(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "AstaZero" / "ASta_040719_platoon5.csv")
-    asked = Analysis.of(
-        recording, (Window(320.0, 620.0),), (1, 2, 3), model="idm", method="simulation"
-    )
-    result = run(asked, recording)
+    window = Window(320.0, 420.0)
+    result = run(Analysis.of(recording, (window,), (1, 2), model="idm"), recording)
     assert result.fit.model == "idm"
     before = [event for event in result.evaluation.out_of_window_findings if event.time < 320.0]
     assert not before
     assert result.evaluation.out_of_window_seconds > 800.0
+
+
+def test_the_truth_has_no_error_on_either_window_and_another_law_has_some() -> None:
+    one = driven(MIXED)
+    other = replace(driven(MIXED, duration=90.0), source="other")
+    truth = replace(least_squares.fit(one), parameters=Parameters.of(MIXED))
+    found = validate(truth, one, other)
+    assert found.learned.gap_mae.max() < 0.01
+    assert found.validated.gap_mae.max() < 0.01
+    assert found.findings == found.events == ()
+    wrong = replace(truth, parameters=Parameters.of([LAW] * 3))
+    errors = validate(wrong, one, other).validated
+    assert errors.gap_mae[0] < 0.01, "the first obeys that law"
+    assert errors.gap_mae[1] > 1.0
+    row = validation_table(one.info, other.info, found).rows[0]
+    assert row[0] == "2 Car 2"
+    assert row[-2] == pytest.approx(float(found.validated.gap_mae[0]))
+
+
+def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused() -> None:
+    recording = read(FOLDER / f"{PLATOON}.csv")
+    segment = cut(recording, 0.0, 200.0, (1, 2, 3))
+    fit = least_squares.fit(segment)
+    assert validate(fit, segment, cut(recording, 200.0, 200.0, (1, 2, 3))).findings == ()
+    overlapping = validate(fit, segment, cut(recording, 150.0, 100.0, (1, 2, 3)))
+    assert overlapping.findings == (ValidationOverlaps(50.0),)
+    others = validate(fit, segment, cut(recording, 200.0, 100.0, (3, 4, 5)))
+    (found,) = others.findings
+    assert isinstance(found, OtherVehicles)
+    assert found.learned == segment.labels[1:]
+    alike = [
+        replace(s, names=("Car",) * 3) for s in (segment, cut(recording, 0.0, 90.0, (2, 3, 4)))
+    ]
+    assert OtherVehicles(alike[0].labels[1:], alike[1].labels[1:]) in validate(fit, *alike).findings
+    with pytest.raises(SegmentError, match="choose as many"):
+        validate(fit, segment, cut(recording, 200.0, 100.0, (1, 2)))

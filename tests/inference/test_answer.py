@@ -120,6 +120,9 @@ def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> Non
     changed = answer([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
     assert changed.findings == (HeterogeneousWindows(2, 3, float(changed.differ[0])),)
     assert changed.differ[0] < 1e-4
+    spans = [given.time_gap(28.0, 0) for given in (changed, usual())]
+    wide, narrow = (span.further_upper - span.further_lower for span in spans)
+    assert wide > 1.3 * narrow
     equal = [answer(windows(range(k, k + 3)), model="cthp-s0") for k in range(0, 9, 3)]
     assert sum(bool(given.findings) for given in equal) <= 1
     assert np.median([given.differ[0] for given in equal]) > 0.1

@@ -17,8 +17,6 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters
-from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
@@ -119,16 +117,3 @@ class TestWarnings:
         assert cure == NarrowerIntervals((2, 3), 30.0, 1523.0, is_excited=True)
         (whole,) = narrower_intervals(segment.info, uncertainty, found, 30.0)
         assert whole.recording is None, "a recording no longer than the window is no cure"
-
-    def test_a_constant_speed_window_of_a_recording(self, astazero: Recording) -> None:
-        """AstaZero's leader holds its speed within 0.09 m/s there, behind it four followers."""
-        moving = cut(astazero, 320, 300)
-        usual = intervals(moving, least_squares.fit(moving))
-        steady = cut(astazero, 820, 60)
-        assert steady.speeds[:, 0].std() < 0.1
-        own = intervals(steady, least_squares.fit(steady))
-        found = identifiability_warnings(steady, own)
-        assert [one.vehicle for one in found] == list(steady.vehicles[1:])
-        assert any(one.wide for one in found)
-        widths, usual_widths = (u.upper.values - u.lower.values for u in (own, usual))
-        assert (widths[[0, 3], 1] > 1.5 * usual_widths[[0, 3], 1]).all()

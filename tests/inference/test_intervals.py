@@ -42,6 +42,8 @@ def test_are_the_same_every_time_and_wider_for_a_higher_level(segment: Segment) 
     one = intervals(segment, fit)
     module._shared.cache_clear()
     assert intervals(segment, fit).draws == one.draws
+    far = replace(fit, parameters=Parameters.of([[1.0, 1.0, 3.0]] * 2))
+    assert intervals(segment, far).draws is intervals(segment, fit).draws, "made once for all fits"
     wide = intervals(segment, fit, 0.99)
     assert (wide.lower.values <= one.lower.values).all()
     assert (wide.upper.values >= one.upper.values).all()
@@ -164,17 +166,6 @@ def test_the_truth_lies_inside_and_biased_estimates_lie_outside() -> None:
 def test_nonsense_is_refused(segment: Segment, wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         intervals(segment, least_squares.fit(segment), **wrong)
-
-
-def test_one_segments_methods_share_the_draws() -> None:
-    """What does not depend on the fit is computed once, for all."""
-    segment = disturbed(Parameters.of([[0.08, 0.2, 1.4]]), 1, Disturbance())
-    one = intervals(segment, least_squares.fit(segment))
-    far = replace(least_squares.fit(segment), parameters=Parameters.of([[1.0, 1.0, 3.0]]))
-    other = intervals(segment, far)
-    assert other.draws is one.draws
-    assert not other.inside.any()
-    assert one.inside[0, 2]
 
 
 def test_ends_are_those_of_the_known_draws_where_half_are_known() -> None:

@@ -31,30 +31,6 @@ def recorded(**departure: float) -> Segment:
     return disturbed(Parameters.of([TRUE]), 1, disturbance)
 
 
-@cache
-def where_it_holds() -> Adequacy:
-    return model_forms(recorded())
-
-
-@all_draws
-def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
-    found = where_it_holds()
-    assert [form.form for form in found.forms] == list(FORMS)
-    assert not [one for one in found.findings if isinstance(one, BetterForm | Inadequate)]
-    np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
-    assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
-    lag = next(form for form in found.forms if form.form == "cthp-lag")
-    assert 0.0 < lag.lower[0].lag < lag.upper[0].lag < 0.5
-    for form in found.forms:
-        lower, upper = form.lower.values[0], form.upper.values[0]
-        width = upper - lower  # a 90 % interval misses now and then, but not by far
-        assert ((lower - width < TRUE) & (upper + width > TRUE)).all()
-    holds = found.forms[0]
-    assert (holds.lower.values < holds.parameters.values).all()
-    assert (holds.parameters.values < holds.upper.values).all()
-
-
-@all_draws
 @pytest.mark.parametrize(
     ("departure", "term", "value", "tolerance"),
     [({"standstill": 6.0}, "s0", 6.0, 2.0), ({"lag": 1.0}, "lag", 1.0, 0.3)],
@@ -79,6 +55,29 @@ def test_a_term_that_the_recording_shows_is_found(
     lower, upper = own.lower.values[0], own.upper.values[0]
     width = upper - lower  # a 90 % interval misses now and then, but not by far
     assert ((lower - width < TRUE) & (upper + width > TRUE)).all()
+
+
+@cache
+def where_it_holds() -> Adequacy:
+    return model_forms(recorded())
+
+
+@all_draws
+def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
+    found = where_it_holds()
+    assert [form.form for form in found.forms] == list(FORMS)
+    assert not [one for one in found.findings if isinstance(one, BetterForm | Inadequate)]
+    np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
+    assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
+    lag = next(form for form in found.forms if form.form == "cthp-lag")
+    assert 0.0 < lag.lower[0].lag < lag.upper[0].lag < 0.5
+    for form in found.forms:
+        lower, upper = form.lower.values[0], form.upper.values[0]
+        width = upper - lower  # a 90 % interval misses now and then, but not by far
+        assert ((lower - width < TRUE) & (upper + width > TRUE)).all()
+    holds = found.forms[0]
+    assert (holds.lower.values < holds.parameters.values).all()
+    assert (holds.parameters.values < holds.upper.values).all()
 
 
 @all_draws
@@ -135,6 +134,7 @@ def test_a_limited_acceleration_is_no_linear_response() -> None:
     assert not told.nonnormal
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_followers_of_case_i_share_the_forms() -> None:
     segment = disturbed(Parameters.of([TRUE, TRUE]), 2, Disturbance(), duration=60.0)
     found = model_forms(segment, "I")

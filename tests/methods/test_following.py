@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from accpinn.findings import Finding
 from accpinn.methods.following import Drives, Undetermined, estimate
@@ -52,16 +53,12 @@ def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
 def test_intervals_cover_the_truth_under_disturbances_that_last(key: str) -> None:
     """Nominal 90 %, over eight simulated cars; fewer than 75 % covered would be a fault."""
     model, rng = FOLLOWING[key], np.random.default_rng(5)
-    theta = TRUTHS[key][0]
-    windows = [driven(model, theta[None], seed, noise=0.03)[0] for seed in range(100, 132)]
-    disturbed = []
-    for window in windows:
-        draws = rng.standard_normal(window.samples) * 0.1
-        moved = np.empty(window.samples)
-        moved[0] = 0.0
-        for k in range(1, window.samples):  # an Ornstein-Uhlenbeck error of the gap over 6 s
-            moved[k] = moved[k - 1] * np.exp(-0.1 / 6.0) + draws[k]
-        disturbed.append(replace(window, gaps=window.gaps + moved[:, None]))
+    theta, disturbed = TRUTHS[key][0], []
+    for seed in range(100, 132):
+        (window,) = driven(model, theta[None], seed, noise=0.03)
+        draws = 0.1 * rng.standard_normal((window.samples, 1))
+        error = lfilter([1.0], [1.0, -np.exp(-0.1 / 6.0)], draws, axis=0)  # lasts 6 s
+        disturbed.append(replace(window, gaps=window.gaps + error))
     groups = [list(range(k, k + 4)) for k in range(0, len(disturbed), 4)]
     found = estimate(model, Drives.of(disturbed, model), groups)
     inside = [(one.lower <= theta) & (theta <= one.upper) for one in found]

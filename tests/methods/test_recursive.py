@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from accpinn.methods import recursive, splines
+from accpinn.methods import recursive
 from accpinn.methods.fit import BoundActiveAtTimes, WeaklyDetermined
 from accpinn.methods.online import TRACK_EVERY
 from accpinn.model.cthp import regressors
-from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, driven, in_turn, segment_of, standing_still
 
@@ -96,10 +94,3 @@ class TestUncertainty:
         assert found
         assert all(0 < finding.share < 1 for finding in found)
         assert (fit.parameters.values >= 0).all()
-
-
-class TestRealRecordings:
-    def test_astazero_is_near_the_limit_of_the_loss(self, astazero: Recording) -> None:
-        segment = cut(astazero, 320, 300)
-        found, limit = (method.fit(segment, "I").parameters for method in (recursive, splines))
-        np.testing.assert_allclose(found.values, limit.values, rtol=0.05)

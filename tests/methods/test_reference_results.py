@@ -5,7 +5,6 @@ II and III. The tolerances are stated per parameter. They are wide for β of Ast
 follower, whose printed value (.1470) is 12 % above the limit that the loss has on this recording.
 """
 
-import os
 from functools import cache
 
 import numpy as np
@@ -16,55 +15,57 @@ from accpinn.methods import splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
-from accpinn.recordings.openacc import read
+from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.stability.report import stability_report
 from tests.support.methods import train
 
-RECORDINGS = {
-    "Casale": ("Casale/part7.csv", 0.0),
-    "AstaZero": ("AstaZero/ASta_040719_platoon5.csv", 320.0),
-}
-TABLE_I = np.array([[0.0104, 0.0718, 1.52]])
-TABLE_II = np.array([[0.0627, 0.2630, 1.17]] * 4)
-TABLE_III = np.array(
-    [[0.0612, 0.1200, 1.19], [0.1000, 0.1470, 1.17], [0.0766, 0.2220, 1.16], [0.0409, 0.4450, 1.16]]
-)
+TABLE_I = [[0.0104, 0.0718, 1.52]]
+TABLE_II = [[0.0627, 0.2630, 1.17]] * 4
+TABLE_III = [
+    [0.0612, 0.1200, 1.19], [0.1000, 0.1470, 1.17], [0.0766, 0.2220, 1.16], [0.0409, 0.4450, 1.16]
+]  # fmt: skip
+LIMIT_I = [[0.01045, 0.07176, 1.5222]]
+LIMIT_II = [[0.0638, 0.2604, 1.171]] * 4
+LIMIT_III = [
+    [0.0615, 0.1197, 1.197], [0.1058, 0.1291, 1.176], [0.0766, 0.2299, 1.152],
+    [0.0410, 0.4327, 1.155],
+]  # fmt: skip
+"""The limits of the loss published with the method, right to one unit of their last digit."""
 PRINTED = [
-    pytest.param("Casale", "II", TABLE_I, (0.01, 0.01, 0.005), id="Table I"),
-    pytest.param("AstaZero", "I", TABLE_II, (0.03, 0.02, 0.005), id="Table II"),
-    pytest.param("AstaZero", "II", TABLE_III, (0.06, 0.13, 0.01), id="Table III"),
+    pytest.param("Casale", "II", TABLE_I, (0.01, 0.01, 0.005), LIMIT_I, 1.5e-4, id="Table I"),
+    pytest.param("AstaZero", "I", TABLE_II, (0.03, 0.02, 0.005), LIMIT_II, 1e-3, id="Table II"),
+    pytest.param("AstaZero", "II", TABLE_III, (0.06, 0.13, 0.01), LIMIT_III, 1e-3, id="Table III"),
 ]
 SURROGATE_GAP_MAE = 0.05
 """In m; the paper prints 0.25 to 0.54 m."""
+SEGMENTS: dict[str, Segment] = {}
 
 
-@cache
-def segment(campaign: str) -> Segment:
-    file, start = RECORDINGS[campaign]
-    return cut(read(os.path.join(os.environ["OPENACC_DIR"], file)), start, 300)
+@pytest.fixture(scope="module", autouse=True)
+def segments(casale: Recording, astazero: Recording) -> None:
+    SEGMENTS.update(Casale=cut(casale, 0, 300), AstaZero=cut(astazero, 320, 300))
 
 
 @cache
 def learned(campaign: str, case: Case, seed: int = 0) -> Fit:
-    return train(segment(campaign), case, preset("fast", seed=seed), threads=1)
+    return train(SEGMENTS[campaign], case, preset("fast", seed=seed), threads=1)
 
 
-pytestmark = pytest.mark.usefixtures("openacc_dir")
-
-
-@pytest.mark.parametrize(("campaign", "case", "printed", "tolerance"), PRINTED)
+@pytest.mark.parametrize(("campaign", "case", "printed", "tolerance", "limit", "unit"), PRINTED)
 def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
-    campaign: str, case: Case, printed: np.ndarray, tolerance: tuple[float, ...]
-) -> None:
+    campaign: str, case: Case, printed: list[list[float]], tolerance: tuple[float, ...],
+    limit: list[list[float]], unit: float,
+) -> None:  # fmt: skip
     found = learned(campaign, case)
     off = np.abs(found.parameters.values / printed - 1.0)
     assert (off <= tolerance).all(), off
-    limit = splines.fit(segment(campaign), case).parameters.values
-    off = np.abs(found.parameters.values / limit - 1.0)
+    reached = splines.fit(SEGMENTS[campaign], case).parameters.values
+    assert (np.abs(reached - limit) <= unit * np.array([0.1, 0.1, 1])).all()
+    off = np.abs(found.parameters.values / reached - 1.0)
     assert (off <= (0.01, 0.02, 0.01)).all(), off
-    errors = surrogate_errors(segment(campaign), found)
+    errors = surrogate_errors(SEGMENTS[campaign], found)
     assert (errors.gap_mae < SURROGATE_GAP_MAE).all()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import BoundActive, Fit, Outcome
+from accpinn.methods.fit import BoundActive, FilterUncertain, Fit, Outcome, WeaklyDetermined
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
@@ -19,13 +19,16 @@ from accpinn.study.comparison import compare, results_among
 from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 from tests.support.methods import RIVALS as ESTIMATORS
-from tests.support.samples import FOLDER, NOISE_FREE, NOISY, PLATOON, sample
+from tests.support.samples import FOLDER, NOISE_FREE, NOISY, PLATOON, VICOLUNGO, sample
 
 Estimator = Callable[[Segment, Case], Fit]
 
 FILTERS = ("particle", "dual-ukf")
 """They assume a large model error and have tolerances of their own, in their tests."""
 PRECISE = {name: method for name, method in ESTIMATORS.items() if name not in FILTERS}
+
+DIRECT = ("least-squares", "savitzky-golay", "splines")
+"""They find numbers in anything, and say nothing of it."""
 
 every_method = pytest.mark.parametrize("estimate", ESTIMATORS.values(), ids=list(ESTIMATORS))
 precise_method = pytest.mark.parametrize("estimate", PRECISE.values(), ids=list(PRECISE))
@@ -39,7 +42,8 @@ class TestEvery:
         np.testing.assert_allclose(fit.parameters.values, MIXED, rtol=2e-3)
 
     @pytest.mark.parametrize(
-        ("name", "tolerance"), [(NOISE_FREE, 1e-3), (NOISY, 0.02), (PLATOON, 0.03)]
+        ("name", "tolerance"),
+        [(NOISE_FREE, 1e-3), (NOISY, 0.02), (PLATOON, 0.03), (VICOLUNGO, 0.03)],
     )
     @pytest.mark.parametrize("key", ["savitzky-golay", "simulation", "recursive"])
     def test_recovers_the_studies(self, key: str, name: str, tolerance: float) -> None:
@@ -86,6 +90,8 @@ class TestEvery:
         fit = estimate(standing_still(speed), "II")
         assert fit.outcome is not Outcome.DIVERGED
         assert (fit.parameters.values[:, :2] >= 0).all()
+        told = any(isinstance(one, WeaklyDetermined | FilterUncertain) for one in fit.findings)
+        assert told == (fit.method not in DIRECT)
 
     @every_method
     @pytest.mark.parametrize("samples", [2, 4, 5])

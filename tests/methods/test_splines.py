@@ -5,9 +5,6 @@ import pytest
 from scipy.interpolate import make_lsq_spline
 
 from accpinn.methods import splines
-from accpinn.methods.fit import Fit
-from accpinn.recordings.recording import Recording
-from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven
 
 
@@ -41,31 +38,3 @@ class TestSplines:
         fit = splines.fit(driven(step=step, duration=100.0))
         np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)
         assert fit.config["knots_every"] == max(0.5, 5 * step)
-
-
-class TestLimitOnRealRecordings:
-    """The limits of the loss published with the method, to one unit of their last digit."""
-
-    @staticmethod
-    def assert_limit(fit: Fit, expected: list[tuple[float, float, float]], *units: float) -> None:
-        for (alpha, beta, tau), limit in zip(fit.parameters.values, expected, strict=True):
-            assert alpha == pytest.approx(limit[0], abs=units[0])
-            assert beta == pytest.approx(limit[1], abs=units[1])
-            assert tau == pytest.approx(limit[2], abs=units[2])
-
-    def test_casale(self, casale: Recording) -> None:
-        fit = splines.fit(cut(casale, 0, 300))
-        self.assert_limit(fit, [(0.01045, 0.07176, 1.5222)], 1e-5, 1e-5, 1.5e-4)
-
-    def test_astazero(self, astazero: Recording) -> None:
-        segment = cut(astazero, 320, 300)
-        fit = splines.fit(segment, "I")
-        self.assert_limit(fit, [(0.0638, 0.2604, 1.171)] * 4, 1e-4, 1e-4, 1e-3)
-        fit = splines.fit(segment, "II")
-        expected = [
-            (0.0615, 0.1197, 1.197),
-            (0.1058, 0.1291, 1.176),
-            (0.0766, 0.2299, 1.152),
-            (0.0410, 0.4327, 1.155),
-        ]
-        self.assert_limit(fit, expected, 1e-4, 1e-4, 1e-3)

@@ -1,30 +1,31 @@
-"""The model: its parameters, its regressors, and its exact simulation."""
+"""The CTHP and the terms beside it: parameters, regressors, and the exact motion."""
 
+import pickle
 from itertools import pairwise
 from math import isnan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from accpinn.model.cthp import (
     LINEAR_NAMES,
+    TERMS,
     Parameters,
     collides,
     orbit,
     regressors,
     simulate,
 )
+from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.serial import dump, restore
 from accpinn.units import FloatArray
-from tests.support.driving import motion
 
 vehicles = st.builds(
     Parameters, alpha=st.floats(0.001, 2.0), beta=st.floats(0.0, 2.0), tau=st.floats(0.1, 4.0)
 )
-platoons = st.lists(vehicles, min_size=1, max_size=4).map(Parameters.stack)
-TWO = Parameters([0.0612, 0.176], [0.12, 0.3921], [1.19, 1.0])
 
 
 class TestParameters:
@@ -60,48 +61,13 @@ class TestRegressors:
         assert row @ one.theta == pytest.approx(expected, abs=1e-9)
 
 
-def integrate(
-    platoon: Parameters, time: FloatArray, ahead: FloatArray, start: FloatArray
-) -> FloatArray:
-    """(N, 2M) p_1, p_2, .., v_1, v_2, ..: the model as written, integrated tightly.
-
-    One call a sample, as the leader's speed has a kink at each.
-    """
-    rates = motion(platoon.values, lambda now: float(np.interp(now, time, ahead)))
-    states = [start]
-    for span in pairwise(time):
-        step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-12, atol=1e-12)
-        states.append(step.y[:, -1])
-    return np.array(states)
-
-
-class TestSimulate:
-    def test_agrees_with_a_tight_numerical_integration(self) -> None:
-        time = np.arange(151) * 0.1
-        rng = np.random.default_rng(3)
-        ahead = 25 + np.cumsum(rng.normal(0, 0.1, len(time)))
-        speeds, gaps = np.array([22.0, 27.0]), np.array([20.0, 45.0])
-        found = simulate(TWO, time, ahead, speeds, gaps)
-        reference = integrate(TWO, time, ahead, np.r_[gaps, speeds])
-        np.testing.assert_allclose(found.gaps, reference[:, :2], rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.speeds[:, 1:], reference[:, 2:], rtol=0, atol=1e-9)
-
-    @pytest.mark.parametrize("count", [1, 2, 255, 257, 700])
-    def test_states_without_a_drive_are_the_powers_of_a_step(self, count: int) -> None:
-        transition = np.array([[0.99, 0.1, 0.0], [-0.1, 0.98, 0.02], [0.0, 0.05, 0.9]])
-        found = orbit(transition, np.array([1.0, -2.0, 0.5]), count)
-        last = np.linalg.matrix_power(transition, count - 1) @ found[0]
-        np.testing.assert_allclose(found[-1], last, atol=1e-12)
-        np.testing.assert_allclose(found[1:], found[:-1] @ transition.T, atol=1e-13)
-
-    @given(platoons, st.floats(0.5, 40))
-    @settings(max_examples=25)
-    def test_equilibrium_stays(self, platoon: Parameters, speed: float) -> None:
-        time = np.arange(201) * 0.1
-        gaps = platoon.tau * speed
-        found = simulate(platoon, time, np.full(201, speed), np.full(len(platoon), speed), gaps)
-        np.testing.assert_allclose(found.speeds, speed, rtol=1e-9)
-        np.testing.assert_allclose(found.gaps, np.broadcast_to(gaps, found.gaps.shape), rtol=1e-9)
+@pytest.mark.parametrize("count", [1, 2, 255, 257, 700])
+def test_states_without_a_drive_are_the_powers_of_a_step(count: int) -> None:
+    transition = np.array([[0.99, 0.1, 0.0], [-0.1, 0.98, 0.02], [0.0, 0.05, 0.9]])
+    found = orbit(transition, np.array([1.0, -2.0, 0.5]), count)
+    last = np.linalg.matrix_power(transition, count - 1) @ found[0]
+    np.testing.assert_allclose(found[-1], last, atol=1e-12)
+    np.testing.assert_allclose(found[1:], found[:-1] @ transition.T, atol=1e-13)
 
 
 def test_a_gap_that_ends_at_zero_is_no_collision_and_one_below_it_is() -> None:
@@ -112,3 +78,97 @@ def test_a_gap_that_ends_at_zero_is_no_collision_and_one_below_it_is() -> None:
     stopping = simulate(Parameters([0.5], [1.0], [1.5]), time, speed, [20.0], [30.0]).gaps
     assert abs(stopping[-1, 0]) < 1e-9
     assert not collides(stopping).any()
+
+
+ROWS = [
+    [0.08, 0.3, 1.0, 6, 0, 0.7], [0.15, 0.2, 1.4, 3, 0.5, 0],
+    [0.06, 0.4, 1.2, -2, 0.3, 0.6], [0.1, 0.25, 0.9, 0, 0, 0],
+]  # fmt: skip
+PLATOON = Parameters.of(ROWS)
+BARE = Parameters(PLATOON.alpha, PLATOON.beta, PLATOON.tau)
+
+
+def test_a_key_names_the_terms_in_the_order_of_the_complete_parameters() -> None:
+    assert {model: FOLLOWING[model].terms for model in CTHPS} == {
+        model: tuple(model.split("-")[1:]) for model in CTHPS
+    }
+    for at, term in enumerate(TERMS, 3):
+        np.testing.assert_array_equal(getattr(PLATOON, term), PLATOON.complete[:, at])
+
+
+@pytest.mark.parametrize("parameters", [PLATOON, PLATOON[1], BARE, PLATOON[[3, 3]]])
+def test_parameters_survive_files_and_processes(parameters: Parameters) -> None:
+    tree, arrays = dump(parameters)
+    assert restore(Parameters, tree, arrays) == parameters
+    again = pickle.loads(pickle.dumps(parameters))
+    assert (again, hash(again)) == (parameters, hash(parameters))
+    many = Parameters.of(np.tile(parameters.complete, (40, 1, 1)))
+    assert restore(Parameters, *dump(many, "fit")) == many, "kept beside the tree"
+
+
+def test_stacks_and_indices_keep_the_terms() -> None:
+    assert Parameters.stack(list(PLATOON)) == PLATOON
+    assert PLATOON[1] == Parameters(0.15, 0.2, 1.4, s0=3.0, lag=0.5)
+    assert PLATOON[1:] == PLATOON[[1, 2, 3]] == Parameters.of(ROWS[1:])
+    assert (PLATOON != BARE, PLATOON[3] == BARE[3]) == (True, True)
+
+
+def test_the_time_gap_is_the_headway_and_the_intercept_over_the_speed_and_lasts() -> None:
+    np.testing.assert_allclose(PLATOON.time_gap(20.0), [1.3, 1.55, 1.1, 0.9], rtol=1e-15)
+    assert PLATOON[0].time_gap(10.0) == pytest.approx(1.6, rel=1e-15)
+    time, steady = np.arange(301) * 0.1, np.full(301, 25.0)
+    gaps = 25.0 * PLATOON.time_gap(25.0)
+    motion = simulate(PLATOON, time, steady, steady[:4], gaps)
+    np.testing.assert_allclose(motion.gaps, [gaps] * 301, rtol=1e-12)
+
+
+@pytest.mark.parametrize("platoon", [PLATOON, BARE], ids=["with further terms", "without"])
+def test_motion_is_that_of_the_equations_integrated_tightly(platoon: Parameters) -> None:
+    """1e-8; the approximant as d²z"/12 + dz'/2 + z = c, c - dz', not as in `motion_matrix`."""
+    time = np.arange(61) * 0.25
+    ahead = 25 + np.cumsum(np.random.default_rng(3).normal(0, 0.3, len(time)))
+    speeds, gaps = np.array([22.0, 27.0, 24.0, 25.0]), np.array([40.0, 45.0, 20.0, 30.0])
+    alpha, beta, tau, s0, lag, d = platoon.complete.T
+
+    def command(p: FloatArray, v: FloatArray, now: float) -> tuple[FloatArray, FloatArray]:
+        u = np.r_[np.interp(now, time, ahead), v[:-1]]
+        return u, alpha * (p - s0 - tau * v) + beta * (u - v)
+
+    def rates(now: float, state: FloatArray) -> FloatArray:
+        p, v, reached, z, slope = state.reshape(5, 4)
+        u, c = command(p, v, now)
+        late = c - d * slope
+        acceleration = np.where(lag > 0, reached, late)
+        rise = (late - reached) / np.where(lag > 0, lag, 1)
+        bend = (12 * (c - z) - 6 * d * slope) / np.where(d > 0, d, 1) ** 2
+        return np.concatenate([u - v, acceleration, rise, slope, bend])
+
+    _, asked = command(gaps, speeds, 0.0)
+    states = [np.concatenate([gaps, speeds, asked, asked, np.zeros(4)])]
+    for span in pairwise(time):
+        step = solve_ivp(rates, span, states[-1], method="DOP853", rtol=1e-11, atol=1e-11)
+        states.append(step.y[:, -1])
+    motion = simulate(platoon, time, ahead, speeds, gaps)
+    both = np.hstack([motion.gaps, motion.speeds[:, 1:]])
+    np.testing.assert_allclose(both, np.array(states)[:, :8], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("delay", [0.3, 0.7, 1.2])
+def test_motion_is_close_to_that_under_a_true_delay(delay: float) -> None:
+    """By trapezoids of 5 ms over the delay differential equation; 2 cm and 2 cm/s."""
+    follower = Parameters([0.1], [0.3], [1.1], s0=5.0, delay=delay)
+    step = 0.005
+    time = np.arange(0, 80 + step / 2, step)
+    ahead = 25 + 4 * np.sin(0.3 * time) + np.sin(0.9 * time)
+    late = round(delay / step)
+    p, v, c = np.zeros((3, len(time)))
+    p[0], v[0] = 5 + 1.1 * 25, 25
+    for k in range(len(time)):
+        if k:
+            then = c[max(k - 1 - late, 0)] + c[max(k - late, 0)]
+            v[k] = v[k - 1] + step / 2 * then
+            p[k] = p[k - 1] + step / 2 * (ahead[k] - v[k] + ahead[k - 1] - v[k - 1])
+        c[k] = 0.1 * (p[k] - 5 - 1.1 * v[k]) + 0.3 * (ahead[k] - v[k])
+    motion = simulate(follower, time[::20], ahead[::20], np.array([25.0]), p[:1])
+    np.testing.assert_allclose(motion.gaps[:, 0], p[::20], rtol=0, atol=0.02)
+    np.testing.assert_allclose(motion.speeds[:, 1], v[::20], rtol=0, atol=0.02)

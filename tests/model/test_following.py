@@ -62,23 +62,6 @@ def test_an_acceleration_is_the_same_in_numpy_and_torch(key: str) -> None:
     assert by_torch == pytest.approx(model.acceleration(*at, model.typical, np), rel=1e-12)
 
 
-@pytest.mark.parametrize("key", ["idm", "fvdm-lag"])
-def test_the_fixed_step_agrees_with_an_adaptive_solver(key: str) -> None:
-    from scipy.integrate import solve_ivp
-
-    model, theta = FOLLOWING[key], FOLLOWING[key].typical
-    run = model.simulate(theta, TIME, DRIVE, np.array([23.0]), np.array([36.0]))
-
-    def rates(t: float, x: np.ndarray) -> np.ndarray:
-        return model._rates(theta, x[:, None], np.interp(t, TIME, DRIVE))[:, 0]
-
-    start = [36.0, 23.0, *[model._command(theta, np.array([[36.0], [23.0]]), DRIVE[0])[0]]]
-    size = 2 + model.is_late
-    ends = {"rtol": 1e-9, "atol": 1e-9, "max_step": 0.1, "t_eval": TIME}
-    exact = solve_ivp(rates, (0.0, TIME[-1]), start[:size], **ends)
-    assert run.gaps[:, 0] == pytest.approx(exact.y[0], abs=1e-4)
-
-
 @pytest.mark.parametrize("model", FOLLOWING.values(), ids=FOLLOWING)
 def test_a_complex_step_gives_the_derivatives_of_a_simulation(model: FollowingModel) -> None:
     count = len(model.parameters)

@@ -15,7 +15,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.results.checks import MEANING, TITLES, Check, checks, label_of
 from tests.support.samples import PLATOON, sample
 
-SEGMENT = sample(PLATOON).segment
+SEGMENT = sample(PLATOON, 60.0).segment
 INFO = SEGMENT.info
 
 

@@ -39,26 +39,24 @@ def idm(key: str) -> Parameters:
 
 
 @pytest.mark.skipif(importlib.util.find_spec("libsumo") is None, reason="libsumo is not installed")
-@pytest.mark.parametrize(
-    ("model", "vehicles", "frequency"),
-    [
-        *(("cthp", vehicles, frequency) for frequency in (0.1, 0.2)
-          for vehicles in (*(one.parameters for one in PUBLISHED), LATE)),
-        *((key, idm(key), 0.2) for key in ("idm", "idm-delay")),
-    ],
-)  # fmt: skip
-def test_sumo_answers_as_our_platoon(model: str, vehicles: Parameters, frequency: float) -> None:
-    types = sumo_types(tuple("ABCDEFGH"[: len(vehicles.alpha)]), vehicles, model=model)
-    headways = vehicles.time_gap(sumo.SPEED).tolist()
-    given = {"types": types, "ids": ids(types), "headways": headways, "frequency": frequency}
+def test_sumo_answers_as_our_platoon() -> None:
+    sets = (*(one.parameters for one in PUBLISHED), LATE)
+    runs = [("cthp", vehicles, frequency) for frequency in (0.1, 0.2) for vehicles in sets]
+    runs += [(key, idm(key), 0.2) for key in ("idm", "idm-delay")]
+    asked, expected = [], []
+    for model, vehicles, frequency in runs:
+        types = sumo_types(tuple("ABCDEFGH"[: len(vehicles.alpha)]), vehicles, model=model)
+        headways = vehicles.time_gap(sumo.SPEED).tolist()
+        asked.append([types, ids(types), headways, frequency])
+        leader = Sinusoid(frequency, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
+        expected.append(simulate_platoon(vehicles, leader, model=model).amplitudes.measured)
     ran = subprocess.run(
-        [sys.executable, str(PROGRAM)], input=json.dumps(given), capture_output=True, text=True,
+        [sys.executable, str(PROGRAM)], input=json.dumps(asked), capture_output=True, text=True,
         check=True,
     )  # fmt: skip
-    leader = Sinusoid(frequency, 1.0, sumo.SPEED, sumo.SETTLE, sumo.DURATION)
-    expected = simulate_platoon(vehicles, leader, model=model).amplitudes
-    found = json.loads(ran.stdout.splitlines()[-1])
-    np.testing.assert_allclose(found, expected.measured, rtol=0.02)
+    found = [json.loads(line) for line in ran.stdout.splitlines() if line.startswith("[")]
+    for amplitudes, measured in zip(found, expected, strict=True):
+        np.testing.assert_allclose(amplitudes, measured, rtol=0.02)
 
 
 def test_types_hold_the_parameters_and_every_sample() -> None:

@@ -47,7 +47,7 @@ from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 from tests.support.snapshots import altered, delayed, small, whole
 from tests.support.vehicles import AUDI, BMW, CALM, TESLA, UNDAMPED, extreme, ordinary, row
 
-SEGMENT = sample(PLATOON).segment
+SEGMENT = sample(PLATOON, 60.0).segment
 INFO, FOLLOWER = SEGMENT.info, SEGMENT.vehicles[1]
 DAMPED, LOUD = Parameters(0.08, 0.02, 9.0), Parameters(0.08, 0.12, 1.5)
 

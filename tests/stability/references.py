@@ -1,18 +1,13 @@
-"""Reference systems for string stability, and methods of their own to compute their numbers.
+"""Reference systems for string stability, and an integral of their impulse responses.
 
 Where the parameters come from: Apostolakis and Ampountolas, IEEE TVT 2024; the rows of Table III
 with its YES/NO columns, two of Table II (NO twice), and experiment 1 of Table I (Ispra-Casale).
 
-None of the closed forms of `accpinn.stability` is used:
-
-- peak: |G(jω)| of a `control.TransferFunction`, its maximum on a grid of 4000 frequencies, then by
-  `scipy.optimize.minimize_scalar` between the neighbours (xatol 1e-12);
-- crossover: `scipy.optimize.brentq` on |G(jω)| - 1 above the peak (xtol 1e-14);
-- ‖h‖₁: h(t) = C exp(At) B by `scipy.linalg.expm`, its changes of sign by brentq, |h| integrated
-  between them by `scipy.integrate.quad` (epsabs 1e-13) until exp(At) has fallen to 1e-15.
+‖h‖₁ is computed without the closed form: h(t) = C exp(At) B by `scipy.linalg.expm`, its changes of
+sign by brentq, |h| integrated between them by `scipy.integrate.quad` (epsabs 1e-13) until exp(At)
+has fallen to 1e-15.
 """
 
-from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -21,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import quad
 from scipy.linalg import expm
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
 from accpinn.model.cthp import Parameters
 
@@ -49,33 +44,6 @@ TABLE = (
     Reference("Table II, second", Parameters(0.0581, 0.3010, 1.04)),
     Reference("Casale, experiment 1", Parameters(0.0104, 0.0718, 1.52)),
 )
-
-
-def transfer_function(vehicle: Parameters) -> Callable[[Any], Any]:
-    """G(s), by python-control."""
-    from control import TransferFunction
-
-    total = vehicle.alpha * vehicle.tau + vehicle.beta
-    return TransferFunction([vehicle.beta, vehicle.alpha], [1.0, total, vehicle.alpha])
-
-
-def peak(vehicle: Parameters) -> tuple[float, float]:
-    """Gain and frequency [rad/s] of the largest |G(jω)|."""
-    system, grid = transfer_function(vehicle), np.geomspace(1e-3, 10.0, 4000)
-    best = int(np.argmax(abs(system(1j * grid))))
-    found = minimize_scalar(
-        lambda omega: -abs(system(1j * omega)),
-        bounds=(grid[max(best - 1, 0)], grid[best + 1]),
-        method="bounded",
-        options={"xatol": 1e-12},
-    )
-    return float(-found.fun), float(found.x)
-
-
-def crossover(vehicle: Parameters, above: float) -> float:
-    """The frequency [rad/s] above the peak's at which |G(jω)| = 1."""
-    system = transfer_function(vehicle)
-    return float(brentq(lambda omega: abs(system(1j * omega)) - 1.0, above, 100.0, xtol=1e-14))
 
 
 def impulse(vehicle: Parameters, time: ArrayLike) -> Any:

@@ -1,7 +1,8 @@
-"""The criteria, their boundaries in τ, what is refused; the exact L∞ gain against quadrature."""
+"""The criteria and their boundaries; exact L∞ gain by quadrature; response by python-control."""
 
-from math import inf, nan, pi
+from math import inf, nan
 
+import control
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,19 +12,25 @@ from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.stability.criteria import (
     checked,
+    crossovers,
     exact_margin,
     l2_criterion,
     l2_margin,
     paper_margin,
+    peaks,
+    poles,
+    response,
+    slowest_rate,
     smallest_beta_exact,
     smallest_beta_l2,
     smallest_headway_exact,
     smallest_headway_l2,
     smallest_headway_paper,
     step_metrics,
+    transfer_function,
 )
 from tests.stability.references import integral_of_magnitude
-from tests.support.vehicles import AUDI, ordinary, row
+from tests.support.vehicles import AUDI, NO_GAP_CONTROL, NO_REACTION, TESLA, UNDAMPED, ordinary, row
 
 BOUNDARIES = (
     (l2_margin, smallest_headway_l2),
@@ -110,9 +117,37 @@ def test_gain_loses_nothing_near_a_double_pole(off: float, side: int, share: flo
     assert step_metrics(vehicle).gain == expected
 
 
-def test_without_beta_it_is_the_second_order_lag_of_the_textbook() -> None:
-    # It overshoots by exp(-πζ/√(1-ζ²)), and each swing is smaller by the same factor.
-    found = step_metrics(Parameters(0.04, 0.0, 2.0))
-    swing = np.exp(-pi * 0.2 / np.sqrt(1 - 0.04))
-    assert found.overshoot == pytest.approx(swing, rel=1e-12)
-    assert found.gain == pytest.approx(1 + 2 * swing / (1 - swing), rel=1e-12)
+def test_response_and_poles_are_those_of_python_control() -> None:
+    omega = np.geomspace(1e-3, 10, 50)
+    vehicles = row(AUDI, TESLA)
+    for vehicle, curve in zip(vehicles, response(vehicles, omega), strict=True):
+        system = transfer_function(vehicle)
+        assert isinstance(system, control.TransferFunction)
+        np.testing.assert_allclose(curve, system(1j * omega), rtol=1e-12)
+        np.testing.assert_allclose(sorted(poles(vehicle), key=abs), sorted(system.poles(), key=abs))
+        assert system.zeros()[0].real == pytest.approx(-vehicle.alpha / vehicle.beta)
+
+
+@given(ordinary)
+def test_the_response_is_one_at_the_crossover_and_largest_at_the_peak(vehicle: Parameters) -> None:
+    one, (slow, fast) = row(vehicle), poles(vehicle)
+    assert slow + fast == pytest.approx(-vehicle.alpha * vehicle.tau - vehicle.beta, rel=1e-9)
+    assert slow * fast == pytest.approx(vehicle.alpha, rel=1e-9)
+    (peak,), (crossover,) = peaks(one), crossovers(one)
+    if np.isnan(crossover):
+        assert (peak.gain, peak.omega) == (1, 0)
+        return
+    assert 0 < peak.omega < crossover
+    magnitude = np.abs(response(one, np.array([peak.omega, crossover, 0.0])))[0]
+    np.testing.assert_allclose(magnitude, [peak.gain, 1, 1], rtol=1e-7)
+    around = peak.omega * np.array([0.5, 0.9, 0.99, 1.01, 1.1, 2.0])
+    assert (np.abs(response(one, around)) <= peak.gain * (1 + 1e-12)).all()
+
+
+def test_without_alpha_it_is_a_first_order_lag() -> None:
+    h = response(row(NO_GAP_CONTROL), np.array([0.0, 0.3]))
+    np.testing.assert_allclose(h, [[1, 1 / (1 + 1j)]])
+    assert slowest_rate(NO_GAP_CONTROL) == 0.3
+    assert not response(row(NO_REACTION), np.array([0.0, 1.0])).any()
+    assert np.isinf(np.abs(response(row(UNDAMPED), np.array([0.5])))), "without damping"
+    assert slowest_rate(UNDAMPED) == 0

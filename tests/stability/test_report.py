@@ -8,9 +8,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
+from accpinn.model.registry import FOLLOWING
 from accpinn.stability.criteria import MARGINAL
-from accpinn.stability.report import Behaviour, VehicleStability, stability_report
-from tests.stability.references import TABLE, Reference, crossover, integral_of_magnitude, peak
+from accpinn.stability.report import (
+    Behaviour,
+    VehicleStability,
+    peak_gains,
+    stability_at,
+    stability_report,
+)
+from tests.stability.references import TABLE, Reference, integral_of_magnitude
 from tests.support.vehicles import (
     CALM,
     NO_GAP_CONTROL,
@@ -29,12 +36,9 @@ def of(vehicle: Parameters) -> VehicleStability:
 
 
 @pytest.mark.parametrize("reference", TABLE, ids=lambda reference: str(reference.name))
-def test_closed_forms_and_the_papers_verdicts_are_reproduced(reference: Reference) -> None:
-    found, (gain, omega) = of(reference.vehicle), peak(reference.vehicle)
-    assert found.peak.gain == pytest.approx(gain, abs=1e-6)
-    assert found.peak.db == pytest.approx(20 * np.log10(gain), abs=1e-6)
-    assert found.peak.omega == pytest.approx(omega, abs=1e-6)
-    assert found.crossover == pytest.approx(crossover(reference.vehicle, omega), abs=1e-6)
+def test_the_exact_gain_and_the_papers_verdicts_are_reproduced(reference: Reference) -> None:
+    found = of(reference.vehicle)
+    assert found.peak.db == pytest.approx(20 * np.log10(found.peak.gain), abs=1e-9)
     area = integral_of_magnitude(reference.vehicle)
     assert found.linf_gain == pytest.approx(area, abs=1e-6)
     # The paper's columns; its L∞ criterion is not the exact one.
@@ -66,14 +70,18 @@ class TestVerdictsAgree:
         assert real == (damping(vehicle) > 1)
         assert found.damping_ratio == pytest.approx(damping(vehicle))
 
-    @settings(max_examples=30)
-    @given(ordinary)
-    def test_a_vehicle_at_its_smallest_headway_is_marginal(self, vehicle: Parameters) -> None:
-        smallest = of(vehicle).smallest_tau
-        for name in ("l2", "linf_exact"):
-            at = of(Parameters(vehicle.alpha, vehicle.beta, getattr(smallest, name)))
-            assert getattr(at, name).stable
-            assert getattr(at, name).marginal
+
+def test_at_a_speed_it_is_that_of_the_linearisation() -> None:
+    """The CTHP's is the same at all; another model has none above its desired speed."""
+    speeds, cthp, idm = [10.0, 20.0, 30.0, 60.0], FOLLOWING["cthp-s0-delay"], FOLLOWING["idm"]
+    gains = peak_gains(cthp, cthp.typical, speeds)
+    (given,) = stability_report(cthp.linearised(cthp.typical, 20.0)[None]).vehicles
+    assert gains == pytest.approx(given.peak.db)
+    found = [stability_at(idm, idm.typical, speed) for speed in speeds]
+    gains = peak_gains(idm, idm.typical, speeds)
+    assert (found[3], isnan(gains[3])) == (None, True)
+    assert gains[:3] == pytest.approx([one.peak.db for one in found[:3]])
+    assert np.ptp(gains[:3]) > 0.1
 
 
 class TestDegenerate:

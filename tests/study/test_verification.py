@@ -1,6 +1,7 @@
 """What a snapshot says against what its analysis gives: every forged number is found."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable
 from copy import deepcopy
@@ -110,7 +111,7 @@ class TestHonest:
         analysis = replace(whole().analysis, settings=settings)
         found = verify(replace(whole(), analysis=analysis, fits=(fit,), compared=()))
         (left,) = [check for check in found.unchecked if check.cure == "--refit"]
-        assert (left.part, left.seconds > 600) == ("fit", True)
+        assert (left.part, left.seconds > 240) == ("fit", True)
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED)
@@ -205,12 +206,13 @@ class TestForged:
         assert found.stored.startswith(f"τ {forged.parameters.tau[0]:.4g}"[:6])
 
     def test_every_number_that_is_changed_is_found(self) -> None:
-        """One leaf of the whole tree after the other, sealed anew."""
+        """One field of the whole tree after the other, of a list one member, sealed anew."""
         forms = result_for(driven(duration=20.0, step=0.5)).adequacy
         data = to_bytes(with_parts(small(), adequacy=forms))
         tree, arrays = json.loads(members(data)[DOCUMENT]), arrays_of(data)
         met, missed = Counter[str](), []
-        for place, leaf in flatten(tree):
+        fields = {re.sub(r"\.\d+", "", place): (place, leaf) for place, leaf in flatten(tree)}
+        for place, leaf in fields.values():
             if place.startswith(TOLD) or place.endswith(VARYING):
                 continue
             forged = deepcopy(tree)

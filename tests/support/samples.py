@@ -13,7 +13,7 @@ from accpinn.units import FloatArray
 FOLDER = Path(__file__).parents[2] / "sample_data"
 NOISE_FREE = "synthetic_paper_study_noise_free"
 NOISY = "synthetic_paper_study"
-PLATOON = "synthetic_astazero_like"
+PLATOON, VICOLUNGO = "synthetic_astazero_like", "synthetic_vicolungo_like"
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Sample:
 
 
 @cache
-def sample(name: str) -> Sample:
-    """The first 300 s."""
+def sample(name: str, duration: float = 300.0) -> Sample:
+    """The first of it, so many seconds."""
     path = FOLDER / f"{name}.csv"
-    return Sample(cut(read(path), 0, 300), load_truth(truth_path(path)).parameters.values)
+    return Sample(cut(read(path), 0, duration), load_truth(truth_path(path)).parameters.values)

@@ -17,7 +17,7 @@ from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.serial import Arrays, dump
 from accpinn.study.analysis import Analysis, Source
@@ -101,7 +101,7 @@ def platoon() -> Recording:
 @cache
 def trained() -> Result:
     """The PiNN's answer for the synthetic platoon."""
-    asked = Analysis.of(platoon(), settings=preset("fast", iterations=20))
+    asked = Analysis.of(platoon(), [Window(0.0, 120.0)], settings=preset("fast", iterations=20))
     return run(asked, platoon(), context=TaskContext(threads=1))
 
 

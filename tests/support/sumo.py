@@ -1,7 +1,7 @@
 """A platoon in SUMO behind a sinusoidal leader, run as a program: its libraries stay out of pytest.
 
-Reads `{"types", "ids", "headways", "frequency"}` as JSON from standard input and prints the
-amplitudes of speed, leader first.
+Reads lists of types, ids, headways and frequency as JSON from standard input and prints a line for
+each: the amplitudes of speed, leader first.
 """
 
 import json
@@ -67,8 +67,7 @@ def amplitudes(count: int, frequency: float) -> list[float]:
 
 
 if __name__ == "__main__":
-    given = json.load(sys.stdin)
-    with tempfile.TemporaryDirectory() as name:
-        start(Path(name), given["types"], given["ids"], given["headways"])
-        found = amplitudes(1 + len(given["ids"]), given["frequency"])
-    print(json.dumps(found))
+    for types, ids, headways, frequency in json.load(sys.stdin):
+        with tempfile.TemporaryDirectory() as name:
+            start(Path(name), types, ids, headways)
+            print(json.dumps(amplitudes(1 + len(ids), frequency)))

@@ -69,19 +69,6 @@ def test_evidence_stands_beside_the_loss_and_gives_an_interval_that_narrows() ->
     assert lower[-1] < 0.1 < upper[-1]
 
 
-@pytest.mark.parametrize(("which", "label"), [*enumerate(("α [1/s²]", "β [1/s]", "τ [s]"))])
-def test_parameters_have_units_colours_and_lines_to_compare_with(which: int, label: str) -> None:
-    figure = training.parameter_history(history(), which, INFO, TRUTH, TRUTH)
-    assert figure.layout.yaxis.title.text == label
-    assert names(figure) == ["2 B", "3 C"]
-    colours = [trace.line.color for trace in figure.data]
-    assert colours == [style.vehicle_colour(2, 1), style.vehicle_colour(3, 1)]
-    lines = figure.layout.shapes
-    assert [line.line.color for line in lines] == 2 * colours
-    assert [line.y0 for line in lines] == 2 * TRUTH.values[:, which].tolist()
-    assert [line.line.dash for line in lines] == ["dash", "dash", "dot", "dot"]
-
-
 def test_the_axis_shows_the_whole_way_and_what_it_is_compared_with() -> None:
     truth = Parameters.of([[3.0, 0.2, 1.2], [0.11, 0.21, 1.21]])
     low, high = training.parameter_history(history(), 0, INFO, truth).layout.yaxis.range

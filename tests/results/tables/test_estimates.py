@@ -227,7 +227,7 @@ def test_what_has_no_meaning_is_empty() -> None:
 
 
 def test_verdicts_have_intervals_and_probabilities() -> None:
-    segment = sample(PLATOON).segment
+    segment = sample(PLATOON, 60.0).segment
     fit = splines.fit(segment)
     known = intervals(segment, fit)
     learned = ParameterSet("Learned", segment.names[1:], fit.parameters)
