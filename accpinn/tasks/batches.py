@@ -11,7 +11,6 @@ from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, T
 from accpinn.study.batch import BatchProgress, run_request
 from accpinn.study.studies import Request
 from accpinn.tasks.task import Task
-from accpinn.units import Seconds
 
 
 class StudyTask(Task[BatchProgress]):
@@ -35,11 +34,6 @@ class StudyTask(Task[BatchProgress]):
     def share(self) -> float:
         """The share of the work that is done, 0 to 1."""
         return self.latest.share
-
-    @property
-    def time_left(self) -> Seconds | None:
-        """Until its end; None where nothing is known of it."""
-        return self.latest.seconds_left
 
 
 class DownloadTask(Task[Download]):

@@ -110,8 +110,8 @@ def _line_of(task: StudyTask) -> str:
         return "Getting ready …"
     parts = ["Stopping …"] if task.is_stopping else []
     parts.append(progress_line(task.latest))
-    if task.time_left:
-        parts.append(f"about {format_duration(task.time_left)} left")
+    if left := task.latest.seconds_left:
+        parts.append(f"about {format_duration(left)} left")
     return " · ".join(parts)
 
 
