@@ -50,6 +50,7 @@ def test_a_document_prints_what_it_says(
     monkeypatch.chdir(tmp_path)
     found, names = shown(document), dict[str, object]()
     assert len(found) == pieces
+    assert document != "README.md" or len((ROOT / document).read_text().splitlines()) <= 120
     for code, expected in found:
         if command := re.match(r"python -m accpinn (.*)", code):
             assert main(command[1].split()) == 0

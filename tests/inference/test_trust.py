@@ -42,6 +42,7 @@ def test_a_collision_is_no_reproduction(windows: list[Segment]) -> None:
     found = held(windows, Parameters(0.3, 0.0, 0.05), (0.05,) * 4)
     assert found.collides
     assert not found.is_reproduced
+    assert "ollides in the simulation of the drive" in found.in_words
 
 
 def test_a_pair_is_one_follower_behind_the_measured_vehicle_ahead() -> None:

@@ -34,17 +34,16 @@ TOLERANCES = {
 """Relative, of α, β, τ."""
 
 
-class TestMotion:
-    def test_white_acceleration_is_as_strong_as_lasting_errors(self) -> None:
-        """Errors that last two seconds, summed over five minutes, against the noise's formula."""
-        rng = np.random.default_rng(0)
-        kept = np.exp(-0.1 / online.LASTING)
-        shocks = rng.standard_normal((1000, 3000))
-        shocks[:, 1:] *= np.sqrt(1 - kept**2)
-        errors = online.UNEXPLAINED * lfilter([1.0], [1.0, -kept], shocks)
-        speeds = 0.1 * errors.sum(axis=1)
-        expected = 3000 * online.motion_noise(0.1)[1, 1]
-        assert speeds.var() == pytest.approx(expected, rel=0.1)
+def test_white_acceleration_is_as_strong_as_lasting_errors() -> None:
+    """Errors that last two seconds, summed over five minutes, against the noise's formula."""
+    rng = np.random.default_rng(0)
+    kept = np.exp(-0.1 / online.LASTING)
+    shocks = rng.standard_normal((1000, 3000))
+    shocks[:, 1:] *= np.sqrt(1 - kept**2)
+    errors = online.UNEXPLAINED * lfilter([1.0], [1.0, -kept], shocks)
+    speeds = 0.1 * errors.sum(axis=1)
+    expected = 3000 * online.motion_noise(0.1)[1, 1]
+    assert speeds.var() == pytest.approx(expected, rel=0.1)
 
 
 class TestBoth:

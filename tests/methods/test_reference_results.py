@@ -40,46 +40,47 @@ PRINTED = [
 ]
 SURROGATE_GAP_MAE = 0.05
 """In m; the paper prints 0.25 to 0.54 m."""
-SEGMENTS: dict[str, Segment] = {}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def segments(casale: Recording, astazero: Recording) -> None:
-    SEGMENTS.update(Casale=cut(casale, 0, 300), AstaZero=cut(astazero, 320, 300))
+@pytest.fixture(scope="module")
+def segments(casale: Recording, astazero: Recording) -> dict[str, Segment]:
+    return {"Casale": cut(casale, 0, 300), "AstaZero": cut(astazero, 320, 300)}
 
 
 @cache
-def learned(campaign: str, case: Case, seed: int = 0) -> Fit:
-    return train(SEGMENTS[campaign], case, preset("fast", seed=seed), threads=1)
+def learned(segment: Segment, case: Case, seed: int = 0) -> Fit:
+    return train(segment, case, preset("fast", seed=seed), threads=1)
 
 
 @pytest.mark.parametrize(("campaign", "case", "printed", "tolerance", "limit", "unit"), PRINTED)
 def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
-    campaign: str, case: Case, printed: list[list[float]], tolerance: tuple[float, ...],
-    limit: list[list[float]], unit: float,
+    segments: dict[str, Segment], campaign: str, case: Case, printed: list[list[float]],
+    tolerance: tuple[float, ...], limit: list[list[float]], unit: float,
 ) -> None:  # fmt: skip
-    found = learned(campaign, case)
+    segment = segments[campaign]
+    found = learned(segment, case)
     off = np.abs(found.parameters.values / printed - 1.0)
     assert (off <= tolerance).all(), off
-    reached = splines.fit(SEGMENTS[campaign], case).parameters.values
+    reached = splines.fit(segment, case).parameters.values
     assert (np.abs(reached - limit) <= unit * np.array([0.1, 0.1, 1])).all()
     off = np.abs(found.parameters.values / reached - 1.0)
     assert (off <= (0.01, 0.02, 0.01)).all(), off
-    errors = surrogate_errors(SEGMENTS[campaign], found)
+    errors = surrogate_errors(segment, found)
     assert (errors.gap_mae < SURROGATE_GAP_MAE).all()
 
 
-def test_verdicts_of_table_iii() -> None:
+def test_verdicts_of_table_iii(segments: dict[str, Segment]) -> None:
     """L2 NO for all; by the paper's L∞ criterion YES for the Tesla alone, exactly for none."""
-    vehicles = stability_report(learned("AstaZero", "II").parameters).vehicles
+    vehicles = stability_report(learned(segments["AstaZero"], "II").parameters).vehicles
     assert [v.l2.stable for v in vehicles] == [False] * 4
     assert [v.linf_paper.stable for v in vehicles] == [False, False, False, True]
     assert [v.linf_exact.stable for v in vehicles] == [False] * 4
 
 
-def test_seeds_agree() -> None:
+def test_seeds_agree(segments: dict[str, Segment]) -> None:
     """Table I's five experiments differ in the third decimal; seeds here far less."""
-    tables = np.array([learned("Casale", "II", seed).parameters.values[0] for seed in range(3)])
+    fits = [learned(segments["Casale"], "II", seed) for seed in range(3)]
+    tables = np.array([fit.parameters.values[0] for fit in fits])
     spread = np.ptp(tables, axis=0) / tables.mean(axis=0)
     assert (spread < 0.002).all(), spread
     assert (spread > 0).any(), "the seed has no effect at all"

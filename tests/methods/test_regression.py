@@ -54,14 +54,13 @@ class TestSolveBounded:
         assert (solution.theta >= 0).all()
 
 
-class TestRegression:
-    def test_masked_instants_do_not_count(self) -> None:
-        segment = driven(MIXED)
-        mask = np.ones(segment.gaps.shape, dtype=bool)
-        mask[100:200, 1] = False
-        gaps = segment.gaps.copy()
-        gaps[120:180, 1] += 100.0
-        bent = Regression.of(replace(segment, gaps=gaps, mask=mask)).solve("II")
-        whole = Regression.of(replace(segment, mask=mask)).solve("II")
-        np.testing.assert_array_equal(bent.theta, whole.theta)
-        np.testing.assert_allclose(bent.parameters.values, MIXED, rtol=2e-3)
+def test_masked_instants_do_not_count() -> None:
+    segment = driven(MIXED)
+    mask = np.ones(segment.gaps.shape, dtype=bool)
+    mask[100:200, 1] = False
+    gaps = segment.gaps.copy()
+    gaps[120:180, 1] += 100.0
+    bent = Regression.of(replace(segment, gaps=gaps, mask=mask)).solve("II")
+    whole = Regression.of(replace(segment, mask=mask)).solve("II")
+    np.testing.assert_array_equal(bent.theta, whole.theta)
+    np.testing.assert_allclose(bent.parameters.values, MIXED, rtol=2e-3)

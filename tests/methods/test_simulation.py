@@ -30,28 +30,27 @@ class TestTruth:
         assert fit.surrogate.gaps[0, 0] == pytest.approx(gaps[0, 0] - 0.5, abs=1e-3)
 
 
-class TestCriterion:
-    def test_no_neighbour_drives_better(self) -> None:
-        segment = driven(MIXED, noise=0.1)
-        fit = simulation.fit(segment, "I")
-        assert SimulatedSeparately() not in fit.findings
-        assert SimulatedSeparately() in simulation.fit(segment, "II").findings
-        start, ahead = fit.surrogate, segment.speeds[:, 0]
-        theta = fit.parameters[0].theta
+def test_no_neighbour_drives_better() -> None:
+    segment = driven(MIXED, noise=0.1)
+    fit = simulation.fit(segment, "I")
+    assert SimulatedSeparately() not in fit.findings
+    assert SimulatedSeparately() in simulation.fit(segment, "II").findings
+    start, ahead = fit.surrogate, segment.speeds[:, 0]
+    theta = fit.parameters[0].theta
 
-        def cost(theta: np.ndarray) -> float:
-            one = Parameters.from_theta(np.tile(theta, (3, 1)))
-            run = simulate(one, segment.time, ahead, start.speeds[0, 1:], start.gaps[0])
-            off = np.hstack([run.speeds - segment.speeds, run.gaps - segment.gaps])
-            return float((off**2).sum())
+    def cost(theta: np.ndarray) -> float:
+        one = Parameters.from_theta(np.tile(theta, (3, 1)))
+        run = simulate(one, segment.time, ahead, start.speeds[0, 1:], start.gaps[0])
+        off = np.hstack([run.speeds - segment.speeds, run.gaps - segment.gaps])
+        return float((off**2).sum())
 
-        best = cost(theta)
-        assert fit.loss["total"] == pytest.approx(best / (segment.samples * 3), rel=1e-9)
-        for column in range(3):
-            for factor in (0.98, 1.02):
-                other = theta.copy()
-                other[column] *= factor
-                assert cost(other) > best
+    best = cost(theta)
+    assert fit.loss["total"] == pytest.approx(best / (segment.samples * 3), rel=1e-9)
+    for column in range(3):
+        for factor in (0.98, 1.02):
+            other = theta.copy()
+            other[column] *= factor
+            assert cost(other) > best
 
 
 class TestBounds:
@@ -78,11 +77,10 @@ class TestBounds:
         assert WeaklyDetermined(2) in fit.findings
 
 
-class TestRealRecordings:
-    def test_casale_drives_better_than_with_the_limit_of_the_loss(self, casale: Recording) -> None:
-        segment = cut(casale, 0, 300)
-        fit, limit = simulation.fit(segment), splines.fit(segment)
-        assert fit.outcome is Outcome.CONVERGED
-        ours, theirs = closed_loop_errors(segment, fit), closed_loop_errors(segment, limit)
-        assert ours.gap_mae[0] < 0.85 * theirs.gap_mae[0]
-        assert ours.gap_rmse[0] < theirs.gap_rmse[0]
+def test_casale_drives_better_than_with_the_limit_of_the_loss(casale: Recording) -> None:
+    segment = cut(casale, 0, 300)
+    fit, limit = simulation.fit(segment), splines.fit(segment)
+    assert fit.outcome is Outcome.CONVERGED
+    ours, theirs = closed_loop_errors(segment, fit), closed_loop_errors(segment, limit)
+    assert ours.gap_mae[0] < 0.85 * theirs.gap_mae[0]
+    assert ours.gap_rmse[0] < theirs.gap_rmse[0]

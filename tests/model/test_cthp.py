@@ -51,14 +51,13 @@ class TestParameters:
             one.values[0] = 2.0
 
 
-class TestRegressors:
-    @given(vehicles, st.floats(0, 40), st.floats(0, 40), st.floats(0, 200))
-    def test_times_theta_are_the_acceleration(
-        self, one: Parameters, ahead: float, speed: float, gap: float
-    ) -> None:
-        row = regressors(np.array([[ahead, speed]]), np.array([[gap]]))[0, 0]
-        expected = one.alpha * (gap - one.tau * speed) + one.beta * (ahead - speed)
-        assert row @ one.theta == pytest.approx(expected, abs=1e-9)
+@given(vehicles, st.floats(0, 40), st.floats(0, 40), st.floats(0, 200))
+def test_regressors_times_theta_are_the_acceleration(
+    one: Parameters, ahead: float, speed: float, gap: float
+) -> None:
+    row = regressors(np.array([[ahead, speed]]), np.array([[gap]]))[0, 0]
+    expected = one.alpha * (gap - one.tau * speed) + one.beta * (ahead - speed)
+    assert row @ one.theta == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("count", [1, 2, 255, 257, 700])

@@ -16,6 +16,7 @@ from accpinn.methods.series import series_of
 from accpinn.study.result import Result
 from tests.support import draws
 from tests.support.command import PLATOON
+from tests.support.snapshots import small
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +68,9 @@ def test_the_file_is_read_again(result: Result, tmp_path: Path) -> None:
         np.testing.assert_array_equal(tree["posterior"]["tau"][0], result.answer.typical.tau)
 
 
-def test_without_data_or_library(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    bare = replace(result.without_data())
+def test_without_data_or_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    bare = replace(small(), segments=())
     assert set(bare.to_datatree().children) == {"posterior", "further_window"}
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ConfigError, match="not installed"):
-        result.to_datatree()
+        small().to_datatree()

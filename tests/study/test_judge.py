@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError, SnapshotError
+from accpinn.methods.fit import Undetermined
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
@@ -66,6 +67,10 @@ def test_models_that_are_alike_are_not_told_apart() -> None:
     assert not finding.clear
     assert "may be nothing" in finding.sentence(windows[0])
     assert np.isnan(judged.scores[0].gain_error)
+    first, *others = judged.scores
+    unknown = replace(first, determined=np.array([True, False, True]))
+    lost = replace(judged, scores=(unknown, *others))
+    assert Undetermined(2, model.title, ("β",)) in lost.findings
 
 
 def test_the_window_left_out_teaches_nothing() -> None:

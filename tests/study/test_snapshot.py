@@ -202,19 +202,18 @@ class TestPlaces:
         assert (tmp_path / "table.csv").read_bytes() == b"Time,Speed1"
 
 
-class TestDamage:
-    @given(st.integers(0, len(SEALED) - 1), st.integers(1, 255))
-    @example(0, 1)
-    @example(len(SEALED) - 1, 128)
-    def test_a_changed_byte_is_refused_or_changes_nothing(self, at: int, change: int) -> None:
-        data = bytearray(SEALED)
-        data[at] ^= change
-        try:
-            after = load(bytes(data))
-        except SnapshotError:
-            refused(bytes(data))
-        else:
-            assert bits(replace(after, digest="")) == bits(small())
+@given(st.integers(0, len(SEALED) - 1), st.integers(1, 255))
+@example(0, 1)
+@example(len(SEALED) - 1, 128)
+def test_a_changed_byte_is_refused_or_changes_nothing(at: int, change: int) -> None:
+    data = bytearray(SEALED)
+    data[at] ^= change
+    try:
+        after = load(bytes(data))
+    except SnapshotError:
+        refused(bytes(data))
+    else:
+        assert bits(replace(after, digest="")) == bits(small())
 
 
 def with_arrays(**changes: Any) -> bytes:

@@ -48,20 +48,19 @@ class TestColours:
             assert min(np.linalg.norm(lab(colour, "normal") - other) for other in others) > 20
 
 
-class TestThinning:
-    @given(
-        st.lists(st.one_of(st.floats(-50, 50), st.just(float("nan"))), min_size=1, max_size=400),
-        st.integers(4, 60),
-    )
-    def test_keeps_extremes_order_and_holes(self, values: list[float], points: int) -> None:
-        time, series = np.arange(float(len(values))), np.array(values)
-        x, y = style.thinned(time, series, points)
-        assert (np.diff(x) > 0).all()
-        np.testing.assert_array_equal(y, series[x.astype(int)])
-        assert np.isnan(y).any() == np.isnan(series).any()
-        if np.isfinite(series).any():
-            assert (np.nanmin(y), np.nanmax(y)) == (np.nanmin(series), np.nanmax(series))
-        assert len(x) <= max(points, len(values) if len(values) <= points else 1.5 * points + 2)
+@given(
+    st.lists(st.one_of(st.floats(-50, 50), st.just(float("nan"))), min_size=1, max_size=400),
+    st.integers(4, 60),
+)
+def test_thinning_keeps_extremes_order_and_holes(values: list[float], points: int) -> None:
+    time, series = np.arange(float(len(values))), np.array(values)
+    x, y = style.thinned(time, series, points)
+    assert (np.diff(x) > 0).all()
+    np.testing.assert_array_equal(y, series[x.astype(int)])
+    assert np.isnan(y).any() == np.isnan(series).any()
+    if np.isfinite(series).any():
+        assert (np.nanmin(y), np.nanmax(y)) == (np.nanmin(series), np.nanmax(series))
+    assert len(x) <= max(points, len(values) if len(values) <= points else 1.5 * points + 2)
 
 
 class TestAxes:
