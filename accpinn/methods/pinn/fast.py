@@ -16,17 +16,16 @@ start and each Adam iteration counts as one iteration.
 `projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
 """
 
-from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
 
-from accpinn.methods.fit import Outcome
+from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms
+from accpinn.methods.pinn.loss import LossTerms, Training, loss_terms, motion_of
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import (
     NormalEquations,
@@ -35,11 +34,10 @@ from accpinn.methods.pinn.projection import (
     solve_parameters,
 )
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
-Unknown = TypeVar("Unknown")
 CYCLE = 50
 """Adam iterations between exact solves."""
 HALF_LIFE = 100
@@ -56,7 +54,7 @@ CONVERGED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum(Generic[Unknown]):
+class Optimum:
     """The exact optimum, as far as sought, for some hidden layers."""
 
     hidden: FloatArray
@@ -64,32 +62,20 @@ class Optimum(Generic[Unknown]):
     sums: NormalEquations
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
-    solution: Unknown
-    """The model's parameters."""
+    solution: Any
+    """The parameters: a `Solution` of the CTHP, or z (S, n) of another model."""
 
 
-class ProjectedTraining(Training, Generic[Unknown]):
-    """See the module's head, for any model; one `advance` is an exact round or a cycle."""
+class FastTraining(Training):
+    """See the module's head; one `advance` is an exact round or a cycle.
+
+    What is solved for is θ here, as a `Solution`; another model has unknowns of its own.
+    """
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
-    def __init__(
-        self,
-        segment: Segment,
-        case: Case,
-        config: PinnConfig,
-        threads: int,
-        initial: Unknown,
-    ) -> None:
-        """Build the network and solve its output layer at the initial parameters.
-
-        Args:
-            segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-            case: "I" or "II".
-            config: the settings.
-            threads: processor threads.
-            initial: parameters.
-        """
-        super().__init__(segment, case, config, threads)
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
+        """Build the network and solve its output layer at the initial parameters."""
+        super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         self._projection = Projection(self.network, segment.time, self.measured, segment.mask)
@@ -97,30 +83,38 @@ class ProjectedTraining(Training, Generic[Unknown]):
         self._adam = Adam([*self._learnable.weights()][:-2], b2=0.99)
         self._starting, self._iteration = True, 0
         self._start_loss = float("nan")
-        self._best = self._optimum(initial)
+        self._best = self._optimum(self._initial())
         self._note("start")
 
-    @abstractmethod
-    def _theta(self, solution: Unknown) -> FloatArray:
+    def _initial(self) -> Any:
+        """The parameters to begin with."""
+        return Solution.of(Parameters.of([self.config.initial.values] * self.followers).theta)
+
+    def _theta(self, solution: Any) -> FloatArray:
         """Parameters as `loss_terms` takes them."""
+        return np.asarray(solution.theta)
 
-    @abstractmethod
-    def _parameters(self, solution: Unknown) -> Parameters:
+    def _parameters(self, solution: Any) -> Parameters:
         """(M,) parameters."""
+        return Parameters.from_theta(solution.theta)
 
-    @abstractmethod
-    def _move(self, now: Unknown, before: Unknown) -> float:
-        """Largest relative change of a parameter."""
+    def _move(self, now: Any, before: Any) -> float:
+        """Largest relative change of α, β, τ; one at zero counts by its absolute change."""
+        new, old = now.parameters.values, before.parameters.values
+        scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
+        return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
 
-    @abstractmethod
     def _output(
-        self, hidden: FloatArray, sums: NormalEquations, solution: Unknown, near: FloatArray
+        self, hidden: FloatArray, sums: NormalEquations, solution: Any, near: FloatArray
     ) -> FloatArray:
         """(K, 2M+1) the output layer's optimum; the outputs (N, 2M+1) will be ``near`` these."""
+        return solve_output(sums, solution.theta, self.config)
 
-    @abstractmethod
-    def _solved(self, at: Optimum[Unknown]) -> Optimum[Unknown]:
+    def _solved(self, at: Optimum) -> Optimum:
         """One exact round: the parameters and the output layer."""
+        solution = solve_parameters(at.sums, at.weights, self.case)
+        weights = solve_output(at.sums, solution.theta, self.config)
+        return replace(at, weights=weights, solution=solution)
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
@@ -160,7 +154,7 @@ class ProjectedTraining(Training, Generic[Unknown]):
         if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
-    def _loss(self, at: Optimum[Unknown]) -> LossTerms:
+    def _loss(self, at: Optimum) -> LossTerms:
         """Ψ on all instants."""
         outputs, rates = self._surrogate(at)
         theta = self._theta(at.solution)
@@ -174,16 +168,14 @@ class ProjectedTraining(Training, Generic[Unknown]):
         if phase == "start":
             self._start_loss = self.progress.total
 
-    def _optimum(
-        self, solution: Unknown, before: Optimum[Unknown] | None = None
-    ) -> Optimum[Unknown]:
+    def _optimum(self, solution: Any, before: Optimum | None = None) -> Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
         hidden = self._projection.hidden()
         sums = self._projection.sums(hidden)
         near = self._surrogate(before)[0] if before and self.model else self.measured
         return Optimum(hidden, sums, self._output(hidden, sums, solution, near), solution)
 
-    def _surrogate(self, at: Optimum[Unknown]) -> tuple[FloatArray, FloatArray]:
+    def _surrogate(self, at: Optimum) -> tuple[FloatArray, FloatArray]:
         """(N, 2M+1) outputs and their rates."""
         return self._projection.surrogate(at.hidden, at.weights)
 
@@ -216,61 +208,26 @@ class ProjectedTraining(Training, Generic[Unknown]):
             self._adam.step(terms.total, learning_rate)
         self._iteration += iterations
 
-    def outputs(self) -> FloatArray:
-        """(N, 2M+1) the present surrogate on all instants."""
-        return self._surrogate(self._best)[0]
+    def surrogate(self) -> Trajectories:
+        """The present surrogate on all instants."""
+        return motion_of(self.segment.time, self._surrogate(self._best)[0])
 
-    def _learned(self, solution: Solution) -> Learned:
-        """What was learned, with parameters as a solution."""
+    def _solution(self) -> Solution:
+        """(M, 3) the present parameters, or their linearisation."""
+        solution: Solution = self._best.solution
+        return solution
+
+    def fit(self) -> Fit:
+        """The surrogate, the parameters, and what training the hidden layers brought."""
         self.network.set_output(self._best.weights)
-        now = self.progress
+        now, start = self.progress, self._start_loss
+        gain = [HiddenLayersGain(start, now.total)] if now.phase == "Adam" and start > 0 else []
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
-        return Learned(
-            outputs=self.outputs(),
-            solution=solution,
-            loss=loss | {"initial": now.initial, "start": self._start_loss},
+        return self._fit(
+            self._solution(),
+            self.surrogate(),
+            loss | {"initial": now.initial, "start": start},
             network_weights=self.network.size,
             arrays=self.network.arrays(),
-            findings=self._training_findings(self._start_loss),
+            findings=[*gain, *self._exhausted()],
         )
-
-
-class FastTraining(ProjectedTraining[Solution]):
-    """The training of the CTHP."""
-
-    def __init__(
-        self,
-        segment: Segment,
-        case: Case,
-        config: PinnConfig,
-        threads: int = 1,
-    ) -> None:
-        """See `ProjectedTraining`."""
-        initial = Parameters.of([config.initial.values] * segment.followers)
-        super().__init__(segment, case, config, threads, Solution.of(initial.theta))
-
-    def _theta(self, solution: Solution) -> FloatArray:
-        return solution.theta
-
-    def _parameters(self, solution: Solution) -> Parameters:
-        return solution.parameters
-
-    def _move(self, now: Solution, before: Solution) -> float:
-        """Largest relative change of α, β, τ; one at zero counts by its absolute change."""
-        new, old = now.parameters.values, before.parameters.values
-        scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
-        return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
-
-    def _output(
-        self, hidden: FloatArray, sums: NormalEquations, solution: Solution, near: FloatArray
-    ) -> FloatArray:
-        return solve_output(sums, solution.theta, self.config)
-
-    def _solved(self, at: Optimum[Solution]) -> Optimum[Solution]:
-        solution = solve_parameters(at.sums, at.weights, self.case)
-        weights = solve_output(at.sums, solution.theta, self.config)
-        return replace(at, weights=weights, solution=solution)
-
-    def learned(self) -> Learned:
-        """The surrogate, the parameters, and what training the hidden layers brought."""
-        return self._learned(self._best.solution)

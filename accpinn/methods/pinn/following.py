@@ -23,12 +23,12 @@ import torch
 from torch import Tensor
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import MethodFinding, Undetermined
+from accpinn.methods.fit import Fit, MethodFinding, Undetermined
 from accpinn.methods.following import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.fast import Optimum, ProjectedTraining
-from accpinn.methods.pinn.loss import Learned, output_columns
+from accpinn.methods.pinn.fast import FastTraining, Optimum
+from accpinn.methods.pinn.loss import output_columns
 from accpinn.methods.pinn.paper import PaperTraining
 from accpinn.methods.pinn.projection import (
     NormalEquations,
@@ -74,7 +74,7 @@ def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArra
     return np.array([p.value(z[:, k]) for k, p in enumerate(model.parameters)])
 
 
-class FollowingFast(ProjectedTraining[FloatArray]):
+class FollowingFast(FastTraining):
     """`fast` for any model; what it solves for is z (S, n), S = 1 in Case I, M in Case II."""
 
     model: FollowingModel
@@ -87,9 +87,11 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         self.model = FOLLOWING[law.model]
         self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
         self._errors = segment.window.duration / MEMORY
-        start = initial_scores(self.model, config, self._bounds)
-        sets = 1 if case == "I" else segment.followers
-        super().__init__(segment, case, config, threads, np.tile(start, (sets, 1)))
+        super().__init__(segment, case, config, threads)
+
+    def _initial(self) -> FloatArray:
+        start = initial_scores(self.model, self.config, self._bounds)
+        return np.tile(start, (1 if self.case == "I" else self.followers, 1))
 
     def _theta(self, solution: FloatArray) -> FloatArray:
         return values_of(self.model, solution, self.followers)
@@ -105,7 +107,7 @@ class FollowingFast(ProjectedTraining[FloatArray]):
     ) -> FloatArray:
         return self._linear(hidden, sums, solution, near)[0][..., 0]
 
-    def _solved(self, at: Optimum[FloatArray]) -> Optimum[FloatArray]:
+    def _solved(self, at: Optimum) -> Optimum:
         """A step that lowers the objective, in W and z."""
         layers, gradient, curvature = self._linear(
             at.hidden, at.sums, at.solution, self._surrogate(at)[0], self._prior(at)
@@ -121,11 +123,11 @@ class FollowingFast(ProjectedTraining[FloatArray]):
                 return trial
         return at
 
-    def _prior(self, at: Optimum[FloatArray]) -> float:
+    def _prior(self, at: Optimum) -> float:
         """The prior's precision in units of the loss: 2 Ψ / (2 m)."""
         return float(self._loss(at).total) / self._errors
 
-    def _objective(self, at: Optimum[FloatArray]) -> float:
+    def _objective(self, at: Optimum) -> float:
         fitted = self._errors * self.followers * np.log(self._loss(at).total)
         return float(0.5 * fitted + 0.5 * (at.solution**2).sum())
 
@@ -189,16 +191,18 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         gradient = inner[1:, 0] - coupled[:, 0] + prior * z.ravel()
         return layers, gradient, inner[1:, 1:] - coupled[:, 1:] + prior * np.eye(z.size)
 
-    @np.errstate(all="ignore")
-    def learned(self) -> Learned:
-        """The surrogate, the parameters, and which of them the data do not determine."""
-        at = self._best
-        parameters = self._parameters(at.solution)
-        learned = self._learned(Solution.of(parameters.theta))
-        findings = (*learned.findings, *self._undetermined(at))
-        return replace(learned, parameters=parameters, findings=findings)
+    def _solution(self) -> Solution:
+        return Solution.of(self._parameters(self._best.solution).theta)
 
-    def _undetermined(self, at: Optimum[FloatArray]) -> list[MethodFinding]:
+    @np.errstate(all="ignore")
+    def fit(self) -> Fit:
+        """The surrogate, the parameters, and which of them the data do not determine."""
+        fit, at = super().fit(), self._best
+        findings = (*fit.findings, *self._undetermined(at))
+        parameters = self._parameters(at.solution)
+        return replace(fit, parameters=parameters, unconstrained=None, findings=findings)
+
+    def _undetermined(self, at: Optimum) -> list[MethodFinding]:
         prior, near = self._prior(at), self._surrogate(at)[0]
         curvature = self._linear(at.hidden, at.sums, at.solution, near, prior)[2]
         if not np.isfinite(curvature).all():
@@ -253,7 +257,6 @@ class FollowingPaper(PaperTraining):
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         return Solution.of(self._now().theta)
 
-    @torch.no_grad()
-    def learned(self) -> Learned:
+    def fit(self) -> Fit:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
-        return replace(super().learned(), parameters=self._now())
+        return replace(super().fit(), parameters=self._now(), unconstrained=None)

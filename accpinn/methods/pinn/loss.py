@@ -23,7 +23,7 @@ import numpy as np
 
 from accpinn.methods.fit import (
     Checkpoint,
-    HiddenLayersGain,
+    Fit,
     IterationsExhausted,
     MethodFinding,
     Outcome,
@@ -31,7 +31,7 @@ from accpinn.methods.fit import (
 )
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
@@ -50,6 +50,12 @@ def library_of(values: Any) -> Any:
 def output_columns(followers: int) -> tuple[list[int], list[int]]:
     """Where speeds (M+1) and space-gaps (M) stand among the outputs v_0, v_1, p_1, v_2, p_2, ..."""
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
+
+
+def motion_of(time: FloatArray, outputs: FloatArray) -> Trajectories:
+    """Outputs (N, 2M+1) at instants (N,) in s as speeds and gaps."""
+    speeds, gaps = output_columns(outputs.shape[1] // 2)
+    return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
 
 
 def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
@@ -129,25 +135,6 @@ def _square(values: Any) -> Any:
     return (values * values).sum()
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """The present result of a training."""
-
-    outputs: FloatArray
-    """(N, 2M+1) the surrogate on all instants."""
-    solution: Solution
-    """The parameters within the rational driving constraints, and what they would be without."""
-    loss: dict[str, float]
-    network_weights: int
-    arrays: dict[str, FloatArray]
-    """Weights and biases of the network, and further numbers of the preset."""
-    findings: tuple[MethodFinding, ...] = ()
-    terms: FloatArray | None = None
-    """(M, 3) s₀, λ and d; None for the paper's model."""
-    parameters: Parameters | None = None
-    """(M,) where the solution is only the linearisation of another model."""
-
-
 class Training(ABC):
     """A preset at work: `advance` in small steps, look at `progress`, stop at any moment."""
 
@@ -160,10 +147,10 @@ class Training(ABC):
     has_checkpoints: ClassVar[bool] = False
     """Whether `state` and `restore` let it continue in another process."""
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
         """Keep the data as arrays; M followers, N instants."""
         self.segment, self.case, self.config = segment, case, config
-        self.followers, self.threads = segment.followers, threads
+        self.followers = segment.followers
         self.planned = config.iterations + config.lbfgs_iterations
         self.measured = stack_outputs(segment.speeds, segment.gaps)
         self.mask = None if segment.mask is None else segment.mask.astype(float)
@@ -173,12 +160,12 @@ class Training(ABC):
         """Do a fraction of a second's work."""
 
     @abstractmethod
-    def outputs(self) -> FloatArray | None:
-        """(N, 2M+1) the present surrogate on all instants; None where it has none yet."""
+    def surrogate(self) -> Trajectories | None:
+        """The present surrogate on all instants; None where it has none yet."""
 
     @abstractmethod
-    def learned(self) -> Learned:
-        """The present surrogate and parameters."""
+    def fit(self) -> Fit:
+        """The present surrogate and parameters, without history and seconds."""
 
     def state(self) -> Checkpoint:
         """Everything needed to continue from here in another process."""
@@ -188,14 +175,30 @@ class Training(ABC):
         """Continue from ``state``, which a training of the same problem gave."""
         raise NotImplementedError
 
-    def _training_findings(self, start: float = 0.0) -> tuple[MethodFinding, ...]:
-        """What the hidden layers gained since Ψ was ``start``, and whether iterations ran out."""
-        now, findings = self.progress, list[MethodFinding]()
-        if now.phase == "Adam" and start > 0:
-            findings.append(HiddenLayersGain(start, now.total))
-        if self.outcome is Outcome.FINISHED:
-            findings.append(IterationsExhausted(now.iteration))
-        return tuple(findings)
+    def _fit(
+        self,
+        solution: Solution,
+        surrogate: Trajectories,
+        loss: dict[str, float],
+        **others: Any,
+    ) -> Fit:
+        """The fit of a solution (M, 3) so far; ``others`` are further fields of `Fit`."""
+        return Fit.of(
+            "pinn",
+            self.segment,
+            self.case,
+            solution,
+            surrogate=surrogate,
+            outcome=self.outcome or Outcome.STOPPED,
+            config=self.config.to_json(),
+            loss=loss,
+            iterations=self.progress.iteration,
+            **others,
+        )
+
+    def _exhausted(self) -> list[MethodFinding]:
+        """Whether iterations ran out."""
+        return [IterationsExhausted(self.planned)] if self.outcome is Outcome.FINISHED else []
 
     def _look(
         self,

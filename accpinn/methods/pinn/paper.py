@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.methods.fit import Checkpoint, HoldoutLoss
+from accpinn.methods.fit import Checkpoint, Fit, HoldoutLoss
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, output_columns
+from accpinn.methods.pinn.loss import LossTerms, Training, loss_terms, motion_of, output_columns
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.regression import Regression, Solution
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask
 
@@ -32,7 +32,7 @@ class PaperTraining(Training):
 
     def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Build network, parameters and the split into training and test instants."""
-        super().__init__(segment, case, config, threads)
+        super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         sets = 1 if case == "I" else self.followers
@@ -111,12 +111,12 @@ class PaperTraining(Training):
         outputs, rates = self._learnable(time)
         return loss_terms(outputs, rates, data, self._theta(), self.config, mask, self.model)
 
-    def outputs(self) -> FloatArray:
-        """(N, 2M+1) the present surrogate on all instants."""
-        return self.network(self.segment.time)[0]
+    def surrogate(self) -> Trajectories:
+        """The present surrogate on all instants."""
+        return motion_of(self.segment.time, self.network(self.segment.time)[0])
 
     @torch.no_grad()
-    def learned(self) -> Learned:
+    def fit(self) -> Fit:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
         outputs, rates = self._learnable(self._time)
         loss = self._loss_at(~self._test, outputs, rates).values()
@@ -128,10 +128,10 @@ class PaperTraining(Training):
             loss |= {"test_data": kept_out["data"], "test_physics": kept_out["physics"]}
             instants = int(self._test.sum())
             findings = (HoldoutLoss(instants, kept_out["data"], kept_out["physics"]),)
-        return Learned(
-            outputs=outputs.numpy(),
-            solution=self._solution(outputs.numpy(), rates.numpy()),
-            loss=loss,
+        return self._fit(
+            self._solution(outputs.numpy(), rates.numpy()),
+            motion_of(self.segment.time, outputs.numpy()),
+            loss,
             network_weights=self.network.size,
             arrays=arrays,
             findings=findings,

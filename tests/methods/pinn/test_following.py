@@ -40,7 +40,7 @@ def test_the_cthp_is_a_special_case(case: str, monkeypatch: pytest.MonkeyPatch) 
     while training.outcome is None:
         training.advance()
     exact = train(segment, case).parameters.values
-    np.testing.assert_allclose(training.learned().parameters.values, exact, rtol=1e-3)
+    np.testing.assert_allclose(training.fit().parameters.values, exact, rtol=1e-3)
 
 
 @pytest.mark.parametrize("initial", STARTS)
