@@ -28,10 +28,11 @@ from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import (
     LossTerms,
+    Motion,
     Training,
     loss_terms,
-    motion_of,
     stack_outputs,
+    trajectories,
 )
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
@@ -130,7 +131,7 @@ class CalibratedTraining(Training):
     def fit(self) -> Fit:
         """The surrogate and the parameters, also of a search that was stopped."""
         if self.outcome is Outcome.DIVERGED:
-            nothing = motion_of(self.segment.time, np.zeros_like(self.measured))
+            nothing = trajectories(self.segment.time, np.zeros_like(self.measured))
             return self._fit(self._solution, nothing, {"total": np.nan})
         fit = self._drawn or self.drawn(self.segment)
         deviations = [log_errors(curvature) for curvature in self._at.curvature]
@@ -172,9 +173,9 @@ def drawn(
     projection = Projection(network, segment.time, measured, segment.mask)
     hidden = projection.hidden()
     weights = solve_output(projection.sums(hidden), solution.theta, config)
-    outputs, rates = projection.surrogate(hidden, weights)
+    motion = Motion(*projection.surrogate(hidden, weights))
     mask = None if segment.mask is None else segment.mask.astype(float)
-    loss = loss_terms(outputs, rates, measured, solution.theta, config, mask)
+    loss = loss_terms(motion, measured, solution.theta, config, mask)
     weights[0] += shift[0]
     network.set_output(weights)
     return Fit.of(
@@ -182,7 +183,7 @@ def drawn(
         segment,
         case,
         solution,
-        surrogate=motion_of(segment.time, outputs + shift),
+        surrogate=trajectories(segment.time, motion.outputs + shift),
         outcome=Outcome.CONVERGED,
         config=config.to_json(),
         loss=loss.values() | {"evidence": evidence},

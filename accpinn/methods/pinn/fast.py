@@ -16,7 +16,8 @@ start and each Adam iteration counts as one iteration.
 `projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,13 @@ import torch
 from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import LossTerms, Training, loss_terms, motion_of
+from accpinn.methods.pinn.loss import (
+    LossTerms,
+    Motion,
+    Training,
+    loss_terms,
+    trajectories,
+)
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import (
     NormalEquations,
@@ -54,16 +61,27 @@ CONVERGED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class Seen:
+    """What the output layer sees, for some hidden layers."""
+
+    hidden: FloatArray
+    """(N, 1 + order, width) the activations and their derivatives in time."""
+    sums: NormalEquations
+    earlier: tuple[FloatArray, ...] = ()
+    """(M,) of (N, 2, K): Φ and its rate at t - d of each follower of a model with a delay."""
+
+
+@dataclass(frozen=True, eq=False)
 class Optimum:
     """The exact optimum, as far as sought, for some hidden layers."""
 
-    hidden: FloatArray
-    """(N, 2, width) the activations and their derivative in time."""
-    sums: NormalEquations
+    seen: Seen
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
     solution: Any
     """The parameters: a `Solution` of the CTHP, or z (S, n) of another model."""
+    motion: Motion
+    """The surrogate on all instants."""
 
 
 class FastTraining(Training):
@@ -78,7 +96,8 @@ class FastTraining(Training):
         super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
-        self._projection = Projection(self.network, segment.time, self.measured, segment.mask)
+        data = self.measured, segment.mask
+        self._projection = Projection(self.network, segment.time, *data, self.order)
         self._learnable = self.network.learnable()
         self._adam = Adam([*self._learnable.weights()][:-2], b2=0.99)
         self._starting, self._iteration = True, 0
@@ -104,17 +123,24 @@ class FastTraining(Training):
         scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
         return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
 
-    def _output(
-        self, hidden: FloatArray, sums: NormalEquations, solution: Any, near: FloatArray
-    ) -> FloatArray:
-        """(K, 2M+1) the output layer's optimum; the outputs (N, 2M+1) will be ``near`` these."""
-        return solve_output(sums, solution.theta, self.config)
+    def _seen(self, solution: Any) -> Seen:
+        """What the output layer sees for the present hidden layers."""
+        hidden = self._projection.hidden()
+        return Seen(hidden, self._projection.sums(hidden))
+
+    def _motion(self, seen: Seen, weights: FloatArray) -> Motion:
+        """The surrogate on all instants."""
+        return Motion(*self._projection.surrogate(seen.hidden, weights))
+
+    def _output(self, seen: Seen, solution: Any, near: Motion | None) -> FloatArray:
+        """(K, 2M+1) the output layer's optimum; the surrogate will be ``near`` another."""
+        return solve_output(seen.sums, solution.theta, self.config)
 
     def _solved(self, at: Optimum) -> Optimum:
         """One exact round: the parameters and the output layer."""
-        solution = solve_parameters(at.sums, at.weights, self.case)
-        weights = solve_output(at.sums, solution.theta, self.config)
-        return replace(at, weights=weights, solution=solution)
+        solution = solve_parameters(at.seen.sums, at.weights, self.case)
+        weights = solve_output(at.seen.sums, solution.theta, self.config)
+        return Optimum(at.seen, weights, solution, self._motion(at.seen, weights))
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
@@ -137,7 +163,7 @@ class FastTraining(Training):
         kept = self.network.arrays()
         steps = min(CYCLE, self.planned - self._iteration)
         self._descend(steps)
-        after = self._optimum(before.solution, before)
+        after = self._optimum(before.solution, before.motion)
         for _ in range(CYCLE_ROUNDS):
             last = after.solution
             after = self._solved(after)
@@ -156,9 +182,8 @@ class FastTraining(Training):
 
     def _loss(self, at: Optimum) -> LossTerms:
         """Ψ on all instants."""
-        outputs, rates = self._surrogate(at)
         theta = self._theta(at.solution)
-        return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask, self.model)
+        return loss_terms(at.motion, self.measured, theta, self.config, self.mask, self.model)
 
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
@@ -168,49 +193,46 @@ class FastTraining(Training):
         if phase == "start":
             self._start_loss = self.progress.total
 
-    def _optimum(self, solution: Any, before: Optimum | None = None) -> Optimum:
+    def _optimum(self, solution: Any, near: Motion | None = None) -> Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
-        hidden = self._projection.hidden()
-        sums = self._projection.sums(hidden)
-        near = self._surrogate(before)[0] if before and self.model else self.measured
-        return Optimum(hidden, sums, self._output(hidden, sums, solution, near), solution)
-
-    def _surrogate(self, at: Optimum) -> tuple[FloatArray, FloatArray]:
-        """(N, 2M+1) outputs and their rates."""
-        return self._projection.surrogate(at.hidden, at.weights)
+        seen = self._seen(solution)
+        weights = self._output(seen, solution, near)
+        return Optimum(seen, weights, solution, self._motion(seen, weights))
 
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed."""
-        config, best, width = self.config, self._best, self.config.width
-        count = len(self.measured)
-        through = torch.from_numpy(best.weights[-width:])
-        fixed = torch.from_numpy(self._projection.past_hidden(best.weights))
-        measured = torch.from_numpy(self.measured)
-        theta = torch.tensor(self._theta(best.solution))
+        config, count = self.config, len(self.measured)
+        measured, motion_at = torch.from_numpy(self.measured), self._motion_of_hidden()
+        theta = torch.tensor(self._theta(self._best.solution))
         mask = None if self.mask is None else torch.from_numpy(self.mask)
-        value, rate = torch.from_numpy(self._projection.skipped[:, :, 1:]).swapaxes(0, 1)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         generator = np.random.default_rng((config.seed, self._iteration))
         first = int(config.weight_initial > 0)  # Ψ_R looks at the first instant, once
         for _ in range(iterations):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
-            active, active_rate = self._learnable.activations(value[pick], rate[pick])
-            terms = loss_terms(
-                fixed[pick, 0] + active @ through,
-                fixed[pick, 1] + active_rate @ through,
-                measured[pick],
-                theta,
-                config,
-                None if mask is None else mask[pick],
-                self.model,
-            )
+            kept = None if mask is None else mask[pick]
+            terms = loss_terms(motion_at(pick), measured[pick], theta, config, kept, self.model)
             self._adam.step(terms.total, learning_rate)
         self._iteration += iterations
 
+    def _motion_of_hidden(self) -> Callable[[Any], Motion]:
+        """The surrogate at picked instants, of which the hidden layers alone can be moved."""
+        weights, projection = self._best.weights, self._projection
+        through = torch.from_numpy(weights[-self.config.width :])
+        fixed = torch.from_numpy(projection.past_hidden(weights)).swapaxes(0, 1)
+        features = torch.from_numpy(projection.skipped[:, :, 1:]).swapaxes(0, 1)
+
+        def motion(pick: Any) -> Motion:
+            active = self._learnable.activations([row[pick] for row in features])
+            pairs = zip(fixed, active, strict=True)
+            return Motion(*(part[pick] + moved @ through for part, moved in pairs))
+
+        return motion
+
     def surrogate(self) -> Trajectories:
         """The present surrogate on all instants."""
-        return motion_of(self.segment.time, self._surrogate(self._best)[0])
+        return trajectories(self.segment.time, self._best.motion.outputs)
 
     def _solution(self) -> Solution:
         """(M, 3) the present parameters, or their linearisation."""

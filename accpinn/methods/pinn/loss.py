@@ -10,14 +10,18 @@ At masked instants the term with Q₂ is zero; |T| counts all instants.
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
 
-With another model than the CTHP its acceleration f(p̂, v̂, û; θ) stands in the term with Q₂. The
-formulas serve numpy's arrays and torch's tensors alike.
+With another model than the CTHP its acceleration f(p̂, v̂, û; θ) stands in the term with Q₂:
+
+    dv̂/dt - f;   behind a lag  λ d²v̂/dt² + dv̂/dt - f;   behind a delay  dv̂/dt(t) - f(t - d)
+
+With a delay the instants of the first `DELAY.upper` seconds have no such residual, as f(t - d) may
+lie before the window. The formulas serve numpy's arrays and torch's tensors alike.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -32,12 +36,14 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.model.following import FollowingModel
+from accpinn.model.following import DELAY, FollowingModel
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from accpinn.methods.pinn.network import Network
 
 Array = TypeVar("Array", FloatArray, "Tensor")
 
@@ -52,7 +58,13 @@ def output_columns(followers: int) -> tuple[list[int], list[int]]:
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
 
 
-def motion_of(time: FloatArray, outputs: FloatArray) -> Trajectories:
+def command_columns(followers: int) -> list[list[int]]:
+    """(3, M) where gaps, own speeds and speeds ahead, of which f is a function, stand."""
+    speeds, gaps = output_columns(followers)
+    return [gaps, speeds[1:], speeds[:-1]]
+
+
+def trajectories(time: FloatArray, outputs: FloatArray) -> Trajectories:
     """Outputs (N, 2M+1) at instants (N,) in s as speeds and gaps."""
     speeds, gaps = output_columns(outputs.shape[1] // 2)
     return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
@@ -65,6 +77,41 @@ def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     speed_columns, gap_columns = output_columns(followers)
     stacked[:, speed_columns], stacked[:, gap_columns] = speeds, gaps
     return stacked
+
+
+class Motion(NamedTuple):
+    """A surrogate at N instants, as far as the loss looks at it."""
+
+    outputs: Any
+    """(N, 2M+1) in m and m/s, in the order of `output_columns`."""
+    rates: Any
+    """(N, 2M+1) their time derivative."""
+    bends: Any = None
+    """(N, 2M+1) their second time derivative, for a model with a lag."""
+    earlier: Any = None
+    """(3, N, M) gap, own speed and speed ahead at t - d, for a model with a delay."""
+    earlier_rates: Any = None
+    """(3, N, M) their time derivative, where d is not moved by gradient."""
+
+    def with_earlier(self, network: "Network", time: Any, delays: Any) -> "Motion":
+        """The same with what a network gives a time d before the instants, in s, at least at 0.
+
+        Args:
+            network: the surrogate's, arrays or tensors as all others.
+            time: (N,) the instants.
+            delays: (M,) d of each follower.
+        """
+        places = zip(delays, np.transpose(command_columns(len(delays))), strict=True)
+        parts = [network((time - d).clip(min=0.0), 0)[0][:, columns] for d, columns in places]
+        return self._replace(earlier=library_of(time).stack(parts, 2).swapaxes(0, 1))
+
+    @property
+    def commanding(self) -> Any:
+        """(3, N, M) gap, own speed and speed ahead, of which the command is a function."""
+        if self.earlier is not None:
+            return self.earlier
+        columns = command_columns(self.outputs.shape[1] // 2)
+        return [self.outputs[:, group] for group in columns]
 
 
 @dataclass(frozen=True)
@@ -87,8 +134,7 @@ class LossTerms:
 
 
 def loss_terms(
-    outputs: Array,
-    rates: Array,
+    motion: Motion,
     measured: Array,
     theta: Array,
     config: PinnConfig,
@@ -98,14 +144,14 @@ def loss_terms(
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
     Args:
-        outputs: (N, 2M+1) in m and m/s, in the order of `output_columns`.
-        rates: (N, 2M+1) their time derivative.
-        measured: (N, 2M+1) the data, in the same order.
+        motion: the surrogate at N instants.
+        measured: (N, 2M+1) the data, in the order of `output_columns`.
         theta: (M, 3) α, ατ, β per follower, or (n, M) the parameters of another model.
         config: holds the weights Q, R, S.
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
         model: the model, unless it is the paper's.
     """
+    outputs, rates = motion.outputs, motion.rates
     count, followers = len(outputs), outputs.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
@@ -113,11 +159,13 @@ def loss_terms(
     gap_rate = rates[:, gap_columns] - relative
     if model is None:
         alpha, alpha_tau, beta = theta.T
-        acceleration = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
+        command = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
     else:
-        ahead, library = speeds[:, :-1], library_of(outputs)
-        acceleration = model.acceleration(gaps, speeds[:, 1:], ahead, theta, library)
-    speed_rate = rates[:, speed_columns[1:]] - acceleration
+        gap, own, ahead = motion.commanding
+        command = model.acceleration(gap, own, ahead, theta, library_of(outputs))
+    speed_rate = rates[:, speed_columns[1:]] - command
+    if model and motion.bends is not None:
+        speed_rate = speed_rate + model.term(theta, "lag") * motion.bends[:, speed_columns[1:]]
     if mask is not None:
         speed_rate = speed_rate * mask
     error = outputs - measured
@@ -151,9 +199,15 @@ class Training(ABC):
         """Keep the data as arrays; M followers, N instants."""
         self.segment, self.case, self.config = segment, case, config
         self.followers = segment.followers
+        self.terms = self.model.terms if self.model else ()
+        self.order = 2 if "lag" in self.terms else 1  # of the highest derivative in the residuals
         self.planned = config.iterations + config.lbfgs_iterations
         self.measured = stack_outputs(segment.speeds, segment.gaps)
-        self.mask = None if segment.mask is None else segment.mask.astype(float)
+        mask = segment.mask
+        if "delay" in self.terms:
+            has_earlier = np.tile(segment.time[:, None] >= DELAY.upper, self.followers)
+            mask = has_earlier if mask is None else mask & has_earlier
+        self.mask = None if mask is None else mask.astype(float)
 
     @abstractmethod
     def advance(self) -> None:

@@ -39,7 +39,7 @@ from accpinn.methods.pinn.config import (
     PinnConfig,
     PresetName,
 )
-from accpinn.methods.pinn.loss import Training, motion_of
+from accpinn.methods.pinn.loss import Training, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING
@@ -66,6 +66,8 @@ _PER_FEATURE, _MASKED = (48, 3), (60, 5)
 measured, without a mask and with one."""
 _OTHER_MODEL = (115, 22)
 """The same for a model whose derivatives differ from instant to instant."""
+_LATE_MODEL = (130, 72)
+"""The same with a lag or a delay."""
 _PER_INSTANT = 5_000
 """Bytes per instant that `paper` takes at its peak; measured."""
 MOST_FEATURES = 20_000
@@ -117,7 +119,7 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
         raise ConfigError(
             "The network's weights are missing, or another network's; train again."
         ) from None
-    return motion_of(time, network(time)[0])
+    return trajectories(time, network(time)[0])
 
 
 @_needing_torch()
@@ -162,8 +164,10 @@ def _begun(segment: Segment, case: Case, config: PinnConfig, threads: int, law: 
     import_module("torch")
     if law.model != PAPER_MODEL:
         from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
+        from accpinn.methods.pinn.late import LateFast
 
-        kind = FollowingFast if config.preset == "fast" else FollowingPaper
+        fast = LateFast if FOLLOWING[law.model].is_late else FollowingFast
+        kind = fast if config.preset == "fast" else FollowingPaper
         return kind(segment, case, config, threads, law)
     if config.preset == "fast":
         from accpinn.methods.pinn.fast import FastTraining
@@ -292,7 +296,7 @@ def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODE
     else:
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
         if config.preset == "fast" and model != PAPER_MODEL:
-            common, own = _OTHER_MODEL
+            common, own = _LATE_MODEL if FOLLOWING[model].is_late else _OTHER_MODEL
         each = common + own * segment.followers
         features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
         needed = each * segment.samples * features
@@ -330,11 +334,10 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models without lag or delay; of the preset `calibrated` CTHPs alone."""
-    simple = tuple(key for key, model in FOLLOWING.items() if not model.is_late)
+    """All models; of the preset `calibrated` CTHPs without lag or delay alone."""
     if settings.get("preset") in ("fast", "paper"):
-        return simple
-    return tuple(key for key in simple if key in CTHPS)
+        return tuple(FOLLOWING)
+    return tuple(key for key in CTHPS if not FOLLOWING[key].is_late)
 
 
 def _variant(config: Mapping[str, Any]) -> str:
