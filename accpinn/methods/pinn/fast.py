@@ -13,7 +13,8 @@ parameters stand still; that is the optimum for the untrained hidden layers. The
 no parameter is the last one, and one that does not lower Ψ is taken back. Each exact round at the
 start and each Adam iteration counts as one iteration.
 
-`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
+`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models,
+`late` for those with a lag or a delay.
 """
 
 from collections.abc import Callable
@@ -139,8 +140,7 @@ class FastTraining(Training):
     def _solved(self, at: Optimum) -> Optimum:
         """One exact round: the parameters and the output layer."""
         solution = solve_parameters(at.seen.sums, at.weights, self.case)
-        weights = solve_output(at.seen.sums, solution.theta, self.config)
-        return Optimum(at.seen, weights, solution, self._motion(at.seen, weights))
+        return self._at(at.seen, solve_output(at.seen.sums, solution.theta, self.config), solution)
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
@@ -196,7 +196,9 @@ class FastTraining(Training):
     def _optimum(self, solution: Any, near: Motion | None = None) -> Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
         seen = self._seen(solution)
-        weights = self._output(seen, solution, near)
+        return self._at(seen, self._output(seen, solution, near), solution)
+
+    def _at(self, seen: Seen, weights: FloatArray, solution: Any) -> Optimum:
         return Optimum(seen, weights, solution, self._motion(seen, weights))
 
     def _descend(self, iterations: int) -> None:

@@ -120,8 +120,8 @@ class FollowingFast(FastTraining):
         turn = layers[..., 0] + layers[..., 1:] @ move[0] - at.weights
         for share in 0.5 ** np.arange(SHORTENED):
             solution = at.solution + share * move.reshape(at.solution.shape)
-            seen, weights = self._seen_with(at.seen, solution), at.weights + share * turn
-            trial = Optimum(seen, weights, solution, self._motion(seen, weights))
+            seen = self._seen_with(at.seen, solution)
+            trial = self._at(seen, at.weights + share * turn, solution)
             if self._objective(trial, errors) <= before:
                 return trial
         return at

@@ -33,9 +33,9 @@ class LateFast(FollowingFast):
     """See the module's head."""
 
     def _move(self, now: FloatArray, before: FloatArray) -> float:
-        """Largest relative change of a parameter."""
-        new, old = self._theta(now), self._theta(before)
-        return float(np.abs(new / old - 1.0).max())
+        """Largest change of a parameter, as a share of its value where that is positive."""
+        shares = [p.spread if p.is_positive else 1.0 for p in self.model.parameters]
+        return float((np.abs(now - before) * shares).max())
 
     def _seen(self, solution: FloatArray) -> Seen:
         return self._seen_with(super()._seen(solution), solution)
