@@ -68,8 +68,8 @@ _OTHER_MODEL = (115, 22)
 """The same for a model whose derivatives differ from instant to instant."""
 _LATE_MODEL = (130, 72)
 """The same with a lag or a delay."""
-_PER_INSTANT = 5_000
-"""Bytes per instant that `paper` takes at its peak; measured."""
+_PER_INSTANT, _LATE_INSTANT = 5_000, 15_000
+"""Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 TORCH_ABSENT = (ImportError, OSError)
@@ -291,8 +291,9 @@ def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODE
     """
     step, rate = segment.sample_time, 2 * STRETCH * config.highest_frequency
     if config.preset == "paper":
-        needed: float = _PER_INSTANT * segment.samples
-        longest: Seconds = MOST_BYTES / _PER_INSTANT * step
+        per_instant = _LATE_INSTANT if FOLLOWING[model].is_late else _PER_INSTANT
+        needed: float = per_instant * segment.samples
+        longest: Seconds = MOST_BYTES / per_instant * step
     else:
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
         if config.preset == "fast" and model != PAPER_MODEL:
