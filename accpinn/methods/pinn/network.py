@@ -87,13 +87,11 @@ class Network:
             return lines[: order + 1]
         angular, scale = library.asarray(self._angular), 2 / self._duration
         phase = column * angular
-        sine, cosine = library.sin(phase), library.cos(phase)
-        rows = [
-            (scale * column - 1, sine, cosine),
-            (scale * lines[1], angular * cosine, -angular * sine),
-            (lines[2], -angular * angular * sine, -angular * angular * cosine),
-        ]
-        return tuple(library.concatenate(row, axis=1) for row in rows[: order + 1])
+        sine, cosine, rows = library.sin(phase), library.cos(phase), []
+        for line in (scale * column - 1, scale * lines[1], lines[2])[: order + 1]:
+            rows.append(library.concatenate((line, sine, cosine), axis=1))
+            sine, cosine = angular * cosine, -angular * sine
+        return tuple(rows)
 
     def activations(self, features: Sequence[Array]) -> tuple[Array, ...]:
         """The last tanh layer (N, width) and its derivatives, from those of `features`."""

@@ -1,5 +1,6 @@
 """The network's presets with the residual of any model of the registry."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +21,12 @@ from tests.support.following import driven
 from tests.support.methods import train
 
 
-@pytest.mark.parametrize("key", ["idm", "fvdm"])
+@pytest.mark.parametrize("key", ["idm", "fvdm", "idm-delay"])
 def test_fast_finds_the_truth_of_a_simulated_vehicle(key: str) -> None:
     (window,) = driven(FOLLOWING[key], TRUTHS[key][:1], 3, noise=0.03, seconds=300.0)
+    began = time.process_time()
     fit = METHODS["pinn"].fit(window, settings=FAST, law=Law(key))
+    assert time.process_time() - began < 3.0
     np.testing.assert_allclose(fit.parameters.own, TRUTHS[key][:1], rtol=0.05)
     assert fit.history.parameters[-1] == fit.parameters
     again = METHODS["pinn"].redraw(fit, window.time, window.window.duration)
