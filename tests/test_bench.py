@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from accpinn.methods.pinn.config import PRESETS
-from accpinn.methods.pinn.loss import loss_terms, output_columns
+from accpinn.methods.pinn.loss import Motion, loss_terms, output_columns
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.synthetic import LeaderProfile
 from bench import __main__ as command_line
@@ -93,8 +93,7 @@ def test_the_papers_protocol_has_the_loss_of_the_package() -> None:
     speeds, gaps = output_columns(training.followers)
     order = np.argsort([*speeds, *gaps])
     terms = loss_terms(
-        surrogate[:, order],
-        rates[:, order],
+        Motion(surrogate[:, order], rates[:, order]),
         measured[:, order],
         torch.tensor(Parameters.of(training.parameters.detach()).theta),
         PRESETS["paper"],

@@ -143,17 +143,22 @@ def test_commands_have_the_models_own_parameters(capsys: Capture, folder: Path) 
     assert len(swung["amplitude"]) == 4
 
 
-def test_the_network_learns_it_where_a_preset_is_named(capsys: Capture, folder: Path) -> None:
-    path, out = file_of(folder / "fast.csv", "idm", IDM, 120.0), folder / "fast.accpinn.zip"
-    options = ("--model", "idm", "--preset", "fast", "--hold", "v0=40")
-    found = document(capsys, "fit", path, *options, "--initial", "1,1,1,3,40", "--out", out)
-    assert (found["model"], found["method"]) == ("idm", "pinn")
+@pytest.mark.parametrize("key", ["idm", "idm-delay"])
+def test_the_network_learns_it_where_a_preset_is_named(
+    capsys: Capture, folder: Path, key: str
+) -> None:
+    names = FOLLOWING[key].names
+    truth, start = np.array([[*IDM[0], 0.4]])[:, : len(names)], [1, 1, 1, 3, 40, 1][: len(names)]
+    path, out = file_of(folder / f"{key}.csv", key, truth, 120.0), folder / f"{key}.accpinn.zip"
+    options = ("--model", key, "--preset", "fast", "--hold", "v0=40")
+    options += ("--initial", ",".join(map(str, start)))
+    found = document(capsys, "fit", path, *options, "--out", out)
+    assert (found["model"], found["method"]) == (key, "pinn")
     kept = load(out)
-    assert kept.fit.model == "idm"
-    np.testing.assert_allclose(kept.parameters.own, IDM, rtol=0.15)
-    np.testing.assert_allclose(kept.fit.history.parameters.own[0, 0], [1, 1, 1, 3, 40])
+    assert kept.fit.model == key
+    np.testing.assert_allclose(kept.parameters.own, truth, rtol=0.15)
+    np.testing.assert_allclose(kept.fit.history.parameters.own[0, 0], start)
     assert kept.fit.history.parameters[-1] == kept.parameters
-    names = FOLLOWING["idm"].names
     assert [found["parameters"][0][name] for name in names] == pytest.approx(kept.parameters.own[0])
     assert accpinn.verify(out, path).ok
     assert set(names) <= {picture.name for picture in training_pictures(kept)}

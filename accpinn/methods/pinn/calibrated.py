@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.methods.fit import Outcome
+from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import (
     Ascending,
     Maximum,
@@ -23,10 +23,17 @@ from accpinn.methods.likelihood import (
     vanishing,
 )
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.method import PAPERS, Law
+from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, stack_outputs
+from accpinn.methods.pinn.loss import (
+    LossTerms,
+    Motion,
+    Training,
+    loss_terms,
+    stack_outputs,
+    trajectories,
+)
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.methods.regression import Solution
@@ -48,7 +55,7 @@ def solution_of(coordinates: FloatArray, followers: int, form: Form = PAPER) -> 
 class CalibratedTraining(Training):
     """See the module's head; one `advance` is a round of the search."""
 
-    _drawn: Learned | None
+    _drawn: Fit | None
     """Once the search has ended."""
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
@@ -57,15 +64,14 @@ class CalibratedTraining(Training):
         segment: Segment,
         case: Case,
         config: PinnConfig,
-        threads: int = 1,
+        law: Law,
         together: tuple[Segment, ...] = (),
-        law: Law = PAPERS,
     ) -> None:
         """Begin the search where the filter's likelihood is largest.
 
         The segment is drawn; with several segments ``together`` their evidences add up.
         """
-        super().__init__(segment, case, config, threads)
+        super().__init__(segment, case, config)
         together = together or (segment,)
         self._form = law.model
         self._evidence = Evidence(series_of(together, case), self._form, law.held)
@@ -100,7 +106,8 @@ class CalibratedTraining(Training):
         deviations = np.array([log_errors(curvature) for curvature in self._at.curvature])
         parameters, evidence = self._solution.parameters, float(self._at.value.sum())
         if is_last:
-            loss = self._draw().loss
+            self._drawn = self.drawn(self.segment)
+            loss = self._drawn.loss
             terms = LossTerms(loss["data"], loss["physics"], loss["initial"])
         else:
             terms = self._evidence.loss(z, self.config)
@@ -109,45 +116,51 @@ class CalibratedTraining(Training):
         if is_last and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
-    def _draw(self) -> Learned:
-        """The surrogate at the present unknowns."""
+    def drawn(self, segment: Segment) -> Fit:
+        """A window's fit with the present parameters."""
         z = self._at.coordinates
         terms = complete(self._form, natural(self._form, z))[:, 3:]
         terms = np.broadcast_to(terms, (self.followers, 3))
         evidence = float(self._at.value.sum())
-        self._drawn = drawn(self.segment, self.config, self._solution, terms, evidence)
-        return self._drawn
+        return drawn(segment, self.case, self.config, self._solution, terms, evidence)
 
-    def outputs(self) -> None:
+    def surrogate(self) -> None:
         """None: curves are drawn once the search has ended."""
 
     @np.errstate(all="ignore")
-    def learned(self) -> Learned:
+    def fit(self) -> Fit:
         """The surrogate and the parameters, also of a search that was stopped."""
         if self.outcome is Outcome.DIVERGED:
-            nothing = np.zeros_like(self.measured)
-            return Learned(nothing, self._solution, {"total": np.nan}, 0, {})
-        learned = self._drawn or self._draw()
+            nothing = trajectories(self.segment.time, np.zeros_like(self.measured))
+            return self._fit(self._solution, nothing, {"total": np.nan})
+        fit = self._drawn or self.drawn(self.segment)
         deviations = [log_errors(curvature) for curvature in self._at.curvature]
         arrays = {
             "unknowns": natural(self._form, self._at.coordinates),
             "deviations": np.nan_to_num(deviations, posinf=0.0),
         }
-        findings = self._training_findings()
-        return replace(learned, arrays=learned.arrays | arrays, findings=findings)
+        return replace(
+            fit,
+            outcome=self.outcome or Outcome.STOPPED,
+            iterations=self.progress.iteration,
+            arrays=fit.arrays | arrays,
+            findings=(*fit.findings, *self._exhausted()),
+        )
 
 
 def drawn(
     segment: Segment,
+    case: Case,
     config: PinnConfig,
     solution: Solution,
     terms: FloatArray | None,
     evidence: float,
-) -> Learned:
-    """The surrogate of a segment whose output layer minimises Ψ for given parameters.
+) -> Fit:
+    """The fit of a segment whose output layer minimises Ψ for given parameters.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        case: "I" or "II".
         config: the network's settings.
         solution: α, ατ and β of the M followers.
         terms: (M, 3) s₀, by which measured gaps exceed those that are learned, λ and d; or None.
@@ -160,14 +173,19 @@ def drawn(
     projection = Projection(network, segment.time, measured, segment.mask)
     hidden = projection.hidden()
     weights = solve_output(projection.sums(hidden), solution.theta, config)
-    outputs, rates = projection.surrogate(hidden, weights)
+    motion = Motion(*projection.surrogate(hidden, weights))
     mask = None if segment.mask is None else segment.mask.astype(float)
-    loss = loss_terms(outputs, rates, measured, solution.theta, config, mask)
+    loss = loss_terms(motion, measured, solution.theta, config, mask)
     weights[0] += shift[0]
     network.set_output(weights)
-    return Learned(
-        outputs=outputs + shift,
-        solution=solution,
+    return Fit.of(
+        "pinn",
+        segment,
+        case,
+        solution,
+        surrogate=trajectories(segment.time, motion.outputs + shift),
+        outcome=Outcome.CONVERGED,
+        config=config.to_json(),
         loss=loss.values() | {"evidence": evidence},
         network_weights=network.size,
         arrays=network.arrays(),

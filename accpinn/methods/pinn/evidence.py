@@ -37,7 +37,7 @@ from scipy.sparse import csr_array, diags_array
 from accpinn.methods.kalman import LOG_TWO_PI
 from accpinn.methods.likelihood import Ascending, Criterion, Groups, Maximum, ascend, natural
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import LossTerms, loss_terms
+from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms
 from accpinn.methods.series import Series
 from accpinn.methods.splines import SplineBasis
 from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY, Form, coordinates
@@ -218,10 +218,10 @@ class LinearEvidence:
         factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
         weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, OUTPUTS)
         in_order = weights[:, [2, 1, 0]]
-        outputs, rates = self.basis.values @ in_order, self.basis.rates @ in_order
+        motion = Motion(self.basis.values @ in_order, self.basis.rates @ in_order)
         measured = (self._measured - [intercept_of(values), 0.0, 0.0])[:, [2, 1, 0]]
-        known = np.where(np.isnan(measured), outputs, measured)
-        return loss_terms(outputs, rates, known, values[None, :3], config)
+        known = np.where(np.isnan(measured), motion.outputs, measured)
+        return loss_terms(motion, known, values[None, :3], config)
 
 
 class Evidence(Criterion):

@@ -13,20 +13,27 @@ parameters stand still; that is the optimum for the untrained hidden layers. The
 no parameter is the last one, and one that does not lower Ψ is taken back. Each exact round at the
 start and each Adam iteration counts as one iteration.
 
-`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
+`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models,
+`late` for those with a lag or a delay.
 """
 
-from abc import abstractmethod
-from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 
-from accpinn.methods.fit import Outcome
+from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms
+from accpinn.methods.pinn.loss import (
+    LossTerms,
+    Motion,
+    Training,
+    loss_terms,
+    trajectories,
+)
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import (
     NormalEquations,
@@ -35,11 +42,10 @@ from accpinn.methods.pinn.projection import (
     solve_parameters,
 )
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
-Unknown = TypeVar("Unknown")
 CYCLE = 50
 """Adam iterations between exact solves."""
 HALF_LIFE = 100
@@ -56,71 +62,85 @@ CONVERGED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum(Generic[Unknown]):
-    """The exact optimum, as far as sought, for some hidden layers."""
+class Seen:
+    """What the output layer sees, for some hidden layers."""
 
     hidden: FloatArray
-    """(N, 2, width) the activations and their derivative in time."""
+    """(N, 1 + order, width) the activations and their derivatives in time."""
     sums: NormalEquations
+    earlier: tuple[FloatArray, ...] = ()
+    """(M,) of (N, 2, K): Φ and its rate at t - d of each follower of a model with a delay."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The exact optimum, as far as sought, for some hidden layers."""
+
+    seen: Seen
     weights: FloatArray
     """(K, 2M+1) W, biases in the first row."""
-    solution: Unknown
-    """The model's parameters."""
+    solution: Any
+    """The parameters: a `Solution` of the CTHP, or z (S, n) of another model."""
+    motion: Motion
+    """The surrogate on all instants."""
 
 
-class ProjectedTraining(Training, Generic[Unknown]):
-    """See the module's head, for any model; one `advance` is an exact round or a cycle."""
+class FastTraining(Training):
+    """See the module's head; one `advance` is an exact round or a cycle.
+
+    What is solved for is θ here, as a `Solution`; another model has unknowns of its own.
+    """
 
     @np.errstate(all="ignore")  # absurd numbers end as diverged
-    def __init__(
-        self,
-        segment: Segment,
-        case: Case,
-        config: PinnConfig,
-        threads: int,
-        initial: Unknown,
-    ) -> None:
-        """Build the network and solve its output layer at the initial parameters.
-
-        Args:
-            segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-            case: "I" or "II".
-            config: the settings.
-            threads: processor threads.
-            initial: parameters.
-        """
-        super().__init__(segment, case, config, threads)
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
+        """Build the network and solve its output layer at the initial parameters."""
+        super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
-        self._projection = Projection(self.network, segment.time, self.measured, segment.mask)
+        data = self.measured, segment.mask
+        self._projection = Projection(self.network, segment.time, *data, self.order)
         self._learnable = self.network.learnable()
         self._adam = Adam([*self._learnable.weights()][:-2], b2=0.99)
         self._starting, self._iteration = True, 0
         self._start_loss = float("nan")
-        self._best = self._optimum(initial)
+        self._best = self._optimum(self._initial())
         self._note("start")
 
-    @abstractmethod
-    def _theta(self, solution: Unknown) -> FloatArray:
+    def _initial(self) -> Any:
+        """The parameters to begin with."""
+        return Solution.of(Parameters.of([self.config.initial.values] * self.followers).theta)
+
+    def _theta(self, solution: Any) -> FloatArray:
         """Parameters as `loss_terms` takes them."""
+        return np.asarray(solution.theta)
 
-    @abstractmethod
-    def _parameters(self, solution: Unknown) -> Parameters:
+    def _parameters(self, solution: Any) -> Parameters:
         """(M,) parameters."""
+        return Parameters.from_theta(solution.theta)
 
-    @abstractmethod
-    def _move(self, now: Unknown, before: Unknown) -> float:
-        """Largest relative change of a parameter."""
+    def _move(self, now: Any, before: Any) -> float:
+        """Largest relative change of α, β, τ; one at zero counts by its absolute change."""
+        new, old = now.parameters.values, before.parameters.values
+        scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
+        return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
 
-    @abstractmethod
-    def _output(
-        self, hidden: FloatArray, sums: NormalEquations, solution: Unknown, near: FloatArray
-    ) -> FloatArray:
-        """(K, 2M+1) the output layer's optimum; the outputs (N, 2M+1) will be ``near`` these."""
+    def _seen(self, solution: Any) -> Seen:
+        """What the output layer sees for the present hidden layers."""
+        hidden = self._projection.hidden()
+        return Seen(hidden, self._projection.sums(hidden))
 
-    @abstractmethod
-    def _solved(self, at: Optimum[Unknown]) -> Optimum[Unknown]:
+    def _motion(self, seen: Seen, weights: FloatArray) -> Motion:
+        """The surrogate on all instants."""
+        return Motion(*self._projection.surrogate(seen.hidden, weights))
+
+    def _output(self, seen: Seen, solution: Any, near: Motion | None) -> FloatArray:
+        """(K, 2M+1) the output layer's optimum; the surrogate will be ``near`` another."""
+        return solve_output(seen.sums, solution.theta, self.config)
+
+    def _solved(self, at: Optimum) -> Optimum:
         """One exact round: the parameters and the output layer."""
+        solution = solve_parameters(at.seen.sums, at.weights, self.case)
+        return self._at(at.seen, solve_output(at.seen.sums, solution.theta, self.config), solution)
 
     @np.errstate(all="ignore")
     def advance(self) -> None:
@@ -143,7 +163,7 @@ class ProjectedTraining(Training, Generic[Unknown]):
         kept = self.network.arrays()
         steps = min(CYCLE, self.planned - self._iteration)
         self._descend(steps)
-        after = self._optimum(before.solution, before)
+        after = self._optimum(before.solution, before.motion)
         for _ in range(CYCLE_ROUNDS):
             last = after.solution
             after = self._solved(after)
@@ -160,11 +180,10 @@ class ProjectedTraining(Training, Generic[Unknown]):
         if steps == CYCLE and moved <= CONVERGED and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
-    def _loss(self, at: Optimum[Unknown]) -> LossTerms:
+    def _loss(self, at: Optimum) -> LossTerms:
         """Ψ on all instants."""
-        outputs, rates = self._surrogate(at)
         theta = self._theta(at.solution)
-        return loss_terms(outputs, rates, self.measured, theta, self.config, self.mask, self.model)
+        return loss_terms(at.motion, self.measured, theta, self.config, self.mask, self.model)
 
     def _note(self, phase: str, terms: LossTerms | None = None) -> None:
         """Look at the present moment, with Ψ where it is known already."""
@@ -174,103 +193,65 @@ class ProjectedTraining(Training, Generic[Unknown]):
         if phase == "start":
             self._start_loss = self.progress.total
 
-    def _optimum(
-        self, solution: Unknown, before: Optimum[Unknown] | None = None
-    ) -> Optimum[Unknown]:
+    def _optimum(self, solution: Any, near: Motion | None = None) -> Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
-        hidden = self._projection.hidden()
-        sums = self._projection.sums(hidden)
-        near = self._surrogate(before)[0] if before and self.model else self.measured
-        return Optimum(hidden, sums, self._output(hidden, sums, solution, near), solution)
+        seen = self._seen(solution)
+        return self._at(seen, self._output(seen, solution, near), solution)
 
-    def _surrogate(self, at: Optimum[Unknown]) -> tuple[FloatArray, FloatArray]:
-        """(N, 2M+1) outputs and their rates."""
-        return self._projection.surrogate(at.hidden, at.weights)
+    def _at(self, seen: Seen, weights: FloatArray, solution: Any) -> Optimum:
+        return Optimum(seen, weights, solution, self._motion(seen, weights))
 
     def _descend(self, iterations: int) -> None:
         """Adam on the hidden layers, on minibatches, everything else fixed."""
-        config, best, width = self.config, self._best, self.config.width
-        count = len(self.measured)
-        through = torch.from_numpy(best.weights[-width:])
-        fixed = torch.from_numpy(self._projection.past_hidden(best.weights))
-        measured = torch.from_numpy(self.measured)
-        theta = torch.tensor(self._theta(best.solution))
+        config, count = self.config, len(self.measured)
+        measured, motion_at = torch.from_numpy(self.measured), self._motion_of_hidden()
+        theta = torch.tensor(self._theta(self._best.solution))
         mask = None if self.mask is None else torch.from_numpy(self.mask)
-        value, rate = torch.from_numpy(self._projection.skipped[:, :, 1:]).swapaxes(0, 1)
         learning_rate = config.learning_rate * 0.5 ** (self._iteration / HALF_LIFE)
         generator = np.random.default_rng((config.seed, self._iteration))
         first = int(config.weight_initial > 0)  # Ψ_R looks at the first instant, once
         for _ in range(iterations):
             pick = generator.integers(first, count, size=min(config.batch, count))
             pick[:first] = 0
-            active, active_rate = self._learnable.activations(value[pick], rate[pick])
-            terms = loss_terms(
-                fixed[pick, 0] + active @ through,
-                fixed[pick, 1] + active_rate @ through,
-                measured[pick],
-                theta,
-                config,
-                None if mask is None else mask[pick],
-                self.model,
-            )
+            kept = None if mask is None else mask[pick]
+            terms = loss_terms(motion_at(pick), measured[pick], theta, config, kept, self.model)
             self._adam.step(terms.total, learning_rate)
         self._iteration += iterations
 
-    def outputs(self) -> FloatArray:
-        """(N, 2M+1) the present surrogate on all instants."""
-        return self._surrogate(self._best)[0]
+    def _motion_of_hidden(self) -> Callable[[Any], Motion]:
+        """The surrogate at picked instants, of which the hidden layers alone can be moved."""
+        weights, projection = self._best.weights, self._projection
+        through = torch.from_numpy(weights[-self.config.width :])
+        fixed = torch.from_numpy(projection.past_hidden(weights)).swapaxes(0, 1)
+        features = torch.from_numpy(projection.skipped[:, :, 1:]).swapaxes(0, 1)
 
-    def _learned(self, solution: Solution) -> Learned:
-        """What was learned, with parameters as a solution."""
+        def motion(pick: Any) -> Motion:
+            active = self._learnable.activations([row[pick] for row in features])
+            pairs = zip(fixed, active, strict=True)
+            return Motion(*(part[pick] + moved @ through for part, moved in pairs))
+
+        return motion
+
+    def surrogate(self) -> Trajectories:
+        """The present surrogate on all instants."""
+        return trajectories(self.segment.time, self._best.motion.outputs)
+
+    def _solution(self) -> Solution:
+        """(M, 3) the present parameters, or their linearisation."""
+        solution: Solution = self._best.solution
+        return solution
+
+    def fit(self) -> Fit:
+        """The surrogate, the parameters, and what training the hidden layers brought."""
         self.network.set_output(self._best.weights)
-        now = self.progress
+        now, start = self.progress, self._start_loss
+        gain = [HiddenLayersGain(start, now.total)] if now.phase == "Adam" and start > 0 else []
         loss = {"total": now.total, "data": now.data, "physics": now.physics}
-        return Learned(
-            outputs=self.outputs(),
-            solution=solution,
-            loss=loss | {"initial": now.initial, "start": self._start_loss},
+        return self._fit(
+            self._solution(),
+            self.surrogate(),
+            loss | {"initial": now.initial, "start": start},
             network_weights=self.network.size,
             arrays=self.network.arrays(),
-            findings=self._training_findings(self._start_loss),
+            findings=[*gain, *self._exhausted()],
         )
-
-
-class FastTraining(ProjectedTraining[Solution]):
-    """The training of the CTHP."""
-
-    def __init__(
-        self,
-        segment: Segment,
-        case: Case,
-        config: PinnConfig,
-        threads: int = 1,
-    ) -> None:
-        """See `ProjectedTraining`."""
-        initial = Parameters.of([config.initial.values] * segment.followers)
-        super().__init__(segment, case, config, threads, Solution.of(initial.theta))
-
-    def _theta(self, solution: Solution) -> FloatArray:
-        return solution.theta
-
-    def _parameters(self, solution: Solution) -> Parameters:
-        return solution.parameters
-
-    def _move(self, now: Solution, before: Solution) -> float:
-        """Largest relative change of α, β, τ; one at zero counts by its absolute change."""
-        new, old = now.parameters.values, before.parameters.values
-        scale = np.where(np.abs(old) > 1e-9, np.abs(old), 1.0)
-        return float(np.nanmax(np.abs(new - old) / scale, initial=0.0))
-
-    def _output(
-        self, hidden: FloatArray, sums: NormalEquations, solution: Solution, near: FloatArray
-    ) -> FloatArray:
-        return solve_output(sums, solution.theta, self.config)
-
-    def _solved(self, at: Optimum[Solution]) -> Optimum[Solution]:
-        solution = solve_parameters(at.sums, at.weights, self.case)
-        weights = solve_output(at.sums, solution.theta, self.config)
-        return replace(at, weights=weights, solution=solution)
-
-    def learned(self) -> Learned:
-        """The surrogate, the parameters, and what training the hidden layers brought."""
-        return self._learned(self._best.solution)

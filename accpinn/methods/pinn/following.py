@@ -23,19 +23,14 @@ import torch
 from torch import Tensor
 
 from accpinn.errors import ConfigError
-from accpinn.methods.fit import MethodFinding, Undetermined
+from accpinn.methods.fit import Fit, MethodFinding, Undetermined
 from accpinn.methods.following import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.fast import Optimum, ProjectedTraining
-from accpinn.methods.pinn.loss import Learned, output_columns
+from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
+from accpinn.methods.pinn.loss import Motion, command_columns
 from accpinn.methods.pinn.paper import PaperTraining
-from accpinn.methods.pinn.projection import (
-    NormalEquations,
-    data_moments,
-    gap_blocks,
-    solve_chain,
-)
+from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
@@ -43,6 +38,8 @@ from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import FloatArray
 
+OWN_FIRST = [1, 0, 2]
+"""The order of `projection`, own speed before the gap, among gap, own speed and speed ahead."""
 SHORTENED = 6
 """Times that a step which does not lower the objective is halved."""
 
@@ -74,7 +71,7 @@ def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArra
     return np.array([p.value(z[:, k]) for k, p in enumerate(model.parameters)])
 
 
-class FollowingFast(ProjectedTraining[FloatArray]):
+class FollowingFast(FastTraining):
     """`fast` for any model; what it solves for is z (S, n), S = 1 in Case I, M in Case II."""
 
     model: FollowingModel
@@ -86,10 +83,11 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         """Begin at the user's initial values or at typical ones."""
         self.model = FOLLOWING[law.model]
         self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
-        self._errors = segment.window.duration / MEMORY
-        start = initial_scores(self.model, config, self._bounds)
-        sets = 1 if case == "I" else segment.followers
-        super().__init__(segment, case, config, threads, np.tile(start, (sets, 1)))
+        super().__init__(segment, case, config, threads)
+
+    def _initial(self) -> FloatArray:
+        start = initial_scores(self.model, self.config, self._bounds)
+        return np.tile(start, (1 if self.case == "I" else self.followers, 1))
 
     def _theta(self, solution: FloatArray) -> FloatArray:
         return values_of(self.model, solution, self.followers)
@@ -100,46 +98,52 @@ class FollowingFast(ProjectedTraining[FloatArray]):
     def _move(self, now: FloatArray, before: FloatArray) -> float:
         return float(np.abs(now - before).max())
 
-    def _output(
-        self, hidden: FloatArray, sums: NormalEquations, solution: FloatArray, near: FloatArray
-    ) -> FloatArray:
-        return self._linear(hidden, sums, solution, near)[0][..., 0]
+    def _output(self, seen: Seen, solution: FloatArray, near: Motion | None) -> FloatArray:
+        return self._linear(seen, solution, near or self._of_data(seen))[0][..., 0]
 
-    def _solved(self, at: Optimum[FloatArray]) -> Optimum[FloatArray]:
+    def _of_data(self, seen: Seen) -> Motion:
+        """The motion near which the first step is taken: the data."""
+        return Motion(self.measured, None)
+
+    def _seen_with(self, seen: Seen, solution: FloatArray) -> Seen:
+        """What the output layer sees for other parameters: the same."""
+        return seen
+
+    def _solved(self, at: Optimum) -> Optimum:
         """A step that lowers the objective, in W and z."""
-        layers, gradient, curvature = self._linear(
-            at.hidden, at.sums, at.solution, self._surrogate(at)[0], self._prior(at)
-        )
-        before, z = self._objective(at), at.solution.reshape(1, -1)
+        errors = self._errors(at)
+        prior = self._loss(at).total / errors
+        layers, gradient, curvature = self._linear(at.seen, at.solution, at.motion, prior)
+        before, z = self._objective(at, errors), at.solution.reshape(1, -1)
         bounds = np.tile(self._bounds, len(at.solution))
         move = bounded_step(z, gradient[None], curvature[None], bounds) - z
         turn = layers[..., 0] + layers[..., 1:] @ move[0] - at.weights
         for share in 0.5 ** np.arange(SHORTENED):
             solution = at.solution + share * move.reshape(at.solution.shape)
-            trial = replace(at, weights=at.weights + share * turn, solution=solution)
-            if self._objective(trial) <= before:
+            seen = self._seen_with(at.seen, solution)
+            trial = self._at(seen, at.weights + share * turn, solution)
+            if self._objective(trial, errors) <= before:
                 return trial
         return at
 
-    def _prior(self, at: Optimum[FloatArray]) -> float:
-        """The prior's precision in units of the loss: 2 Ψ / (2 m)."""
-        return float(self._loss(at).total) / self._errors
+    def _errors(self, at: Optimum) -> float:
+        """M of the module's head."""
+        return self.segment.window.duration / MEMORY
 
-    def _objective(self, at: Optimum[FloatArray]) -> float:
-        fitted = self._errors * self.followers * np.log(self._loss(at).total)
+    def _objective(self, at: Optimum, errors: float) -> float:
+        fitted = errors * self.followers * np.log(self._loss(at).total)
         return float(0.5 * fitted + 0.5 * (at.solution**2).sum())
 
-    def _expanded(self, outputs: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _expanded(self, motion: Motion, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """F (N, M), and its derivatives (3 + n, N, M) by gap, own speed, speed ahead and z."""
-        speeds, gaps = (outputs[:, columns] for columns in output_columns(self.followers))
         each = np.broadcast_to(z, (self.followers, z.shape[1])).T
-        at = [gaps, speeds[:, 1:], speeds[:, :-1], *each]
+        at = [*motion.commanding, *each]
 
         def command(moved: list[FloatArray]) -> FloatArray:
             gap, speed, ahead, *scores = moved
             theta = [p.value(z) for p, z in zip(self.model.parameters, scores, strict=True)]
             pushed = self.model.acceleration(gap, speed, ahead, theta, np)
-            return np.asarray(np.broadcast_to(pushed, gaps.shape))
+            return np.asarray(np.broadcast_to(pushed, at[0].shape))
 
         slopes = [
             command([*at[:k], at[k] + 1j * COMPLEX_STEP, *at[k + 1 :]]).imag / COMPLEX_STEP
@@ -148,31 +152,30 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         return command(at), np.array(slopes)
 
     def _linear(
-        self,
-        hidden: FloatArray,
-        sums: NormalEquations,
-        z: FloatArray,
-        near: FloatArray,
-        prior: float = 1.0,
+        self, seen: Seen, z: FloatArray, near: Motion, prior: float = 1.0
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """w₀ and Y (K, 2M+1, 1 + S n), and gradient and curvature of the profile by all z."""
-        seen = np.concatenate([self._projection.skipped, hidden], axis=2)
-        (count, _, size), unknowns = seen.shape, z.shape[1]
-        speed_columns, gap_columns = output_columns(self.followers)
+        now, sums = self._projection.seen(seen.hidden), seen.sums
+        (count, _, size), unknowns = now.shape, z.shape[1]
         weight = self.config.weight_physics[1] / count
         value, slopes = self._expanded(near, z)
-        right = np.zeros((size, near.shape[1], 1 + z.size))
+        commanding = np.array(near.commanding)
+        lags = np.broadcast_to(self.model.term(self._theta(z), "lag"), self.followers)
+        right = np.zeros((size, near.outputs.shape[1], 1 + z.size))
         right[..., 0] = data_moments(sums, self.config)
         inner, blocks = np.zeros((1 + z.size, 1 + z.size)), []
+        places = np.array(command_columns(self.followers))
         kinematic = gap_blocks(sums, self.config)
         for k in range(self.followers):
             first = 1 + unknowns * (k if self.case == "II" else 0)
             columns = [0, *range(first, first + unknowns)]
-            places = (speed_columns[k + 1], gap_columns[k], speed_columns[k])
-            slope = slopes[[1, 0, 2], :, k].T  # by own speed, gap and speed ahead
-            design = -slope[:, :, None] * seen[:, :1]
-            design[:, 0] += seen[:, 1]
-            constant = value[:, k] - (slope * near[:, places]).sum(axis=1)
+            slope = slopes[OWN_FIRST, :, k].T
+            earlier = seen.earlier[k] if seen.earlier else now
+            design = -slope[:, :, None] * earlier[:, :1]
+            design[:, 0] += now[:, 1]
+            if lags[k]:
+                design[:, 0] += lags[k] * now[:, 2]
+            constant = value[:, k] - (slope * commanding[OWN_FIRST, :, k].T).sum(axis=1)
             beside = np.column_stack([constant, slopes[3:, :, k].T])
             if self.mask is not None:
                 design *= self.mask[:, k, None, None]
@@ -181,7 +184,7 @@ class FollowingFast(ProjectedTraining[FloatArray]):
             squares = weight * (flat.T @ flat).reshape(3, size, 3, size)
             blocks.append(kinematic + squares.swapaxes(1, 2))
             moments = weight * (flat.T @ beside).reshape(3, size, -1)
-            for place, moment in zip(places, moments, strict=True):
+            for place, moment in zip(places[OWN_FIRST, k], moments, strict=True):
                 right[:, place, columns] += moment
             inner[np.ix_(columns, columns)] += weight * (beside.T @ beside)
         layers = solve_chain(sums, blocks.__getitem__, right, self.config)
@@ -189,18 +192,20 @@ class FollowingFast(ProjectedTraining[FloatArray]):
         gradient = inner[1:, 0] - coupled[:, 0] + prior * z.ravel()
         return layers, gradient, inner[1:, 1:] - coupled[:, 1:] + prior * np.eye(z.size)
 
-    @np.errstate(all="ignore")
-    def learned(self) -> Learned:
-        """The surrogate, the parameters, and which of them the data do not determine."""
-        at = self._best
-        parameters = self._parameters(at.solution)
-        learned = self._learned(Solution.of(parameters.theta))
-        findings = (*learned.findings, *self._undetermined(at))
-        return replace(learned, parameters=parameters, findings=findings)
+    def _solution(self) -> Solution:
+        return Solution.of(self._parameters(self._best.solution).theta)
 
-    def _undetermined(self, at: Optimum[FloatArray]) -> list[MethodFinding]:
-        prior, near = self._prior(at), self._surrogate(at)[0]
-        curvature = self._linear(at.hidden, at.sums, at.solution, near, prior)[2]
+    @np.errstate(all="ignore")
+    def fit(self) -> Fit:
+        """The surrogate, the parameters, and which of them the data do not determine."""
+        fit, at = super().fit(), self._best
+        findings = (*fit.findings, *self._undetermined(at))
+        parameters = self._parameters(at.solution)
+        return replace(fit, parameters=parameters, unconstrained=None, findings=findings)
+
+    def _undetermined(self, at: Optimum) -> list[MethodFinding]:
+        prior = self._loss(at).total / self._errors(at)
+        curvature = self._linear(at.seen, at.solution, at.motion, prior)[2]
         if not np.isfinite(curvature).all():
             return []
         open_ = prior * np.diag(np.linalg.pinv(curvature)) > OPEN**2
@@ -253,7 +258,6 @@ class FollowingPaper(PaperTraining):
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         return Solution.of(self._now().theta)
 
-    @torch.no_grad()
-    def learned(self) -> Learned:
+    def fit(self) -> Fit:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
-        return replace(super().learned(), parameters=self._now())
+        return replace(super().fit(), parameters=self._now(), unconstrained=None)

@@ -10,20 +10,24 @@ At masked instants the term with Q₂ is zero; |T| counts all instants.
 Source: Apostolakis and Ampountolas 2024, section V.B, extended there from M = 1; the leader's
 term stands inside the same average, which reproduces the paper's Tables II and III.
 
-With another model than the CTHP its acceleration f(p̂, v̂, û; θ) stands in the term with Q₂. The
-formulas serve numpy's arrays and torch's tensors alike.
+With another model than the CTHP its acceleration f(p̂, v̂, û; θ) stands in the term with Q₂:
+
+    dv̂/dt - f;   behind a lag  λ d²v̂/dt² + dv̂/dt - f;   behind a delay  dv̂/dt(t) - f(t - d)
+
+With a delay the instants of the first `DELAY.upper` seconds have no such residual, as f(t - d) may
+lie before the window. The formulas serve numpy's arrays and torch's tensors alike.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
 from accpinn.methods.fit import (
     Checkpoint,
-    HiddenLayersGain,
+    Fit,
     IterationsExhausted,
     MethodFinding,
     Outcome,
@@ -31,13 +35,15 @@ from accpinn.methods.fit import (
 )
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import Case, Parameters
-from accpinn.model.following import FollowingModel
+from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.following import DELAY, FollowingModel
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from accpinn.methods.pinn.network import Network
 
 Array = TypeVar("Array", FloatArray, "Tensor")
 
@@ -52,6 +58,18 @@ def output_columns(followers: int) -> tuple[list[int], list[int]]:
     return [0, *range(1, 2 * followers, 2)], list(range(2, 2 * followers + 1, 2))
 
 
+def command_columns(followers: int) -> list[list[int]]:
+    """(3, M) where gaps, own speeds and speeds ahead, of which f is a function, stand."""
+    speeds, gaps = output_columns(followers)
+    return [gaps, speeds[1:], speeds[:-1]]
+
+
+def trajectories(time: FloatArray, outputs: FloatArray) -> Trajectories:
+    """Outputs (N, 2M+1) at instants (N,) in s as speeds and gaps."""
+    speeds, gaps = output_columns(outputs.shape[1] // 2)
+    return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
+
+
 def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     """(N, M+1) speeds and (N, M) gaps as (N, 2M+1) in the order of `output_columns`."""
     followers = gaps.shape[1]
@@ -59,6 +77,41 @@ def stack_outputs(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     speed_columns, gap_columns = output_columns(followers)
     stacked[:, speed_columns], stacked[:, gap_columns] = speeds, gaps
     return stacked
+
+
+class Motion(NamedTuple):
+    """A surrogate at N instants, as far as the loss looks at it."""
+
+    outputs: Any
+    """(N, 2M+1) in m and m/s, in the order of `output_columns`."""
+    rates: Any
+    """(N, 2M+1) their time derivative."""
+    bends: Any = None
+    """(N, 2M+1) their second time derivative, for a model with a lag."""
+    earlier: Any = None
+    """(3, N, M) gap, own speed and speed ahead at t - d, for a model with a delay."""
+    earlier_rates: Any = None
+    """(3, N, M) their time derivative, where d is not moved by gradient."""
+
+    def with_earlier(self, network: "Network", time: Any, delays: Any) -> "Motion":
+        """The same with what a network gives a time d before the instants, in s, at least at 0.
+
+        Args:
+            network: the surrogate's, arrays or tensors as all others.
+            time: (N,) the instants.
+            delays: (M,) d of each follower.
+        """
+        places = zip(delays, np.transpose(command_columns(len(delays))), strict=True)
+        parts = [network((time - d).clip(min=0.0), 0)[0][:, columns] for d, columns in places]
+        return self._replace(earlier=library_of(time).stack(parts, 2).swapaxes(0, 1))
+
+    @property
+    def commanding(self) -> Any:
+        """(3, N, M) gap, own speed and speed ahead, of which the command is a function."""
+        if self.earlier is not None:
+            return self.earlier
+        columns = command_columns(self.outputs.shape[1] // 2)
+        return [self.outputs[:, group] for group in columns]
 
 
 @dataclass(frozen=True)
@@ -81,8 +134,7 @@ class LossTerms:
 
 
 def loss_terms(
-    outputs: Array,
-    rates: Array,
+    motion: Motion,
     measured: Array,
     theta: Array,
     config: PinnConfig,
@@ -92,14 +144,14 @@ def loss_terms(
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
     Args:
-        outputs: (N, 2M+1) in m and m/s, in the order of `output_columns`.
-        rates: (N, 2M+1) their time derivative.
-        measured: (N, 2M+1) the data, in the same order.
+        motion: the surrogate at N instants.
+        measured: (N, 2M+1) the data, in the order of `output_columns`.
         theta: (M, 3) α, ατ, β per follower, or (n, M) the parameters of another model.
         config: holds the weights Q, R, S.
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
         model: the model, unless it is the paper's.
     """
+    outputs, rates = motion.outputs, motion.rates
     count, followers = len(outputs), outputs.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
     speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
@@ -107,11 +159,13 @@ def loss_terms(
     gap_rate = rates[:, gap_columns] - relative
     if model is None:
         alpha, alpha_tau, beta = theta.T
-        acceleration = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
+        command = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
     else:
-        ahead, library = speeds[:, :-1], library_of(outputs)
-        acceleration = model.acceleration(gaps, speeds[:, 1:], ahead, theta, library)
-    speed_rate = rates[:, speed_columns[1:]] - acceleration
+        gap, own, ahead = motion.commanding
+        command = model.acceleration(gap, own, ahead, theta, library_of(outputs))
+    speed_rate = rates[:, speed_columns[1:]] - command
+    if model and motion.bends is not None:
+        speed_rate = speed_rate + model.term(theta, "lag") * motion.bends[:, speed_columns[1:]]
     if mask is not None:
         speed_rate = speed_rate * mask
     error = outputs - measured
@@ -129,25 +183,6 @@ def _square(values: Any) -> Any:
     return (values * values).sum()
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """The present result of a training."""
-
-    outputs: FloatArray
-    """(N, 2M+1) the surrogate on all instants."""
-    solution: Solution
-    """The parameters within the rational driving constraints, and what they would be without."""
-    loss: dict[str, float]
-    network_weights: int
-    arrays: dict[str, FloatArray]
-    """Weights and biases of the network, and further numbers of the preset."""
-    findings: tuple[MethodFinding, ...] = ()
-    terms: FloatArray | None = None
-    """(M, 3) s₀, λ and d; None for the paper's model."""
-    parameters: Parameters | None = None
-    """(M,) where the solution is only the linearisation of another model."""
-
-
 class Training(ABC):
     """A preset at work: `advance` in small steps, look at `progress`, stop at any moment."""
 
@@ -160,25 +195,31 @@ class Training(ABC):
     has_checkpoints: ClassVar[bool] = False
     """Whether `state` and `restore` let it continue in another process."""
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
+    def __init__(self, segment: Segment, case: Case, config: PinnConfig) -> None:
         """Keep the data as arrays; M followers, N instants."""
         self.segment, self.case, self.config = segment, case, config
-        self.followers, self.threads = segment.followers, threads
+        self.followers = segment.followers
+        self.terms = self.model.terms if self.model else ()
+        self.order = 2 if "lag" in self.terms else 1  # of the highest derivative in the residuals
         self.planned = config.iterations + config.lbfgs_iterations
         self.measured = stack_outputs(segment.speeds, segment.gaps)
-        self.mask = None if segment.mask is None else segment.mask.astype(float)
+        mask = segment.mask
+        if "delay" in self.terms:
+            has_earlier = np.tile(segment.time[:, None] >= DELAY.upper, self.followers)
+            mask = has_earlier if mask is None else mask & has_earlier
+        self.mask = None if mask is None else mask.astype(float)
 
     @abstractmethod
     def advance(self) -> None:
         """Do a fraction of a second's work."""
 
     @abstractmethod
-    def outputs(self) -> FloatArray | None:
-        """(N, 2M+1) the present surrogate on all instants; None where it has none yet."""
+    def surrogate(self) -> Trajectories | None:
+        """The present surrogate on all instants; None where it has none yet."""
 
     @abstractmethod
-    def learned(self) -> Learned:
-        """The present surrogate and parameters."""
+    def fit(self) -> Fit:
+        """The present surrogate and parameters, without history and seconds."""
 
     def state(self) -> Checkpoint:
         """Everything needed to continue from here in another process."""
@@ -188,14 +229,30 @@ class Training(ABC):
         """Continue from ``state``, which a training of the same problem gave."""
         raise NotImplementedError
 
-    def _training_findings(self, start: float = 0.0) -> tuple[MethodFinding, ...]:
-        """What the hidden layers gained since Ψ was ``start``, and whether iterations ran out."""
-        now, findings = self.progress, list[MethodFinding]()
-        if now.phase == "Adam" and start > 0:
-            findings.append(HiddenLayersGain(start, now.total))
-        if self.outcome is Outcome.FINISHED:
-            findings.append(IterationsExhausted(now.iteration))
-        return tuple(findings)
+    def _fit(
+        self,
+        solution: Solution,
+        surrogate: Trajectories,
+        loss: dict[str, float],
+        **others: Any,
+    ) -> Fit:
+        """The fit of a solution (M, 3) so far; ``others`` are further fields of `Fit`."""
+        return Fit.of(
+            "pinn",
+            self.segment,
+            self.case,
+            solution,
+            surrogate=surrogate,
+            outcome=self.outcome or Outcome.STOPPED,
+            config=self.config.to_json(),
+            loss=loss,
+            iterations=self.progress.iteration,
+            **others,
+        )
+
+    def _exhausted(self) -> list[MethodFinding]:
+        """Whether iterations ran out."""
+        return [IterationsExhausted(self.planned)] if self.outcome is Outcome.FINISHED else []
 
     def _look(
         self,

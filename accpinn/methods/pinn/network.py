@@ -4,9 +4,10 @@ Time t [s] goes in as it is (`paper`), or as Fourier features of a window of dur
 
     φ(t) = (2t/T - 1, sin ω_1 t, .., sin ω_n t, cos ω_1 t, .., cos ω_n t),   ω as in `config`.
 
-Tanh layers follow, through which the derivative in time goes along,
+Tanh layers follow, through which the derivatives in time go along,
 
-    h = tanh z,   dh/dt = (1 - h²) · dz/dt,   z = W h + b of the layer before,
+    h = tanh z,   dh/dt = (1 - h²) dz/dt,   z = W h + b of the layer before,
+    d²h/dt² = (1 - h²) (d²z/dt² - 2h (dz/dt)²)   where the second one is asked for,
 
 so one pass serves all outputs without nested differentiation. The output layer is linear. It sees
 the last h, and before it φ where there are Fourier features (a skip connection).
@@ -18,7 +19,7 @@ Source: Apostolakis and Ampountolas 2024, section V.B, for the network on raw ti
 NeurIPS 2020, for Fourier features.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -78,38 +79,42 @@ class Network:
         )
         return shared
 
-    def features(self, time: Array) -> tuple[Array, Array]:
-        """(N,) seconds to the first layer's inputs (N, F) and their derivatives."""
+    def features(self, time: Array, order: int = 1) -> tuple[Array, ...]:
+        """(N,) seconds to the first layer's inputs (N, F), and their derivatives up to an order."""
         library, column = library_of(time), time[:, None]
+        lines = column, library.ones_like(column), library.zeros_like(column)
         if not len(self._angular):
-            return column, library.ones_like(column)
+            return lines[: order + 1]
         angular, scale = library.asarray(self._angular), 2 / self._duration
         phase = column * angular
-        sine, cosine = library.sin(phase), library.cos(phase)
-        rates = library.full_like(column, scale), angular * cosine, -angular * sine
-        return (
-            library.concatenate((scale * column - 1, sine, cosine), axis=1),
-            library.concatenate(rates, axis=1),
-        )
+        sine, cosine, rows = library.sin(phase), library.cos(phase), []
+        for line in (scale * column - 1, scale * lines[1], lines[2])[: order + 1]:
+            rows.append(library.concatenate((line, sine, cosine), axis=1))
+            sine, cosine = angular * cosine, -angular * sine
+        return tuple(rows)
 
-    def activations(self, value: Array, rate: Array) -> tuple[Array, Array]:
-        """The last tanh layer (N, width) and its derivative, from those of `features`."""
-        tanh = library_of(value).tanh
+    def activations(self, features: Sequence[Array]) -> tuple[Array, ...]:
+        """The last tanh layer (N, width) and its derivatives, from those of `features`."""
+        rows: list[Any] = list(features)
+        tanh = library_of(features[0]).tanh
         for weight, bias in self.hidden:
-            value, through = tanh(value @ weight.T + bias), rate @ weight.T
-            rate = (1 - value * value) * through
-        return value, rate
+            through: list[Any] = [row @ weight.T for row in rows]
+            value: Any = tanh(through[0] + bias)
+            rows = [value, *((1 - value * value) * rate for rate in through[1:])]
+            if len(rows) > 2:
+                rows[2] = rows[2] - 2 * value * rows[1] * through[1]
+        return tuple(rows)
 
-    def __call__(self, time: Array) -> tuple[Array, Array]:
-        """(N,) seconds to outputs (N, 2M+1) in the order of `output_columns`, and their rates."""
-        value, rate = self.features(time)
-        seen, seen_rate = self.activations(value, rate)
-        weight, bias = self.output
+    def __call__(self, time: Array, order: int = 1) -> tuple[Array, ...]:
+        """(N,) seconds to outputs (N, 2M+1) in the order of `output_columns`, and derivatives."""
+        features = self.features(time, order)
+        seen = self.activations(features)
         if len(self._angular):
-            concatenate = library_of(value).concatenate
-            seen = concatenate((value, seen), axis=1)
-            seen_rate = concatenate((rate, seen_rate), axis=1)
-        return seen @ weight.T + bias, seen_rate @ weight.T
+            concatenate = library_of(time).concatenate
+            seen = tuple(concatenate(pair, axis=1) for pair in zip(features, seen, strict=True))
+        outputs = [row @ self.output.weight.T for row in seen]
+        outputs[0] = outputs[0] + self.output.bias
+        return tuple(outputs)
 
     def set_output(self, weights: FloatArray) -> None:
         """Take the output layer from weights (K, 2M+1), biases in the first row."""

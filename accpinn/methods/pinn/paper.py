@@ -11,16 +11,25 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from accpinn.methods.fit import Checkpoint, HoldoutLoss
+from accpinn.methods.fit import Checkpoint, Fit, HoldoutLoss
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import Learned, LossTerms, Training, loss_terms, output_columns
+from accpinn.methods.pinn.loss import (
+    LossTerms,
+    Motion,
+    Training,
+    loss_terms,
+    output_columns,
+    trajectories,
+)
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.regression import Regression, Solution
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask
 
+Part = tuple[Tensor, Tensor, Tensor | None]
+"""Time, data and mask at some instants."""
 CHUNK = 5
 """Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
 
@@ -32,7 +41,7 @@ class PaperTraining(Training):
 
     def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
         """Build network, parameters and the split into training and test instants."""
-        super().__init__(segment, case, config, threads)
+        super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         sets = 1 if case == "I" else self.followers
@@ -43,8 +52,7 @@ class PaperTraining(Training):
         self._adam = Adam(self._unknowns)
         self._lbfgs: torch.optim.LBFGS | None = None
         self._test = _draw_test(segment.samples, config.test_share, config.seed)
-        self._time = torch.tensor(segment.time)
-        self._train = self._at(~self._test)
+        self._train, self._kept_out = self._at(~self._test), self._at(self._test)
         self._iteration = 0
         self._note("Adam")
 
@@ -106,47 +114,45 @@ class PaperTraining(Training):
         alpha, beta, tau = self._parameters.clamp(min=0.0).expand(self.followers, 3).T
         return torch.stack([alpha, alpha * tau, beta], 1)
 
-    def _loss(self) -> LossTerms:
-        time, data, mask = self._train
-        outputs, rates = self._learnable(time)
-        return loss_terms(outputs, rates, data, self._theta(), self.config, mask, self.model)
+    def _loss(self, part: Part | None = None) -> LossTerms:
+        """Ψ of the training instants, or of others."""
+        time, data, mask = part or self._train
+        theta = self._theta()
+        motion = Motion(*self._learnable(time, self.order))
+        if self.model and "delay" in self.terms:
+            motion = motion.with_earlier(self._learnable, time, self.model.term(theta, "delay"))
+        return loss_terms(motion, data, theta, self.config, mask, self.model)
 
-    def outputs(self) -> FloatArray:
-        """(N, 2M+1) the present surrogate on all instants."""
-        return self.network(self.segment.time)[0]
+    def surrogate(self) -> Trajectories:
+        """The present surrogate on all instants."""
+        return trajectories(self.segment.time, self.network(self.segment.time)[0])
 
     @torch.no_grad()
-    def learned(self) -> Learned:
+    def fit(self) -> Fit:
         """The surrogate on all instants, the parameters, and the losses on both parts."""
-        outputs, rates = self._learnable(self._time)
-        loss = self._loss_at(~self._test, outputs, rates).values()
+        outputs, rates = self.network(self.segment.time)
+        loss = self._loss().values()
         arrays = self.network.arrays()
         findings: tuple[HoldoutLoss, ...] = ()
         if self._test.any():
             arrays["test"] = self._test.astype(float)
-            kept_out = self._loss_at(self._test, outputs, rates).values()
+            kept_out = self._loss(self._kept_out).values()
             loss |= {"test_data": kept_out["data"], "test_physics": kept_out["physics"]}
             instants = int(self._test.sum())
             findings = (HoldoutLoss(instants, kept_out["data"], kept_out["physics"]),)
-        return Learned(
-            outputs=outputs.numpy(),
-            solution=self._solution(outputs.numpy(), rates.numpy()),
-            loss=loss,
+        return self._fit(
+            self._solution(outputs, rates),
+            trajectories(self.segment.time, outputs),
+            loss,
             network_weights=self.network.size,
             arrays=arrays,
             findings=findings,
         )
 
-    def _loss_at(self, instants: Mask, outputs: Tensor, rates: Tensor) -> LossTerms:
-        rows, (_, data, mask) = torch.from_numpy(instants), self._at(instants)
-        return loss_terms(
-            outputs[rows], rates[rows], data, self._theta(), self.config, mask, self.model
-        )
-
-    def _at(self, instants: Mask) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Time, data and mask at some instants."""
+    def _at(self, instants: Mask) -> Part:
         mask = None if self.mask is None else torch.from_numpy(self.mask[instants])
-        return self._time[instants], torch.from_numpy(self.measured[instants]), mask
+        time, measured = self.segment.time[instants], self.measured[instants]
+        return torch.from_numpy(time), torch.from_numpy(measured), mask
 
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""

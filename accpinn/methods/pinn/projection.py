@@ -102,7 +102,12 @@ class Projection:
     """The output layer of a network on the instants of a segment."""
 
     def __init__(
-        self, network: Network, time: FloatArray, measured: FloatArray, mask: Mask | None
+        self,
+        network: Network,
+        time: FloatArray,
+        measured: FloatArray,
+        mask: Mask | None,
+        order: int = 1,
     ) -> None:
         """Sum the products of the data and what does not pass through the hidden layers.
 
@@ -111,38 +116,56 @@ class Projection:
             time: (N,) in s from the window's start.
             measured: (N, 2M+1) in the order of `output_columns`.
             mask: as for `NormalEquations.of`.
+            order: of the highest derivative in time, 1 or 2.
         """
         self.network, self._measured, self._mask = network, measured, mask
-        value, rate = network.features(time)
-        self.skipped = np.zeros((len(value), 2, value.shape[1] + 1))
-        """(N, 2, F + 1) a constant and the features, and their derivatives."""
-        self.skipped[:, 0, 0] = 1.0
-        self.skipped[:, 0, 1:], self.skipped[:, 1, 1:] = value, rate
-        self._sums = NormalEquations.of(self.skipped, measured, mask)
+        self._order = order
+        self.skipped = self._features(time)
+        """(N, 1 + order, F + 1) a constant and the features, and their derivatives."""
+        self._sums = NormalEquations.of(self.skipped[:, :2], measured, mask)
+
+    def _features(self, time: FloatArray) -> FloatArray:
+        features = np.stack(self.network.features(time, self._order), axis=1)
+        constant = np.zeros((*features.shape[:2], 1))
+        constant[:, 0] = 1.0
+        return np.concatenate([constant, features], axis=2)
 
     def hidden(self) -> FloatArray:
-        """(N, 2, width) the present activations and their derivatives."""
-        value, rate = self.skipped[:, :, 1:].swapaxes(0, 1)
-        return np.stack(self.network.activations(value, rate), axis=1)
+        """(N, 1 + order, width) the present activations and their derivatives."""
+        return self._hidden(self.skipped)
+
+    def _hidden(self, skipped: FloatArray) -> FloatArray:
+        features = skipped[:, :, 1:].swapaxes(0, 1)
+        return np.stack(self.network.activations([*features]), axis=1)
 
     def sums(self, hidden: FloatArray) -> NormalEquations:
         """The normal equations of the whole output layer."""
-        return self._sums.extended(self.skipped, hidden, self._measured, self._mask)
+        skipped = self.skipped[:, :2]
+        return self._sums.extended(skipped, hidden[:, :2], self._measured, self._mask)
+
+    def seen(self, hidden: FloatArray) -> FloatArray:
+        """(N, 1 + order, K) Φ and its derivatives."""
+        return np.concatenate([self.skipped, hidden], axis=2)
+
+    def seen_at(self, time: FloatArray) -> FloatArray:
+        """(N, 1 + order, K) the same at other instants (N,), for the present hidden layers."""
+        skipped = self._features(time)
+        return np.concatenate([skipped, self._hidden(skipped)], axis=2)
 
     def past_hidden(self, weights: FloatArray) -> FloatArray:
-        """(N, 2, 2M+1) what the skip connection contributes, for the output layer (K, 2M+1)."""
+        """(N, 1 + order, 2M+1) the skip connection's part, for the output layer (K, 2M+1)."""
         return _mapped(self.skipped, weights[: self.skipped.shape[2]])
 
-    def surrogate(self, hidden: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(N, 2M+1) outputs and their rates."""
-        both = self.past_hidden(weights) + _mapped(hidden, weights[self.skipped.shape[2] :])
-        return both[:, 0], both[:, 1]
+    def surrogate(self, hidden: FloatArray, weights: FloatArray) -> FloatArray:
+        """(1 + order, N, 2M+1) outputs and their derivatives."""
+        through = weights[self.skipped.shape[2] :]
+        return (self.past_hidden(weights) + _mapped(hidden, through)).swapaxes(0, 1)
 
 
 def _mapped(columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """(N, 2, L) from values and rates (N, 2, K) and weights (K, L)."""
+    """(N, D, L) from values and derivatives (N, D, K) and weights (K, L)."""
     flat = columns.reshape(-1, columns.shape[2]) @ weights
-    return np.asarray(flat.reshape(len(columns), 2, -1))
+    return np.asarray(flat.reshape(*columns.shape[:2], -1))
 
 
 def _products(left: FloatArray, right: FloatArray, count: int) -> FloatArray:

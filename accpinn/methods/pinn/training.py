@@ -7,14 +7,14 @@ PyTorch takes a second or two to be imported, in a thread while something else i
 
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from math import sqrt
 from threading import Thread
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,14 +22,13 @@ from accpinn.errors import AccpinnError, ConfigError, SegmentError
 from accpinn.methods.fit import (
     Continued,
     Fit,
-    MethodFinding,
     Outcome,
     PaperEstimate,
     Recorder,
     ResidualEstimate,
 )
 from accpinn.methods.method import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
-from accpinn.methods.pinn.calibrated import CalibratedTraining, drawn
+from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
     CALIBRATED,
     FAST,
@@ -40,7 +39,7 @@ from accpinn.methods.pinn.config import (
     PinnConfig,
     PresetName,
 )
-from accpinn.methods.pinn.loss import Learned, Training, output_columns
+from accpinn.methods.pinn.loss import Training, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING
@@ -48,6 +47,7 @@ from accpinn.model.registry import PAPER as PAPER_MODEL
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
+Running = TypeVar("Running", bound=Training)
 MOST_THREADS = 4 * (os.cpu_count() or 2)
 CURVE_EVERY = 1.0
 """Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
@@ -66,8 +66,10 @@ _PER_FEATURE, _MASKED = (48, 3), (60, 5)
 measured, without a mask and with one."""
 _OTHER_MODEL = (115, 22)
 """The same for a model whose derivatives differ from instant to instant."""
-_PER_INSTANT = 5_000
-"""Bytes per instant that `paper` takes at its peak; measured."""
+_LATE_MODEL = (130, 72)
+"""The same with a lag or a delay."""
+_PER_INSTANT, _LATE_INSTANT = 5_000, 15_000
+"""Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
 TORCH_ABSENT = (ImportError, OSError)
@@ -117,12 +119,7 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
         raise ConfigError(
             "The network's weights are missing, or another network's; train again."
         ) from None
-    return _motion(time, network(time)[0])
-
-
-def _motion(time: FloatArray, outputs: FloatArray) -> Trajectories:
-    speeds, gaps = output_columns(outputs.shape[1] // 2)
-    return Trajectories(time, outputs[:, speeds], outputs[:, gaps])
+    return trajectories(time, network(time)[0])
 
 
 @_needing_torch()
@@ -149,102 +146,36 @@ def training(
         ConfigError: when the number of threads is no sensible one.
         SegmentError: when the segment is too long to be trained on.
     """
-    return _trained(segment, case, settings or FAST, context, law)[0]
-
-
-def _trained(
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
-    context: TaskContext,
-    law: Law,
-    together: tuple[Segment, ...] = (),
-) -> tuple[Fit, Learned]:
-    """Train on a segment, or draw it with the parameters of several ``together``."""
-    threads = _default(config.preset) if context.threads is None else _allowed(context.threads)
+    config = settings or FAST
+    threads = _threads(config.preset, context)
     require_memory(segment, config, law.model)
-
-    def begin() -> tuple[Training, Recorder]:
-        return _begun(segment, case, config, threads, together, law), Recorder()
-
-    started = saved = drawn = time.perf_counter()
-    (training, recorder), earlier = begin(), 0.0
-    checkpoints = context.checkpoints if training.has_checkpoints else None
-    state = checkpoints.load(training.planned) if checkpoints else None
-    if checkpoints and state:
-        try:
-            training.restore(state)
-            recorder.restore(state)
-            earlier = float(state["seconds"])
-        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
-            checkpoints.reject(fault)
-            training, recorder = begin()
-    outcome = training.outcome
-    begun: list[MethodFinding] = [Continued(training.progress.iteration)] if earlier else []
-
-    def elapsed() -> Seconds:
-        return earlier + time.perf_counter() - started
-
-    def report() -> None:
-        nonlocal drawn
-        now = replace(training.progress, seconds=elapsed())
-        recorder.add(now)
-        if not context.on_progress:
-            return
-        if outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
-            drawn, outputs = time.perf_counter(), training.outputs()
-            surrogate = None if outputs is None else _motion(segment.time, outputs)
-            now = replace(now, surrogate=surrogate)
-        context.on_progress(now)
-
-    def save() -> None:
-        if checkpoints:
-            seconds = {"seconds": np.array(elapsed())}
-            checkpoints.save(training.state() | recorder.state() | seconds)
-
-    try:
-        if not earlier:
-            report()
-        while outcome is None:
-            if context.is_stopped:
-                outcome = Outcome.STOPPED
-                break
-            training.advance()
-            outcome = training.outcome
-            report()
-            if outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
-                save()
-                saved = time.perf_counter()
-    finally:  # also where it is interrupted
-        if outcome is not Outcome.DIVERGED:
-            save()
-    learned = training.learned()
-    fit = Fit.of(
-        "pinn",
-        segment,
-        case,
-        learned.solution,
-        surrogate=_motion(segment.time, learned.outputs),
-        outcome=outcome,
-        seconds=elapsed(),
-        config=config.to_json(),
-        loss=learned.loss,
-        history=recorder.history(),
-        iterations=training.progress.iteration,
-        network_weights=learned.network_weights,
-        arrays=learned.arrays,
-        findings=[*learned.findings, *begun, *_biased(config.preset, law.model)],
-        terms=learned.terms,
-    )
-    if learned.parameters is not None:
-        fit = replace(fit, parameters=learned.parameters, unconstrained=None)
-    return fit, learned
+    begin = partial(_begun, segment, case, config, threads, law)
+    fit = _driven(begin, context)[1]
+    if config.preset == "calibrated":
+        return fit
+    kind = PaperEstimate if law.model == PAPER_MODEL else ResidualEstimate
+    return replace(fit, findings=(*fit.findings, kind(config.preset)))
 
 
-def _biased(preset: PresetName, model: str) -> tuple[PaperEstimate | ResidualEstimate, ...]:
-    if preset == "calibrated":
-        return ()
-    return (PaperEstimate(preset) if model == PAPER_MODEL else ResidualEstimate(preset),)
+def _begun(segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law) -> Training:
+    """The preset's training; `calibrated` needs no PyTorch."""
+    if config.preset == "calibrated":
+        return CalibratedTraining(segment, case, config, law)
+    import_module("torch")
+    if law.model != PAPER_MODEL:
+        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
+        from accpinn.methods.pinn.late import LateFast
+
+        fast = LateFast if FOLLOWING[law.model].is_late else FollowingFast
+        kind = fast if config.preset == "fast" else FollowingPaper
+        return kind(segment, case, config, threads, law)
+    if config.preset == "fast":
+        from accpinn.methods.pinn.fast import FastTraining
+
+        return FastTraining(segment, case, config, threads)
+    from accpinn.methods.pinn.paper import PaperTraining
+
+    return PaperTraining(segment, case, config, threads)
 
 
 def _together(
@@ -268,74 +199,83 @@ def _together(
             f"windows: the preset {config.preset} takes one window, as in the paper; choose the"
             " preset calibrated, maximum-likelihood, or one window."
         )
-    first, learned = _trained(segments[0], case, config, context, law, segments)
+    _threads(config.preset, context)
+    for segment in segments:
+        require_memory(segment, config)
+    begin = partial(CalibratedTraining, segments[0], case, config, law, segments)
+    training, first = _driven(begin, context)
     fits = [first]
     for segment in segments[1:]:
         if first.outcome is Outcome.STOPPED or context.is_stopped:
             break
-        fits.append(_drawn(segment, case, config, learned))
+        started = time.perf_counter()
+        fit = training.drawn(segment)
+        fits.append(replace(fit, seconds=time.perf_counter() - started))
     return tuple(fits)
 
 
-def _drawn(segment: Segment, case: Case, config: PinnConfig, learned: Learned) -> Fit:
-    """A further window's fit with the parameters that were learned."""
-    started = time.perf_counter()
-    require_memory(segment, config)
-    evidence = learned.loss["evidence"]
-    curves = drawn(segment, config, learned.solution, learned.terms, evidence)
-    return Fit.of(
-        "pinn",
-        segment,
-        case,
-        learned.solution,
-        surrogate=_motion(segment.time, curves.outputs),
-        outcome=Outcome.CONVERGED,
-        seconds=time.perf_counter() - started,
-        config=config.to_json(),
-        loss=curves.loss,
-        network_weights=curves.network_weights,
-        arrays=curves.arrays,
-        terms=learned.terms,
-    )
+def _driven(begin: Callable[[], Running], context: TaskContext) -> tuple[Running, Fit]:
+    """Drive a training to its end, or from its last checkpoint on."""
+    started = saved = drawn = time.perf_counter()
+    training, recorder, earlier = begin(), Recorder(), 0.0
+    checkpoints = context.checkpoints if training.has_checkpoints else None
+    state = checkpoints.load(training.planned) if checkpoints else None
+    if checkpoints and state:
+        try:
+            training.restore(state)
+            recorder.restore(state)
+            earlier = float(state["seconds"])
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as fault:
+            checkpoints.reject(fault)
+            training, recorder = begin(), Recorder()
+    begun = [Continued(training.progress.iteration)] if earlier else []
+
+    def elapsed() -> Seconds:
+        return earlier + time.perf_counter() - started
+
+    def report() -> None:
+        nonlocal drawn
+        now = replace(training.progress, seconds=elapsed())
+        recorder.add(now)
+        if not context.on_progress:
+            return
+        if training.outcome is None and time.perf_counter() - drawn > CURVE_EVERY:
+            drawn = time.perf_counter()
+            now = replace(now, surrogate=training.surrogate())
+        context.on_progress(now)
+
+    def save() -> None:
+        if checkpoints:
+            seconds = {"seconds": np.array(elapsed())}
+            checkpoints.save(training.state() | recorder.state() | seconds)
+
+    try:
+        if not earlier:
+            report()
+        while training.outcome is None and not context.is_stopped:
+            training.advance()
+            report()
+            if training.outcome is None and time.perf_counter() - saved > CHECKPOINT_EVERY:
+                save()
+                saved = time.perf_counter()
+    finally:  # also where it is interrupted
+        if training.outcome is not Outcome.DIVERGED:
+            save()
+    fit = training.fit()
+    findings = (*fit.findings, *begun)
+    history = recorder.history()
+    return training, replace(fit, seconds=elapsed(), history=history, findings=findings)
 
 
-def _begun(
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
-    threads: int,
-    together: tuple[Segment, ...],
-    law: Law,
-) -> Training:
-    """The preset's training; `calibrated` needs no PyTorch."""
-    if config.preset == "calibrated":
-        return CalibratedTraining(segment, case, config, threads, together, law)
-    import_module("torch")
-    if law.model != PAPER_MODEL:
-        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
-
-        kind = FollowingFast if config.preset == "fast" else FollowingPaper
-        return kind(segment, case, config, threads, law)
-    if config.preset == "fast":
-        from accpinn.methods.pinn.fast import FastTraining
-
-        return FastTraining(segment, case, config, threads)
-    from accpinn.methods.pinn.paper import PaperTraining
-
-    return PaperTraining(segment, case, config, threads)
-
-
-def _default(preset: PresetName) -> int:
-    """How many threads a training gets where nobody chose.
+def _threads(preset: PresetName, context: TaskContext) -> int:
+    """How many threads a training gets; thousands would exhaust the system.
 
     They share each small product, and one that waits for a busy core costs far more than another
-    gains: minibatches get one, and `paper` leaves a core to others.
+    gains: where nobody chose, minibatches get one, and `paper` leaves a core to others.
     """
-    return 1 if preset != "paper" else max(1, min(4, (os.cpu_count() or 1) - 1))
-
-
-def _allowed(threads: int) -> int:
-    """How many threads a training gets; thousands would exhaust the system."""
+    threads = context.threads
+    if threads is None:
+        return 1 if preset != "paper" else max(1, min(4, (os.cpu_count() or 1) - 1))
     if type(threads) is not int or not 1 <= threads <= MOST_THREADS:
         raise ConfigError(
             f"threads: {str(threads)[:20]} is not allowed; choose 1 to {MOST_THREADS}."
@@ -351,12 +291,13 @@ def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODE
     """
     step, rate = segment.sample_time, 2 * STRETCH * config.highest_frequency
     if config.preset == "paper":
-        needed: float = _PER_INSTANT * segment.samples
-        longest: Seconds = MOST_BYTES / _PER_INSTANT * step
+        per_instant = _LATE_INSTANT if FOLLOWING[model].is_late else _PER_INSTANT
+        needed: float = per_instant * segment.samples
+        longest: Seconds = MOST_BYTES / per_instant * step
     else:
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
         if config.preset == "fast" and model != PAPER_MODEL:
-            common, own = _OTHER_MODEL
+            common, own = _LATE_MODEL if FOLLOWING[model].is_late else _OTHER_MODEL
         each = common + own * segment.followers
         features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
         needed = each * segment.samples * features
@@ -394,11 +335,10 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models without lag or delay; of the preset `calibrated` CTHPs alone."""
-    simple = tuple(key for key, model in FOLLOWING.items() if not model.is_late)
+    """All models; of the preset `calibrated` CTHPs without lag or delay alone."""
     if settings.get("preset") in ("fast", "paper"):
-        return simple
-    return tuple(key for key in simple if key in CTHPS)
+        return tuple(FOLLOWING)
+    return tuple(key for key in CTHPS if not FOLLOWING[key].is_late)
 
 
 def _variant(config: Mapping[str, Any]) -> str:

@@ -40,12 +40,12 @@ def test_training_the_hidden_layers_lowers_the_loss(config: PinnConfig, masked: 
 
 def test_a_cycle_that_does_not_lower_the_loss_is_taken_back_and_is_the_last() -> None:
     training = started(replace(FAST, learning_rate=1.0))
-    before, weights = training.progress, training.learned().arrays
+    before, weights = training.progress, training.fit().arrays
     training.advance()
     assert training.outcome is Outcome.CONVERGED
     assert training.progress.total == before.total
     assert training.progress.parameters == before.parameters
-    for name, values in training.learned().arrays.items():
+    for name, values in training.fit().arrays.items():
         np.testing.assert_array_equal(values, weights[name])
 
 
@@ -53,6 +53,6 @@ def test_an_output_layer_for_given_parameters_has_the_loss_of_the_start() -> Non
     """`calibrated` draws its curves by it."""
     given = Solution.of(Parameters.of(np.tile([0.1, 0.2, 1.3], (3, 1))).theta)
     config = replace(FAST, initial=Parameters(0.1, 0.2, 1.3))
-    learned = drawn(SEGMENT, config, given, None, evidence=2.0)
-    assert learned.loss["total"] == FastTraining(SEGMENT, "II", config).progress.total
-    assert learned.loss["evidence"] == 2.0
+    fit = drawn(SEGMENT, "II", config, given, None, evidence=2.0)
+    assert fit.loss["total"] == FastTraining(SEGMENT, "II", config).progress.total
+    assert fit.loss["evidence"] == 2.0

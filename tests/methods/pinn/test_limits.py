@@ -29,7 +29,7 @@ def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segme
     "config",
     [preset("fast"), preset("fast", highest_frequency=2.0), preset("calibrated"), preset("paper")],
 )
-@pytest.mark.parametrize("model", ["cthp", "idm"])
+@pytest.mark.parametrize("model", ["cthp", "idm", "idm-delay"])
 def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, model: str) -> None:
     step = 0.5 if masked else 0.1
     with pytest.raises(SegmentError, match="GB of memory") as caught:

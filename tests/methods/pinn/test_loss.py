@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import loss_terms, stack_outputs
+from accpinn.methods.pinn.loss import Motion, loss_terms, stack_outputs
+from accpinn.model.registry import FOLLOWING
 from tests.support.methods import WEIGHTED
 
 
@@ -51,7 +52,7 @@ def evaluate(
         stack_outputs(v_data, p_data),
     )
     arrays = outputs, rates, measured, np.stack([alpha, alpha * tau, beta], 1)
-    terms = loss_terms(*(kind(array) for array in arrays), config)
+    terms = loss_terms(Motion(*map(kind, arrays[:2])), *map(kind, arrays[2:]), config)
     return float(terms.data), float(terms.physics), float(terms.initial), float(terms.total)
 
 
@@ -76,7 +77,7 @@ def test_a_masked_instant_has_no_residual_of_the_acceleration() -> None:
     def physics(rates: np.ndarray) -> float:
         alpha, beta, tau = table.T
         theta, outputs = np.stack([alpha, alpha * tau, beta], 1), stack_outputs(v, p)
-        terms = loss_terms(outputs, rates, outputs, theta, PinnConfig(), mask)
+        terms = loss_terms(Motion(outputs, rates), outputs, theta, PinnConfig(), mask)
         return float(terms.physics)
 
     before = physics(stack_outputs(dv, dp))
@@ -84,3 +85,20 @@ def test_a_masked_instant_has_no_residual_of_the_acceleration() -> None:
     assert physics(stack_outputs(dv, dp)) == before
     dv[3, 1] += 5.0
     assert physics(stack_outputs(dv, dp)) > before
+
+
+@pytest.mark.parametrize("key", ["cthp-lag", "cthp-delay"])
+def test_a_lag_has_the_second_derivative_and_a_delay_the_earlier_command(key: str) -> None:
+    v, p, dv, dp, ddv, ddp, table = draw(2)
+    earlier = np.random.default_rng(1).standard_normal((3, *p.shape))
+    outputs, rates, late = stack_outputs(v, p), stack_outputs(dv, dp), np.array([0.4, 0.7])
+    given = {"cthp-lag": {"bends": stack_outputs(ddv, ddp)}, "cthp-delay": {"earlier": earlier}}
+    alpha, beta, tau = table.T
+    theta = np.stack([alpha, beta, tau, late])
+    motion = Motion(outputs, rates, **given[key])
+    terms = loss_terms(motion, outputs, theta, PinnConfig(), model=FOLLOWING[key])
+    gap, own, ahead = (p, v[:, 1:], v[:, :-1]) if key == "cthp-lag" else earlier
+    command = alpha * (gap - tau * own) + beta * (ahead - own)
+    reached = dv[:, 1:] + (late * ddv[:, 1:] if key == "cthp-lag" else 0.0)
+    squares = (reached - command) ** 2 + (dp - v[:, :-1] + v[:, 1:]) ** 2
+    assert terms.physics == pytest.approx(squares.mean(), rel=1e-12)

@@ -40,16 +40,17 @@ def nested_rates(outputs: torch.Tensor, time: torch.Tensor) -> torch.Tensor:
 
 @BOTH
 @pytest.mark.parametrize("followers", [1, 4])
-def test_tangent_is_automatic_differentiations_time_derivative(
+def test_tangents_are_automatic_differentiations_time_derivatives(
     followers: int, config: PinnConfig
 ) -> None:
     network = Network(followers, config, 20.0).learnable()
     time = torch.linspace(0, 20, 40, dtype=torch.float64, requires_grad=True)
-    outputs, rates = network(time)
-    expected = nested_rates(outputs, time)
+    outputs, rates, bends = network(time, 2)
     assert outputs.shape == (40, 2 * followers + 1)
-    assert float(expected.detach().abs().max()) > 0.01
-    torch.testing.assert_close(rates, expected, rtol=1e-11, atol=1e-13)
+    for values, tangent in ((outputs, rates), (rates, bends)):
+        expected = nested_rates(values, time)
+        assert float(expected.detach().abs().max()) > 0.01
+        torch.testing.assert_close(tangent, expected, rtol=1e-11, atol=1e-12)
 
 
 @BOTH

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import loss_terms
+from accpinn.methods.pinn.loss import Motion, loss_terms
 from accpinn.methods.pinn.projection import NormalEquations, solve_output, solve_parameters
 from accpinn.model.cthp import Case
 from accpinn.units import FloatArray, Mask
@@ -38,7 +38,7 @@ class Drawn:
     def loss(self, weights: FloatArray, theta: FloatArray, config: PinnConfig) -> float:
         """Ψ of the output layer ``weights`` with parameters ``theta``."""
         outputs, rates = self.value @ weights, self.rate @ weights
-        return float(loss_terms(outputs, rates, self.data, theta, config).total)
+        return float(loss_terms(Motion(outputs, rates), self.data, theta, config).total)
 
 
 def draw(followers: int, seed: int = 0, instants: int = 60, width: int = 7) -> Drawn:
