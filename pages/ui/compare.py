@@ -109,7 +109,7 @@ def show_page() -> None:
     if task:
         monitor(workspace, task, lambda running: _show(workspace, segment, running))
     elif workspace.starts or (workspace.earlier and not workspace.restored):
-        follower = pick_follower(segment, "compare_follower", labelled=False)
+        follower = pick_follower(segment.labels[1:], "compare_follower")
         _show_repeatability(_Shown(workspace, segment, (), follower))
 
 
@@ -124,7 +124,8 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
     if not rows:
         st.caption("No comparison of the methods was saved with this snapshot.")
         return
-    show.table(tables.methods_table(info, rows, pick_follower(info, "snapshots_row_follower")))
+    follower = pick_follower(info.labels[1:], "snapshots_row_follower")
+    show.table(tables.methods_table(info, rows, follower))
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
@@ -163,7 +164,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         return
     rows = workspace.compared_with_training()
     first = st.container()
-    follower = pick_follower(segment, "compare_follower", labelled=False)
+    follower = pick_follower(segment.labels[1:], "compare_follower")
     shown = _Shown(workspace, segment, rows, follower)
     with first:
         show_answer(segment.info, shown.answer, workspace.case)

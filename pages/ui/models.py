@@ -14,7 +14,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
 from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import kept
+from pages.ui.components.widgets import kept, pick_follower
 from pages.ui.session.workspace import MODEL, Workspace
 
 LEAD = (
@@ -79,13 +79,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
         st.markdown(f"**{escape_markdown(said)}**")
     _take_model(workspace, judged)
     labels = [one.info.labels[1] for one in judged]
-    at = 0
-    if len(judged) > 1:
-        at = st.selectbox(
-            "Follower", range(len(judged)), format_func=labels.__getitem__, width=320,
-            key="models_follower", label_visibility="collapsed",
-        )  # fmt: skip
-    _show_follower(workspace, judged[at])
+    _show_follower(workspace, judged[pick_follower(labels, "models_follower")])
 
 
 def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:

@@ -424,7 +424,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     page.open_tab("train_tabs", "Fit")
     assert "Start training" in labels(page)
     assert "Stop training" not in labels(page)
-    page.choose("train_follower", 1)
+    page.choose("train_follower", page.widget("train_follower").options[1])
     assert page.figures()[0]["layout"]["uirevision"] == "tracking-3"
     assert "90 % band" in [trace["name"] for trace in page.figures()[0]["data"]]
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
+from accpinn.model.registry import FOLLOWING
 from accpinn.stability.criteria import (
     checked,
     crossovers,
@@ -85,6 +86,10 @@ def test_impossible_values_are_refused(vehicle: tuple[float, float, float], word
         checked(row(AUDI, Parameters(*vehicle)))
     with pytest.raises(ParameterError, match="no vehicle"):
         checked(Parameters([], [], []))
+    idm = FOLLOWING["idm"]
+    near = idm.linearisations(idm.typical[:, None], 0.99 * idm.typical[-1])
+    assert near.s0[0] < -1e3, "almost as fast as it drives without a vehicle ahead"
+    assert checked(near).s0[0] == near.s0[0]
     assert checked(Parameters(1e-60, 0.3, 1.2)) == Parameters(0.0, 0.3, 0.0)
     assert checked(Parameters(0.0, 0.3, nan)) == Parameters(0.0, 0.3, 0.0)
 

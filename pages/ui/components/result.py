@@ -81,7 +81,7 @@ def show_result(
         _show_checks(result)
     if result.segments or result.parts.answer:
         show_answer(info, result.answer, fit.case)
-    follower = pick_follower(info, f"{page}_follower", labelled=False)
+    follower = pick_follower(info.labels[1:], f"{page}_follower")
     _show_tracking(result, follower, f"{page}_tracking")
     table = _parameter_table(result)
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}

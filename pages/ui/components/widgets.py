@@ -1,11 +1,10 @@
 """Widgets that show what the workspace holds, and report a change through a callback."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import streamlit as st
 
-from accpinn.segment.segment import Segment, SegmentInfo
 from pages.ui.session.workspace import Workspace
 
 T = TypeVar("T")
@@ -132,14 +131,9 @@ def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]
                 draw()
 
 
-def pick_follower(segment: Segment | SegmentInfo, key: str, labelled: bool = True) -> int:
-    """The index of the follower that is shown below, 0 for the first; no question about one."""
-    labels = segment.labels[1:]
+def pick_follower(labels: Sequence[str], key: str) -> int:
+    """The index of the vehicle that is shown below, 0 for the first; no question about one."""
     if len(labels) == 1:
         return 0
-    places = range(len(labels))
-    chosen = st.selectbox(
-        "Follower", places, format_func=labels.__getitem__, key=key, width=320,
-        label_visibility="visible" if labelled else "collapsed",
-    )  # fmt: skip
-    return chosen or 0
+    chosen = st.selectbox("Follower", labels, key=key, width=320, label_visibility="collapsed")
+    return labels.index(chosen) if chosen in labels else 0

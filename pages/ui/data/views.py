@@ -144,7 +144,7 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
-    follower = pick_follower(segment, "data_sensitivity_follower", labelled=False)
+    follower = pick_follower(segment.labels[1:], "data_sensitivity_follower")
     table = sensitivity_table(segment.info, results, follower)
     show.table(table)
     show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))

@@ -224,7 +224,7 @@ def _show_curves(first: Result, second: Result) -> None:
     same = first.analysis.source.sha256 == second.analysis.source.sha256
     if not (same and first.segment and first.simulated and second.simulated):
         return
-    follower = pick_follower(shorter, "beside_follower")
+    follower = pick_follower(shorter.labels[1:], "beside_follower")
     st.caption("Closed-loop simulation of both, behind the measured leader, and the data.")
     chart = tracking(first.segment, follower, None, first.simulated, height=400)
     added = tracking(second.info, follower, None, second.simulated, height=400)
