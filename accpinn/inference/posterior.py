@@ -65,7 +65,7 @@ LEAST_SHARE = 0.02
 S0 = len(COMMON)
 """Where z has s₀, in models that have it."""
 SLOWEST: MetresPerSecond = 2.0
-"""Least speed v of the time gap of proposals."""
+"""Least speed v for a time gap that is to hold in a window."""
 ROUNDING = 1e-12
 """Share of the largest variance below which a variance counts as zero."""
 

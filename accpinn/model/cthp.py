@@ -132,8 +132,9 @@ class Parameters:
     delay = _column(5, "(..) in s; a plain float for one vehicle.")
 
     def time_gap(self, speed: ArrayLike) -> FloatArray:
-        """(..) τ + s₀/v in s: the time gap in equilibrium at a speed v > 0 in m/s."""
-        return np.asarray(self.tau + self.s0 / np.asarray(speed, float))
+        """(..) τ + s₀/v in s: the time gap in equilibrium at a speed v in m/s; nan below 0.01."""
+        speed = np.asarray(speed, float)
+        return np.asarray(self.tau + self.s0 / np.where(speed > 0.01, speed, np.nan))
 
     @property
     def theta(self) -> FloatArray:

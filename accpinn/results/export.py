@@ -24,7 +24,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from accpinn.errors import ConfigError, ParameterError
-from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.posterior import AT_SPEED, SLOWEST
 from accpinn.model.cthp import Parameters
 from accpinn.model.idm import IDM
 from accpinn.model.registry import PAPER
@@ -71,7 +71,7 @@ def sumo_types(
         parameters: (M,)
         draws: (n, M) of equal weight; without them, and for followers whose draws are nan, there is
             no distribution.
-        speeds: (M,) in m/s, at which the time gap holds where s₀ is negative.
+        speeds: (M,) in m/s, at which the time gap holds where s₀ is negative; at least `SLOWEST`.
         model: whose parameters; the IDM is SUMO's own, others are as linearised.
 
     Raises:
@@ -79,7 +79,7 @@ def sumo_types(
     """
     root = ElementTree.Element("additional")
     root.append(ElementTree.Comment(ABOUT_IDM if _is_idm(model) else ABOUT_ACC))
-    speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds
+    speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds.clip(min=SLOWEST)
     for k, (name, speed) in enumerate(zip(names, speeds.tolist(), strict=True)):
         label = _identifier(name, k)
         if not np.isfinite(parameters[k].values).all():

@@ -115,6 +115,7 @@ def test_stacks_and_indices_keep_the_terms() -> None:
 def test_the_time_gap_is_the_headway_and_the_intercept_over_the_speed_and_lasts() -> None:
     np.testing.assert_allclose(PLATOON.time_gap(20.0), [1.3, 1.55, 1.1, 0.9], rtol=1e-15)
     assert PLATOON[0].time_gap(10.0) == pytest.approx(1.6, rel=1e-15)
+    assert np.isnan(PLATOON.time_gap(0.0)).all()
     time, steady = np.arange(301) * 0.1, np.full(301, 25.0)
     gaps = 25.0 * PLATOON.time_gap(25.0)
     motion = simulate(PLATOON, time, steady, steady[:4], gaps)
