@@ -38,7 +38,7 @@ def same(printed: str, expected: str, off: float) -> bool:
     [
         ("README.md", 2, 0.101, "report.html"),
         ("docs/tutorial.md", 7, 0.002, "two_followers.html"),
-        ("docs/quickstart.ipynb", 7, 0.17, None),
+        ("docs/quickstart.ipynb", 7, 0.3, None),
     ],
 )
 def test_a_document_prints_what_it_says(
