@@ -90,9 +90,10 @@ class GainCheck(Finding, frozen=True):
 
     def _words(self, about: Labelled) -> Words:
         more = self.model_peak - self.peak
+        side = f"is {abs(more):.1f} dB too {'high' if more > 0 else 'low'}"
         distance = (
             f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
-            f" frequencies), its peak {abs(more):.1f} dB too {'high' if more > 0 else 'low'}"
+            f" frequencies), its peak {'agrees' if abs(more) < 0.05 else side}"
         )
         return {"distance": distance, "Distance": distance[:1].upper() + distance[1:]}
 

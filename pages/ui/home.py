@@ -52,8 +52,8 @@ def show_page() -> None:
     else:
         st.markdown(
             "accpinn estimates the gains α and β and the time headway τ of a car's **adaptive"
-            " cruise control** from a recorded drive, with intervals, and says whether such cars"
-            " amplify disturbances."
+            " cruise control** from a recorded drive, with intervals, and says whether a line of"
+            " such cars amplifies disturbances."
         )
     _ways_in(workspace)
     runs = runs_to_see(workspace)
@@ -244,7 +244,7 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
         criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")
         learned.caption(_deviation(workspace, item))
         said = [item.subject + ".", item.outcome]
-        said += [f"Takes {item.run}."] if item.run else []
+        said += [f"Needs the recording {item.run}."] if item.run else []
         words.caption(escape_markdown(" ".join(filter(None, said))))
         with buttons.container(horizontal=True, horizontal_alignment="right"):
             _show_buttons(workspace, item, f"{key}_")

@@ -1,6 +1,6 @@
 """The answer in sentences, one a follower, and the label of estimates that are the paper's."""
 
-from math import ceil, inf, isnan, sqrt
+from math import ceil, inf, isnan
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, probability, who
@@ -97,11 +97,12 @@ def _headline(label: str, are_several: bool, answer: Answer, follower: int) -> s
 
 
 def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
-    """How well α and β are known: the less known one counts."""
+    """How far α and β may be from their values: the less known one counts."""
     spans = [answer.gain(name, follower) for name in ("alpha", "beta")]
     if any(isnan(span.value) for span in spans):
         return ()
-    factor = max(sqrt(span.upper / span.lower) if span.lower > 0 else inf for span in spans)
+    ends = [span.lower > 0 and (span.upper / span.value, span.value / span.lower) for span in spans]
+    factor = max(max(pair) if pair else inf for pair in ends)
     if factor <= 1.5:
         return (f"Its gains are known within {5 * ceil(20 * (factor - 1)):.0f} %.",)
     known = f"are known within a factor of {factor:.2g}" if factor <= 5 else "are hardly known"

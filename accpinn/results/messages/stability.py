@@ -422,7 +422,12 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     if abs(ratio - 1) < SAME_AMPLITUDE:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"
-    return f"The {what} {verb} to {ratio:.3g} times the leader's at the last follower: {size}."
+    largest = int(np.argmax(sizes))
+    at = f"; at {places.spoken(largest)} to {sizes[largest] / sizes[0]:.3g} times"
+    more = at if 0 < largest < len(sizes) - 1 else ""
+    return (
+        f"The {what} {verb} to {ratio:.3g} times the leader's at the last follower: {size}{more}."
+    )
 
 
 def by_linearisation(run: PlatoonRun) -> str:

@@ -65,8 +65,8 @@ _STYLE = """<style>
 </style>"""
 
 _STATUS = {
-    Status.QUEUED: "is waiting",
-    Status.RUNNING: "is running",
+    Status.QUEUED: "is under way",
+    Status.RUNNING: "is under way",
     Status.DONE: "is done",
     Status.STOPPED: "was stopped",
     Status.FAILED: "failed",

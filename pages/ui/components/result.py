@@ -72,16 +72,17 @@ def show_result(
     """
     info, fit = result.info, result.fit
     truth = workspace.true_parameters if workspace.segment == result.segment else None
-    _show_outcome(result)
     if result.segments or result.parts.answer:
         _show_cards(result)
-    with st.container(horizontal=True, vertical_alignment="center"):
-        if next_step:
-            next_step()
-        _show_checks(result)
+    if next_step:
+        next_step()
     if result.segments or result.parts.answer:
         show_answer(info, result.answer, fit.case)
-    follower = pick_follower(info.labels[1:], f"{page}_follower")
+    _show_outcome(result)
+    with st.container(horizontal=True, vertical_alignment="center"):
+        st.markdown(f"**{escape_markdown(name_of(fit))}: the method's own estimate**")
+        _show_checks(result)
+        follower = pick_follower(info.labels[1:], f"{page}_follower")
     _show_tracking(result, follower, f"{page}_tracking")
     table = _parameter_table(result)
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
@@ -170,11 +171,12 @@ def _about_estimates(result: Result) -> str:
 
 
 def _show_outcome(result: Result) -> None:
-    """Before all else, a training that did not end by itself."""
+    """A training that did not end by itself, above what it came to."""
     if result.fit.outcome is Outcome.DIVERGED:
         st.error(result.fit.outcome.value, icon=":material/error:")
     elif result.fit.outcome is Outcome.STOPPED:
-        st.warning(result.fit.outcome.value, icon=":material/pause_circle:")
+        text = f"{result.fit.outcome.value} The answer above does not depend on them."
+        st.warning(text, icon=":material/pause_circle:")
 
 
 def _show_checks(result: Result) -> None:

@@ -347,8 +347,9 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
     """Whether to train on all windows in car-following, where there are several."""
     count = len(windows_in_car_following(recording, workspace.vehicles))
     if count and workspace.preset == "calibrated":
+        every = "Both" if count == 2 else f"All {count}"
         st.toggle(
-            f"All {count} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
+            f"{every} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
             help="The answer's interval narrows with every window of the same vehicles, more than"
             " by any refinement in one. Methods on page Compare keep the window above.",
         )  # fmt: skip
