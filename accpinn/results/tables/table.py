@@ -170,10 +170,10 @@ class Column:
         return self.shown(cell)
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
-        """As "0.0147" and "0.0095–0.0198"."""
+        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"."""
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
-        return column.shown(cell.value), ends.replace(" to ", "–")
+        return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)
