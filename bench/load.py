@@ -39,7 +39,7 @@ STEP = 10
 """Samples by which the recordings of two users differ."""
 LENGTH: Seconds = 60.0
 """Length of the window."""
-LIGHT: Seconds = 2.0
+LIGHT: Seconds = 1.5
 """Most time for 95 % of the page views that neither open a file nor train."""
 LARGEST_MEGABYTES = 40.0
 """Most memory a user takes."""

@@ -18,7 +18,7 @@ from accpinn.inference.intervals import LEVEL
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.documents import groups_document
-from accpinn.results.messages.database import summary_line
+from accpinn.results.messages.database import counted, summary_line
 from accpinn.results.tables.groups import group_table
 from accpinn.results.tables.table import Table
 from accpinn.segment.cut import DURATION
@@ -112,8 +112,8 @@ def _batch_text(summary: BatchProgress, out: str) -> str:
     lines = [f"{out}: {summary_line(summary)}"]
     if summary.refused or summary.failed:
         lines.append(
-            f"Note: {summary.refused} files could not be read and {summary.failed} estimates"
-            f" failed; {FAILURES} says why."
+            f"Note: {counted(summary.refused, 'file')} could not be read and"
+            f" {counted(summary.failed, 'estimate')} failed; {FAILURES} says why."
         )
     if summary.unknown_names:
         listed = ", ".join(summary.unknown_names)

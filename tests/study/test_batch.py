@@ -138,7 +138,7 @@ def test_every_window_is_a_row_and_the_rest_a_failure(
     assert main(["batch", str(folder), "--out", str(study), *methods]) == 0
     shown = capsys.readouterr().out
     assert "24 rows, 24 of them known before" in shown
-    assert "1 files could not be read" in shown
+    assert "1 file could not be read" in shown
 
 
 def test_what_is_known_needs_neither_workers_nor_the_files_contents(

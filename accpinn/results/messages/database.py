@@ -37,8 +37,8 @@ def headline(whole: Group) -> str:
 def extent(whole: Group, makes: int, recordings: int) -> str:
     """The number of windows, vehicles, makes and recordings that are shown."""
     return (
-        f"{_counted(whole.windows, 'follower window')} of {_counted(whole.vehicles, 'vehicle')},"
-        f" {_counted(makes, 'make')}, {_counted(recordings, 'recording')}."
+        f"{counted(whole.windows, 'follower window')} of {counted(whole.vehicles, 'vehicle')},"
+        f" {counted(makes, 'make')}, {counted(recordings, 'recording')}."
     )
 
 
@@ -66,26 +66,26 @@ def failures_line(failures: Sequence[Failure]) -> str:
     """The number of files and estimates without a result; empty if there are none."""
     files = len({failure.file for failure in failures if failure.start is None})
     estimates = sum(failure.start is not None for failure in failures)
-    parts = [f"{_counted(files, 'file')} without a window"] if files else []
-    parts += [f"{_counted(estimates, 'estimate')} failed"] if estimates else []
+    parts = [f"{counted(files, 'file')} without a window"] if files else []
+    parts += [f"{counted(estimates, 'estimate')} failed"] if estimates else []
     return f"{' and '.join(parts)}; the tab Failures says why." if parts else ""
 
 
 def progress_line(now: BatchProgress) -> str:
     """The progress of a batch."""
-    files = f"{now.done:.0f} of {_counted(now.files, 'file')}"
-    rows = f"{_counted(now.finished, 'window')} and {_counted(now.rows, 'row')} so far"
+    files = f"{now.done:.0f} of {counted(now.files, 'file')}"
+    rows = f"{counted(now.finished, 'window')} and {counted(now.rows, 'row')} so far"
     return f"{files} · {rows}" + (f" · {now.failed} failed" if now.failed else "")
 
 
 def summary_line(summary: BatchProgress) -> str:
     """The result of a batch."""
     if summary.stopped:
-        kept = _counted(summary.rows, "row")
+        kept = counted(summary.rows, "row")
         return f"Stopped; what is finished is kept, and the same batch goes on from there: {kept}."
     counts = (
-        f"{_counted(summary.recordings, 'recording')}, {_counted(summary.windows, 'window')},"
-        f" {_counted(summary.followers, 'follower')}, {_counted(summary.rows, 'row')}"
+        f"{counted(summary.recordings, 'recording')}, {counted(summary.windows, 'window')},"
+        f" {counted(summary.followers, 'follower')}, {counted(summary.rows, 'row')}"
     )
     reused = f", {summary.reused:,} of them known before" if summary.reused else ""
     return f"Done: {counts}{reused}."
@@ -95,10 +95,11 @@ def estimate_line(estimate: BatchEstimate) -> str:
     """The expected size of a batch; "about" where not all files were read."""
     about = "" if estimate.exact else "about "
     return (
-        f"{_counted(estimate.files, 'file')}: {about}{_counted(round(estimate.windows), 'window')}"
-        f" with {about}{_counted(round(estimate.followers), 'follower')}"
+        f"{counted(estimate.files, 'file')}: {about}{counted(round(estimate.windows), 'window')}"
+        f" with {about}{counted(round(estimate.followers), 'follower')}"
     )
 
 
-def _counted(count: int, noun: str) -> str:
+def counted(count: int, noun: str) -> str:
+    """As "1 file" or "1,200 files"."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
