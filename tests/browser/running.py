@@ -39,8 +39,8 @@ ESTIMATES = "Probability of string stability"
 """In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""
-TRIES = 6
-"""How often a list is opened within that time, until it stays open."""
+TRIES_MS = (2_000, 4_000, 8_000, 16_000, 30_000)
+"""How long a list is waited for each time it is opened, until it stays open."""
 TRAINING_MS = 180_000
 """How long a fast training, or all methods on a short window, may take then."""
 
@@ -149,10 +149,10 @@ def fill(page: Page, label: str, value: str) -> None:
 def choose(page: Page, label: str, option: str) -> None:
     """Choose from a list, which closes again when the page below it moves or is drawn anew."""
     offered = page.get_by_role("option", name=option)
-    for _ in range(TRIES):
+    for patience in TRIES_MS:
         page.get_by_role("combobox", name=label).press("ArrowDown")
         with suppress(TimeoutError):
-            offered.click(timeout=PATIENCE_MS / TRIES)
+            offered.click(timeout=patience)
             break
     else:
         raise AssertionError(f"The list {label!r} does not offer {option!r}.")
