@@ -120,12 +120,21 @@ def run_fit(options: argparse.Namespace) -> int:
     # The likelihood has ended where intervals begin, and a snapshot holds them anyway.
     asked = options.intervals or options.out is not None or options.method == KEY
     with_intervals = asked and result.fit.outcome is not Outcome.STOPPED
-    show_result(options, describe_fit, fit_text, result, with_intervals)
-    if options.out is not None:
-        about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
-        saved = save(named(result, **about), options.out)
+    try:  # before it is printed, as whoever reads that may close the pipe after the first line
+        saved = _saved(result, options)
+    finally:
+        show_result(options, describe_fit, fit_text, result, with_intervals)
+    if saved:
         note(f"Saved as {saved}.")
     return 130 if result.fit.outcome is Outcome.STOPPED else 0
+
+
+def _saved(result: Result, options: argparse.Namespace) -> Path | None:
+    """Where the result was saved; None where that was not asked for."""
+    if options.out is None:
+        return None
+    about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
+    return save(named(result, **about), options.out)
 
 
 def _settings(options: argparse.Namespace) -> PinnConfig | None:
