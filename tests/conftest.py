@@ -91,3 +91,10 @@ def fresh_server(
     for queue in (server.task_queue, server.batch_queue, server.download_queue):
         queue().close()
     st.cache_resource.clear()
+
+
+@pytest.fixture(scope="module")
+def all_draws() -> Iterator[None]:
+    """As many as users have; the tests of a module share what they are of."""
+    with draws.as_users_have():
+        yield

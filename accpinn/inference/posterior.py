@@ -163,7 +163,7 @@ def sample(
     rng = np.random.default_rng(seed)
     means = (np.nanmean(series.measured[:, 1, series.members(g)]) for g in range(len(maxima)))
     speeds = [max(SLOWEST, float(mean)) for mean in means]
-    least = criterion.lower[-1] if _has_delay(form) else -np.inf
+    least = criterion.lower[-1] if FOLLOWING[form].is_late else -np.inf
     proposals = [
         Proposal.at([_by_time_gap(part, speed) for part in parts], least)
         for parts, speed in zip(_first_parts(criterion, maxima), speeds, strict=True)
@@ -197,11 +197,6 @@ def sample(
     return tuple(best[g] for g in range(len(maxima)))
 
 
-def _has_delay(form: Form) -> bool:
-    """Whether the last unknown is a lag or a delay."""
-    return not {"lag", "delay"}.isdisjoint(FOLLOWING[form].terms)
-
-
 def _by_time_gap(maximum: Maximum, speed: MetresPerSecond) -> Maximum:
     """A maximum in the coordinates w of proposals."""
     if "s0" not in FOLLOWING[maximum.form].terms:
@@ -232,7 +227,7 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
     A form with a curved posterior has one part for each of several values of its lag or delay.
     """
     is_free = criterion.lower[-1] < criterion.upper[-1]
-    if not is_free or not _has_delay(criterion.form):
+    if not is_free or not FOLLOWING[criterion.form].is_late:
         return [[maximum] for maximum in maxima]
     rows = np.array([np.append(m.coordinates[:-1], lag) for lag in GRID for m in maxima])
     criterion.negligible = ROUGH

@@ -101,8 +101,10 @@ def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
     spans = [answer.gain(name, follower) for name in ("alpha", "beta")]
     if any(isnan(span.value) for span in spans):
         return ()
-    ends = [span.lower > 0 and (span.upper / span.value, span.value / span.lower) for span in spans]
-    factor = max(max(pair) if pair else inf for pair in ends)
+    factor = max(
+        max(span.upper / span.value, span.value / span.lower) if span.lower > 0 else inf
+        for span in spans
+    )
     if factor > 5.0:
         return ("Its gains are hardly known.",)
     share = f"{5 * ceil(20 * (factor - 1)):.0f} %"

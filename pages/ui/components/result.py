@@ -72,13 +72,14 @@ def show_result(
     """
     info, fit = result.info, result.fit
     truth = workspace.true_parameters if workspace.segment == result.segment else None
-    if result.segments or result.parts.answer:
+    has_answer = bool(result.segments or result.parts.answer)
+    if has_answer:
         _show_cards(result)
     if next_step:
         next_step()
-    if result.segments or result.parts.answer:
+    if has_answer:
         show_answer(info, result.answer, fit.case)
-    _show_outcome(result)
+    _show_outcome(fit.outcome, has_answer)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.markdown(f"**{escape_markdown(name_of(fit))}: the method's own estimate**")
         _show_checks(result)
@@ -88,7 +89,7 @@ def show_result(
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
     if history := fit.history:
         views["Training"] = lambda: _show_history(result, history, truth, page)
-    if result.segments or result.parts.answer:
+    if has_answer:
         views["Windows"] = lambda: _show_windows(workspace, result, follower)
     views["Comparison"] = lambda: _show_comparison(workspace, result, truth, page, follower)
     tabs(workspace, f"{page}_tabs", views | dict(more or {}) | {
@@ -170,13 +171,13 @@ def _about_estimates(result: Result) -> str:
     )
 
 
-def _show_outcome(result: Result) -> None:
-    """A training that did not end by itself, above what it came to."""
-    if result.fit.outcome is Outcome.DIVERGED:
-        st.error(result.fit.outcome.value, icon=":material/error:")
-    elif result.fit.outcome is Outcome.STOPPED:
-        text = f"{result.fit.outcome.value} The answer above does not depend on them."
-        st.warning(text, icon=":material/pause_circle:")
+def _show_outcome(outcome: Outcome, has_answer: bool) -> None:
+    """How a training ended that did not end by itself, above what it came to."""
+    if outcome is Outcome.DIVERGED:
+        st.error(outcome.value, icon=":material/error:")
+    elif outcome is Outcome.STOPPED:
+        beside = " The answer above does not depend on them." if has_answer else ""
+        st.warning(outcome.value + beside, icon=":material/pause_circle:")
 
 
 def _show_checks(result: Result) -> None:
