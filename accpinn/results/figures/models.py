@@ -19,7 +19,7 @@ SPEEDS = 25
 BEYOND = 0.35
 """Share of the recorded range of speeds that is shown beyond it on either side."""
 RECORDED = "rgba(128, 140, 155, 0.16)"
-BAND, DRAWN = 0.14, 100
+BAND, DRAWN = 0.2, 100
 """Opacity of a band, and the draws that it is of."""
 
 
