@@ -130,7 +130,7 @@ def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
     show.chart(forest(result.infos, result.answer, follower, colour), "windows_forest")
     st.caption(
         f"Time gap at {3.6 * result.answer.stated_speed:.0f} km/h of each window alone with its"
-        " interval. Line and dark band: the answer, the vehicle's typical value. Light band: the"
+        " interval. Line and inner band: the answer, the vehicle's typical value. Outer band: the"
         " interval for a further window."
     )
     _choose_windows(workspace)
