@@ -66,7 +66,7 @@ COLUMNS: dict[str, Any] = {
     "beta": _number("β [1/s]", format="%.3f"),
     "mean_time_gap": _number("Mean time gap [s]", format="%.2f"),
     "mean_speed": _number("Speed [m/s]", format="%.1f"),
-    "p_l2_stable": _number("P(L₂)", format="%.2f"),
+    "p_l2_stable": _number("P(L₂)", format="percent"),
 }
 """The columns of the list of rows, with headings and formats, by their names in the results."""
 FILTERS: Mapping[str, str] = {
@@ -419,8 +419,8 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
     )  # fmt: skip
     st.caption(
         f"{len(selected.rows):,} rows. {whose} P(L₂): probability of L₂ string stability under the"
-        " answer's model; 0.00 stands for under 1 %, 1.00 for over 99 %. Click on a heading to"
-        " sort, on the magnifier to search, on the left edge of a row to choose it."
+        " answer's model. Click on a heading to sort, on the magnifier to search, on the left edge"
+        " of a row to choose it."
     )
     _show_chosen(workspace, rows, selected)
     st.download_button(
