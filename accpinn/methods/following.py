@@ -37,7 +37,7 @@ from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
 from accpinn.model.registry import FOLLOWING, Held
 from accpinn.segment.segment import Segment, median_speeds
-from accpinn.units import FloatArray, Mask, Seconds
+from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
 STEP: Seconds = 0.4
 """Step of the integration; half of it with a lag or a delay, which may be as fast."""
@@ -393,6 +393,6 @@ def fit(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -
         Outcome.CONVERGED if converged else Outcome.FINISHED,
         0.0,
         {"starts": STARTS},
-        {"total": float(np.nanmean(errors))},
+        {"total": float(known_mean(errors.ravel()))},
         findings=tuple(findings),
     )

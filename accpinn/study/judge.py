@@ -265,16 +265,14 @@ def subjects_of(
         try:
             chosen = windows or car_following(recording, pair, LONGEST)
             long = windows or car_following(recording, pair, LONGEST_STRETCH)
-            segments = [cut(recording, w.start, w.duration, pair) for w in chosen]
             stretches = [cut(recording, w.start, w.duration, pair) for w in long]
+            if len(chosen) < LEAST_WINDOWS:
+                each = -(-LEAST_WINDOWS // len(chosen))
+                chosen = [part for whole in chosen for part in blocks(whole, each)]
+            segments = [cut(recording, w.start, w.duration, pair) for w in chosen]
         except SegmentError as fault:
             faults.append(fault)
             continue
-        if len(segments) < LEAST_WINDOWS:
-            parts = [
-                part for whole in chosen for part in blocks(whole, -(-LEAST_WINDOWS // len(chosen)))
-            ]
-            segments = [cut(recording, part.start, part.duration, pair) for part in parts]
         kept = tuple(part for part in stretches if part.window.duration >= STRETCH)
         subjects.append(Subject(tuple(segments), kept))
     if not subjects:
