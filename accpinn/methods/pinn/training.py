@@ -68,7 +68,7 @@ _OTHER_MODEL = (115, 22)
 """The same for a model whose derivatives differ from instant to instant."""
 _LATE_MODEL = (130, 72)
 """The same with a lag or a delay."""
-_PER_INSTANT, _LATE_INSTANT = 5_000, 15_000
+_PER_INSTANT, _LATE_INSTANT = 15_000, 25_000
 """Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
 MOST_FEATURES = 20_000
 """`redraw` refuses more; a window of a day has fewer."""
