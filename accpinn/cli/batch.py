@@ -12,7 +12,7 @@ from tqdm import tqdm
 from accpinn.channels import fields
 from accpinn.cli.options import add_method_help
 from accpinn.cli.output import interruptible, print_json, show, show_result
-from accpinn.cli.recording import add_json_option
+from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.registry import BEST, FOLLOWING

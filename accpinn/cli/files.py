@@ -7,7 +7,7 @@ from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key, fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
-from accpinn.cli.recording import add_json_option
+from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording

@@ -5,7 +5,7 @@ from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
 from accpinn.cli.output import show_result
-from accpinn.cli.recording import add_json_option
+from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters

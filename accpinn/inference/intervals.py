@@ -22,9 +22,8 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.posterior import STAGES
-from accpinn.inference.window_posterior import sampled, simulated_posterior
+from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import KEY

@@ -10,8 +10,7 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import Run, catalogue
-from accpinn.recordings.download import PUBLISHED_AT
+from accpinn.recordings.catalogue import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.mapping import CsvMapping, preview, write_mapping
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
