@@ -6,7 +6,7 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.model.registry import FOLLOWING, JUDGED
-from accpinn.results.figures import models as figures
+from accpinn.results.figures import comparison as figures
 from accpinn.results.messages import messages
 from accpinn.results.tables.models import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of

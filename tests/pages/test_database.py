@@ -15,7 +15,7 @@ from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Mode, Window
-from accpinn.results.messages.database import extent, headline
+from accpinn.results.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study
 from accpinn.study.studies import FILE, Answer, Request, written

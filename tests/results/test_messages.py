@@ -23,12 +23,12 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.platoon.simulation import AFTER_COLLISION, simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
+from accpinn.results import database as on_batch
 from accpinn.results.messages import answer as on_answer
-from accpinn.results.messages import database as on_batch
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
-from accpinn.results.messages.recording import driver_summary, suggestion_reasons
 from accpinn.results.messages.stability import headline, reason
+from accpinn.results.recording import driver_summary, suggestion_reasons
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import KnownVehicles, known_vehicles

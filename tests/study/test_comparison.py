@@ -17,7 +17,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
-from accpinn.results.tables.recording import regimes_table, sensitivity_table
+from accpinn.results.recording import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
 from accpinn.study.analysis import Analysis

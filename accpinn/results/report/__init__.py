@@ -51,6 +51,7 @@ from accpinn.results.messages.stability import (
     by_linearisation,
     reason,
 )
+from accpinn.results.reproduction import verification_table
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     TITLES,
@@ -64,7 +65,6 @@ from accpinn.results.tables.estimates import (
 from accpinn.results.tables.models import judged_table
 from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.tables.table import STYLE, Column, Table
-from accpinn.results.tables.verification import verification_table
 from accpinn.results.vehicles import at_speed, known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.lagged import is_lagged

@@ -18,7 +18,7 @@ from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
-from accpinn.results.messages.recording import (
+from accpinn.results.recording import (
     MEANING,
     WORDS,
     driver_summary,

@@ -11,7 +11,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
-from accpinn.results.messages.database import estimate_line, progress_line, summary_line
+from accpinn.results.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
 from accpinn.study.studies import Request, studies, study_path

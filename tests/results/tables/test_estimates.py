@@ -21,6 +21,7 @@ from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
+from accpinn.results.recording import quality_table
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PROBABILITY,
@@ -33,7 +34,6 @@ from accpinn.results.tables.estimates import (
     name_of,
     parameter_table,
 )
-from accpinn.results.tables.recording import quality_table
 from accpinn.results.tables.stability import (
     WORDS,
     amplitude_table,
