@@ -50,12 +50,13 @@ from accpinn.results.messages.answer import cards
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
     intervals_table,
+    judged_table,
     methods_table,
     model_form_table,
+    model_parameters_table,
     parameter_table,
     starts_table,
 )
-from accpinn.results.tables.models import judged_table, model_parameters_table
 from accpinn.results.tables.stability import verdict_table
 from accpinn.results.tables.table import Table
 from accpinn.results.vehicles import known_vehicles

@@ -24,7 +24,8 @@ from accpinn.results.messages.stability import (
     reason,
     smallest_gap,
 )
-from accpinn.results.tables.stability import amplitude_table, answer, stability_table
+from accpinn.results.tables.estimates import answer
+from accpinn.results.tables.stability import amplitude_table, stability_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.study.result import Result

@@ -30,8 +30,8 @@ from accpinn.results.messages.stability import (
     reason,
 )
 from accpinn.results.messages.summary import conditional
+from accpinn.results.tables.estimates import answer
 from accpinn.results.tables.stability import (
-    answer,
     criteria_part,
     measured_gain_table,
     stability_table,

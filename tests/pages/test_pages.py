@@ -26,8 +26,14 @@ from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, store, task_queue
-from pages.ui.session.windows import windows_in_car_following
+from pages.ui.session.resources import (
+    FIRST_SAMPLE,
+    SAMPLES,
+    sample,
+    store,
+    task_queue,
+    windows_in_car_following,
+)
 from pages.ui.session.workspace import ALL_WINDOWS, MODEL, Workspace
 from tests.support.apptest import (
     COMPARE,

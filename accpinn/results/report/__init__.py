@@ -55,6 +55,7 @@ from accpinn.results.reproduction import verification_table
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     TITLES,
+    judged_table,
     methods_table,
     model_form_table,
     name_of,
@@ -62,7 +63,6 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
-from accpinn.results.tables.models import judged_table
 from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.tables.table import STYLE, Column, Table
 from accpinn.results.vehicles import at_speed, known_vehicles

@@ -14,6 +14,7 @@ from accpinn.model.published import ParameterSet
 from accpinn.platoon.simulation import PlatoonRun
 from accpinn.results.tables.estimates import (
     TERM_COLUMNS,
+    answer,
     driver_cells,
     parameter_cells,
     supported_columns,
@@ -28,7 +29,7 @@ from accpinn.results.tables.table import (
     percent_cells,
 )
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.stability.report import Assessment, StabilityReport, Verdict, assessment
+from accpinn.stability.report import Assessment, StabilityReport, assessment
 from accpinn.units import FloatArray
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
@@ -182,9 +183,3 @@ def measured_gain_table(label: str, measured: MeasuredGain) -> Table:
             (Column("Coherence", "", 3), measured.coherence),
         ],
     )
-
-
-def answer(verdict: Verdict) -> str:
-    """YES or NO as the paper prints it; marginal cases are named."""
-    word = "YES" if verdict.stable else "NO"
-    return f"{word}, marginal" if verdict.marginal else word

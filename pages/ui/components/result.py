@@ -42,9 +42,8 @@ from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, pick_follower, tabs
-from pages.ui.session.resources import library
+from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
-from pages.ui.session.windows import windows_in_car_following
 from pages.ui.session.workspace import WINDOWS_OFF, Workspace, recording_duration
 from pages.ui.snapshots.listing import title_of
 

@@ -36,7 +36,7 @@ from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.windows import windows_in_car_following
+from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, Workspace
 
 CASES: Mapping[Case, str] = {
