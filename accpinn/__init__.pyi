@@ -23,10 +23,10 @@ from .model.cthp import Case as Case
 from .model.cthp import Parameters as Parameters
 from .model.published import PUBLISHED as PUBLISHED
 from .model.published import ParameterSet as ParameterSet
+from .platoon import simulate_platoon as simulate_platoon
 from .platoon.leader import Brake as Brake
 from .platoon.leader import Sinusoid as Sinusoid
 from .platoon.leader import SpeedStep as SpeedStep
-from .platoon.simulation import simulate_platoon as simulate_platoon
 from .recordings.catalogue import catalogue as catalogue
 from .recordings.download import download as download
 from .recordings.files import read as read
@@ -36,10 +36,10 @@ from .results.documents import parameter_card as parameter_card
 from .results.export import sumo_types as sumo_types
 from .results.messages import messages as messages
 from .results.report import render_report as render_report
+from .results.tables import Table as Table
 from .results.tables.estimates import methods_table as methods_table
 from .results.tables.estimates import parameter_table as parameter_table
 from .results.tables.stability import stability_table as stability_table
-from .results.tables.table import Table as Table
 from .segment.cut import cut as cut
 from .segment.quality import assess_quality as assess_quality
 from .segment.quality import exclude_regimes as exclude_regimes

@@ -19,7 +19,7 @@ from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted, group_table, summary_line
 from accpinn.results.documents import groups_document
-from accpinn.results.tables.table import Table
+from accpinn.results.tables import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
 from accpinn.study.comparison import parse_methods

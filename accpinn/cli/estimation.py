@@ -47,6 +47,7 @@ from accpinn.results.documents import (
 )
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
+from accpinn.results.tables import Table
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
     intervals_table,
@@ -58,7 +59,6 @@ from accpinn.results.tables.estimates import (
     starts_table,
 )
 from accpinn.results.tables.stability import verdict_table
-from accpinn.results.tables.table import Table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.cut import DURATION
 from accpinn.study.comparison import (

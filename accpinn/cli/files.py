@@ -14,7 +14,7 @@ from accpinn.recordings.recording import Recording
 from accpinn.results.documents import parameter_card
 from accpinn.results.export import SAMPLES, snapshot_types
 from accpinn.results.reproduction import verification_table
-from accpinn.results.tables.table import Column, Table
+from accpinn.results.tables import Column, Table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
 from accpinn.study.store import Entry, Store

@@ -20,7 +20,7 @@ from accpinn.recordings.files import read
 from accpinn.recordings.mapping import load_mapping
 from accpinn.recordings.recording import Recording, facts_of
 from accpinn.results.messages import messages
-from accpinn.results.tables.table import Column, Table
+from accpinn.results.tables import Column, Table
 from accpinn.storage import folder as folder_of
 
 

@@ -10,8 +10,8 @@ from accpinn.errors import ConfigError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
+from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption

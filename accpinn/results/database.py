@@ -8,8 +8,8 @@ from math import isnan
 from accpinn.findings import percent, probability
 from accpinn.inference.answer import SPEEDS, Span
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
 from accpinn.results.tables.answer import columns_of, gap_column
-from accpinn.results.tables.table import ABSENT, Cell, Column, Filled, Range, Table, between
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import Group, Groups
 from accpinn.study.plan import BatchEstimate

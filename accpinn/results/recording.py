@@ -12,6 +12,7 @@ from accpinn.findings import percent
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import HUMAN_FLAG, Recording, Vehicle, Window, agreement
+from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells
 from accpinn.results.tables.estimates import (
     TITLES,
     driver_cells,
@@ -19,7 +20,6 @@ from accpinn.results.tables.estimates import (
     parameter_cells,
     where,
 )
-from accpinn.results.tables.table import Cell, Column, Filled, Table, percent_cells
 from accpinn.segment.quality import (
     LARGE_CONDITION,
     MOST_CAR_FOLLOWING,

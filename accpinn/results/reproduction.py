@@ -22,9 +22,9 @@ from accpinn.model.published import (
     ParameterSet,
 )
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.tables import Column, Table
 from accpinn.results.tables.estimates import answer, parameter_cells
 from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT
-from accpinn.results.tables.table import Column, Table
 from accpinn.stability.report import StabilityReport, stability_report
 from accpinn.study.verification import Verification
 

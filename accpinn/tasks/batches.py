@@ -10,7 +10,7 @@ from accpinn.recordings.catalogue import PUBLISHED_AT, Run
 from accpinn.recordings.download import Download, DownloadState, Transfer, download
 from accpinn.study.batch import BatchProgress, run_request
 from accpinn.study.studies import Request
-from accpinn.tasks.task import Task
+from accpinn.tasks import Task
 
 
 class StudyTask(Task[BatchProgress]):

@@ -19,8 +19,8 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.platoon import AFTER_COLLISION, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import AFTER_COLLISION, simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.results import database as on_batch

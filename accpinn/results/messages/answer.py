@@ -7,8 +7,8 @@ from accpinn.findings import joined, percent, probability, who
 from accpinn.inference.answer import Answer
 from accpinn.methods.fit import Fit
 from accpinn.model.registry import CTHPS, PAPER, TITLES
+from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
-from accpinn.results.tables.table import between, supported_digits
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import assessment

@@ -16,7 +16,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
-from accpinn.results.tables.table import (
+from accpinn.results.tables import (
     Cell,
     Column,
     Filled,

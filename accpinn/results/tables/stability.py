@@ -11,15 +11,8 @@ from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.tables.estimates import (
-    TERM_COLUMNS,
-    answer,
-    driver_cells,
-    parameter_cells,
-    supported_columns,
-)
-from accpinn.results.tables.table import (
+from accpinn.platoon import PlatoonRun
+from accpinn.results.tables import (
     Cell,
     Column,
     Filled,
@@ -27,6 +20,13 @@ from accpinn.results.tables.table import (
     Table,
     estimate_cells,
     percent_cells,
+)
+from accpinn.results.tables.estimates import (
+    TERM_COLUMNS,
+    answer,
+    driver_cells,
+    parameter_cells,
+    supported_columns,
 )
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import Assessment, StabilityReport, assessment

@@ -32,10 +32,10 @@ from accpinn.results.messages.answer import (
 from accpinn.results.messages.stability import headline
 from accpinn.results.messages.summary import about_band, about_curves, conditional
 from accpinn.results.report import bundle
+from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
-from accpinn.results.tables.table import Table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import NO_XARRAY, Result, has_xarray

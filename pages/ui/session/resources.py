@@ -18,7 +18,7 @@ from accpinn.study.plan import car_following
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
-from accpinn.tasks.task import TaskQueue
+from accpinn.tasks import TaskQueue
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""

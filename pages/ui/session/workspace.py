@@ -24,7 +24,7 @@ from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.snapshot import named
 from accpinn.study.store import Entry
-from accpinn.tasks.task import (
+from accpinn.tasks import (
     Task,
     comparison_task,
     judgement_task,
