@@ -14,8 +14,8 @@ from .inference.intervals import Uncertainty as Uncertainty
 from .inference.intervals import intervals as intervals
 from .inference.model_adequacy import model_forms as model_forms
 from .inference.prediction import gap_band as gap_band
+from .methods import Method as Method
 from .methods.fit import Fit as Fit
-from .methods.method import Method as Method
 from .methods.pinn.config import PinnConfig as PinnConfig
 from .methods.pinn.config import preset as preset
 from .methods.registry import METHODS as METHODS

@@ -26,9 +26,9 @@ from accpinn.cli.options import (
 from accpinn.cli.output import interruptible, note, show_result
 from accpinn.cli.recordings import chosen_recording
 from accpinn.errors import ConfigError
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS, usual_method

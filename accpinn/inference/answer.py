@@ -45,7 +45,7 @@ from accpinn.inference.window_posterior import (
     possible,
     window_posterior,
 )
-from accpinn.methods.method import one_thread
+from accpinn.methods import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters, collides
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, simulate, time_gap, value_of

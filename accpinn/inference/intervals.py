@@ -24,10 +24,10 @@ from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.posterior import STAGES
 from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
+from accpinn.methods import Law, one_thread
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import Law, one_thread
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, Held

@@ -17,10 +17,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from accpinn.inference.posterior import AT_SPEED, Posterior, features, log_prior_of_features, sample
-from accpinn.methods import following
+from accpinn.methods import Law, following, one_thread
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, Held

@@ -27,8 +27,8 @@ from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
-from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap

@@ -26,8 +26,8 @@ from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.model_adequacy import Adequacy
+from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.fit import History, Outcome, Progress, Recorder
-from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories

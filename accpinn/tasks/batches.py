@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from accpinn.errors import RecordingError
-from accpinn.methods.method import TaskContext
+from accpinn.methods import TaskContext
 from accpinn.recordings.catalogue import PUBLISHED_AT, Run
 from accpinn.recordings.download import Download, DownloadState, Transfer, download
 from accpinn.study.batch import BatchProgress, run_request

@@ -10,7 +10,7 @@ import pytest
 from accpinn.cli import main
 from accpinn.errors import SegmentError
 from accpinn.inference.model_adequacy import FORMS
-from accpinn.methods.method import TaskContext
+from accpinn.methods import TaskContext
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters

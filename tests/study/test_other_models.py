@@ -12,8 +12,8 @@ import pytest
 import accpinn
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.inference.intervals import intervals
+from accpinn.methods import Law
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
-from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.published import ParameterSet

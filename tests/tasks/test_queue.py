@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, History, Outcome, Progress
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
