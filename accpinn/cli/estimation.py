@@ -46,7 +46,7 @@ from accpinn.results.documents import (
     warnings,
 )
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import cards
+from accpinn.results.messages.answer import about_answer, cards
 from accpinn.results.tables import Table
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
@@ -206,7 +206,6 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     fit, info, answer = result.fit, result.info, result.answer
     followers = range(1 if fit.case == "I" else info.followers) if result.windows else ()
     tables = [
-        answer_table(info, answer),
         parameter_table(result, with_intervals or bool(result.windows)),
         *(own_windows_table(result.infos, answer, k) for k in followers),
     ]
@@ -215,7 +214,13 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     first = [" ".join(card) for card in cards(info, answer, known_vehicles(result))]
     said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
     said += [f"Note: {note}" for note in notes(result, with_intervals)]
-    return "\n".join([*first, "", *_texts(tables), *said])
+    return "\n".join([*first, "", *_answer_texts(result), *_texts(tables), *said])
+
+
+def _answer_texts(result: Result) -> tuple[str, ...]:
+    """The answer's table, what it means, and an empty line."""
+    table = answer_table(result.info, result.answer, result.fit.case)
+    return table.to_text(), about_answer(result.answer), ""
 
 
 def _texts(tables: Iterable[Table]) -> Iterator[str]:
@@ -267,7 +272,6 @@ def _comparison_text(
     stability, forms = first.stability, first.adequacy.forms
     each = range(info.followers)
     tables = [
-        answer_table(info, first.answer),
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, first.uncertainty),
         *([verdict_table(followers, stability, first.uncertainty)] if stability else ()),
@@ -284,7 +288,7 @@ def _comparison_text(
         ),
         *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
     ]
-    return "\n".join([*_texts(tables), *said])
+    return "\n".join([*_answer_texts(first), *_texts(tables), *said])
 
 
 def parse_models(text: str) -> tuple[str, ...]:

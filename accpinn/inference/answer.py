@@ -153,6 +153,8 @@ class Answer:
     level: float
     speeds: FloatArray
     """(M,) each follower's median speed in m/s over the windows."""
+    driven: FloatArray
+    """(2, M) each follower's lowest and highest speed in m/s over the windows."""
     parameters: Parameters
     """(M,) the complete parameter set of each follower; of a model that is no CTHP beside its
     linearisation at the follower's median speed."""
@@ -182,8 +184,16 @@ class Answer:
 
     @property
     def stated_speed(self) -> MetresPerSecond:
-        """The highest of `SPEEDS`; the lowest where the followers' median speed is below it."""
-        return _stated(self.speeds)
+        """The highest of `SPEEDS` that every follower drove.
+
+        It is the lowest where that is none, or where the followers' median speed is below it.
+        """
+        return _stated(self.speeds, self.driven)
+
+    def is_driven(self, speed: MetresPerSecond, follower: int) -> bool:
+        """Whether a follower's windows hold a speed; what is said of another is extrapolated."""
+        low, high = self.driven[:, follower]
+        return bool(low <= speed <= high)
 
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower, by its name."""
@@ -297,12 +307,15 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         ]
         return parameters_of(model, np.stack(usable, axis=-2), speeds)
 
-    parameters, gap_at = at_speeds([car.middle for car in cars]), _stated(speeds)
+    ends = [(s.speeds[:, 1:].min(axis=0), s.speeds[:, 1:].max(axis=0)) for s in segments]
+    driven = np.array([np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]])
+    parameters, gap_at = at_speeds([car.middle for car in cars]), _stated(speeds, driven)
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
     return Answer(
         model=model,
         level=LEVEL,
         speeds=speeds,
+        driven=driven,
         parameters=parameters,
         typical=at_speeds([car.value for car in cars]),
         further=at_speeds([car.further for car in cars]),
@@ -324,8 +337,9 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     )
 
 
-def _stated(speeds: FloatArray) -> MetresPerSecond:
-    return SPEEDS[0] if np.median(speeds) < SPEEDS[0] else SPEEDS[-1]
+def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:
+    held = [speed for speed in SPEEDS if speed <= driven[1].min()]
+    return SPEEDS[0] if np.median(speeds) < SPEEDS[0] or not held else held[-1]
 
 
 class Car(NamedTuple):

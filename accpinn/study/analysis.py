@@ -25,7 +25,7 @@ from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, 
 from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
-FORMAT = 2
+FORMAT = 3
 """Raised whenever equal analyses would have other answers for a reason that no method's version
 tells, as a change in how windows are cut."""
 

@@ -49,7 +49,7 @@ from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
 FORMAT = "accpinn snapshot"
-SCHEMA = 4
+SCHEMA = 5
 LARGEST = 24_000_000
 """Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
 stays below."""
@@ -147,7 +147,8 @@ SHAPES: dict[type, dict[str, str]] = {
     Whiteness: dict.fromkeys(
         ("deviation", "correlation", "memory", "independent", "probability"), "M"),
     Answer: {"parameters": "M3", "typical": "DM3", "further": "DM3", "windows": "KM3",
-             "windows_lower": "KM3", "windows_upper": "KM3", "speeds": "M", "differ": "M"},
+             "windows_lower": "KM3", "windows_upper": "KM3", "speeds": "M", "differ": "M",
+             "driven": "2M", "windows_gap": "2KM"},
     ModelForm: {"parameters": "M3", "lower": "M3", "upper": "M3", "aic": "M", "holdout": "M"},
     ModelScore: {"theta": "P!", "rmse": "K!"} | dict.fromkeys(("lower", "upper", "determined"), "P")
     | dict.fromkeys(("time_gap_rmse", "collided"), "K"),
@@ -476,7 +477,7 @@ def _check_shapes(value: Any, info: SegmentInfo) -> None:
 
 
 def _lengths(info: SegmentInfo) -> dict[str, int]:
-    return {"N": info.samples, "M": info.followers, "V": info.followers + 1, "3": 3}
+    return {"N": info.samples, "M": info.followers, "V": info.followers + 1, "2": 2, "3": 3}
 
 
 def _check_shape(name: str, values: Any, letters: str, lengths: dict[str, int]) -> None:

@@ -29,7 +29,7 @@ from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study.analysis import Analysis
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, read, read_file, to_bytes
-from accpinn.units import Seconds
+from accpinn.units import Estimate, MetresPerSecond, Seconds
 
 INDEX = "index1.sqlite"
 """The number is raised with every change of the tables: another index is made from the files."""
@@ -88,6 +88,9 @@ class Entry:
     lower: tuple[tuple[float, float, float], ...] = ()
     """Lower ends of their intervals; empty where these were not computed."""
     upper: tuple[tuple[float, float, float], ...] = ()
+    time_gap: Estimate | None = None
+    """The answer's for the first follower, in s at ``speed``; None where there is no answer yet."""
+    speed: MetresPerSecond = 0.0
     with_data: bool = False
     """Whether speeds and gaps of the window are in it."""
     fault: str = ""
@@ -99,6 +102,8 @@ class Entry:
         info, intervals = result.info, result.parts.uncertainty
         ends = (intervals.lower, intervals.upper) if intervals else ()
         lower, upper = (_rows(end) for end in ends) if ends else ((), ())
+        answer = result.parts.answer
+        span = answer.time_gap(answer.stated_speed, 0) if answer else None
         return cls(
             id=name,
             name=result.name,
@@ -116,6 +121,8 @@ class Entry:
             parameters=_rows(result.parameters),
             lower=lower,
             upper=upper,
+            time_gap=Estimate(span.value, span.lower, span.upper) if span else None,
+            speed=answer.stated_speed if answer else 0.0,
             with_data=bool(result.segments),
         )
 

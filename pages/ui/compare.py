@@ -9,7 +9,7 @@ import streamlit as st
 
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
-from accpinn.inference.answer import Answer
+from accpinn.inference.answer import Answer, answer
 from accpinn.inference.identifiability import (
     INCREASE,
     identifiability_warnings,
@@ -18,7 +18,7 @@ from accpinn.inference.identifiability import (
 )
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
-from accpinn.methods.pinn.config import PRESETS
+from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model import registry
 from accpinn.results.figures import answer as answer_figures
@@ -83,8 +83,13 @@ class _Shown:
 
     @property
     def answer(self) -> Answer:
-        """That of the training; before one, that of the window compared on."""
-        return (self.workspace.result or self.rows[0]).answer
+        """That of the training; before one, that of the windows which a training would take."""
+        workspace = self.workspace
+        if workspace.result:
+            return workspace.result.answer
+        asked = workspace.training_analysis(CALIBRATED) or self.rows[0].analysis
+        data = asked.segments(workspace.recording, () if workspace.recording else (self.segment,))
+        return answer(data, asked.case, asked.model, dict(asked.held))
 
 
 def show_page() -> None:
@@ -167,7 +172,9 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     follower = pick_follower(segment.labels[1:], "compare_follower")
     shown = _Shown(workspace, segment, rows, follower)
     with first:
-        show_answer(segment.info, shown.answer, workspace.case)
+        with st.spinner("The answer takes some seconds."):
+            known = shown.answer
+        show_answer(segment.info, known, workspace.case)
         st.caption(_about_methods(rows))
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
@@ -180,7 +187,8 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
 
 def _about_methods(rows: Sequence[Result]) -> str:
     """What the methods estimate, and which of them is the paper's."""
-    said = "Each method below estimates the CTHP's α, β and τ in this window."
+    window = rows[0].info.window
+    said = f"Each method below estimates the CTHP's α, β and τ in the window {window}."
     papers = [
         f"{name_of(row.fit)}: {label}." for row in rows if (label := papers_estimate(row.fit))
     ]

@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from accpinn.errors import SegmentError
+from accpinn.inference.answer import answer as answer_of
 from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.recording import Window
 from accpinn.results.messages import messages
@@ -37,6 +38,20 @@ def finished(session: Workspace, results: Sequence[Result | Refused]) -> None:
     session.comparison = task_queue().submit(task)
     assert task.wait(WAIT)
     assert task.status is Status.DONE
+
+
+def test_before_a_training_the_answer_is_that_of_the_windows_it_would_take() -> None:
+    session = with_sample()
+    session.choose(vehicles=(1, 2))
+    asked = session.training_analysis(CALIBRATED)
+    assert len(asked.windows) > 1
+    first = replace(asked, windows=asked.windows[:1])
+    finished(session, [*compare(first, session.recording, ["least-squares"])])
+    written = open_page(COMPARE, session).texts()
+    whole = answer_of(asked.segments(session.recording), asked.case, asked.model)
+    table = answer_table(session.segment.info, whole)
+    for column, cell in zip(table.columns, table.rows[0], strict=True):
+        assert str(column.html(cell)) in written
 
 
 def test_rows_pictures_warnings_starts_and_earlier_fits(

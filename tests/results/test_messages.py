@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
-from accpinn.inference.answer import Answer, HeterogeneousWindows, answer
+from accpinn.inference.answer import Answer, HeterogeneousWindows, Span, answer
 from accpinn.inference.gain_check import GainCheck
 from accpinn.methods import least_squares
 from accpinn.methods.fit import Outcome
@@ -29,6 +29,7 @@ from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.stability import headline, reason
 from accpinn.results.recording import driver_summary, suggestion_reasons
+from accpinn.results.tables import Marked
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
@@ -84,7 +85,7 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust(answered: Answer) -> N
     cards = on_answer.cards(INFO, answered, judged)
     assert len(cards) == len(answer_table(INFO, answered).rows) == SEGMENT.followers
     span, gain = answered.time_gap(answered.stated_speed, 0), judged.report.vehicles[0].peak.gain
-    facts = [f"keeps {span.value:.2f} s at 100 km/h", f"grow by up to {100 * (gain - 1):.0f} %."]
+    facts = [f"keeps {span.value:.2f} s at 100 km/h", f"grow by up to {100 * (gain - 1):.0f} % ("]
     assert not missing(facts, cards[0].lead)
     assert "one window" in cards[0].trust
     check = GainCheck(FOLLOWER, 9, rms=3.0, contradiction="apart")
@@ -93,6 +94,22 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust(answered: Answer) -> N
     assert check.short in against.trust
     slow = replace(answered, speeds=0.0 * answered.speeds + 5.0)
     assert "at 50 km/h" in on_answer.cards(INFO, slow, subject(slow))[0].lead
+
+
+def test_a_time_gap_at_a_speed_that_no_window_holds_is_marked(answered: Answer) -> None:
+    assert answered.driven.shape == (2, SEGMENT.followers)
+    assert not answered.is_driven(50 / 3.6, 0)
+    assert answered.stated_speed == 100 / 3.6, "which is driven"
+    table = answer_table(INFO, answered)
+    at_50, at_100, at_median = table.rows[0][1:4]
+    assert isinstance(at_50, Marked)
+    assert [type(cell) for cell in (at_50.cell, at_100, at_median)] == [Span] * 3
+    assert table.columns[1].shown(at_50).endswith("*")
+    low, high = table.to_csv().splitlines()[1].split(",")[2:4]
+    assert float(low) < answered.time_gap(50 / 3.6, 0).value < float(high)
+    assert "extrapolates" in on_answer.about_answer(answered)
+    town = replace(answered, driven=answered.driven - 12.0, speeds=answered.speeds - 12.0)
+    assert town.stated_speed == 50 / 3.6, "as 100 km/h was not driven"
 
 
 def test_windows_that_differ_are_one_sentence(answered: Answer) -> None:

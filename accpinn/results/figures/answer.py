@@ -16,7 +16,7 @@ JOINT = ("alpha", "beta", "tau", "s0")
 """Parameters of a CTHP whose joint distribution is drawn; of another model all are."""
 DRAWN = 300
 """Draws of it that are shown."""
-FURTHER, TYPICAL = 0.10, 0.22
+FURTHER, TYPICAL = 0.14, 0.28
 """Opacity of the bands of a further window and of the typical value."""
 
 

@@ -36,7 +36,7 @@ SPEEDS = 25
 BEYOND = 0.35
 """Share of the recorded range of speeds that is shown beyond it on either side."""
 RECORDED = "rgba(128, 140, 155, 0.16)"
-OPACITY, DRAWN = 0.14, 100
+OPACITY, DRAWN = 0.2, 100
 """Opacity of a band over speed, and the draws that it is of."""
 
 

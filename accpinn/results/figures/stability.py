@@ -70,7 +70,7 @@ MAP_KEY = (
     ("L∞, exact criterion", EXACT),
     ("L₂ stable, L∞ unstable", "rgba(214, 140, 40, 0.55)"),
 )
-BAND_OPACITY, DOT_OPACITY = 0.16, 0.35
+BAND_OPACITY, DOT_OPACITY = 0.22, 0.35
 CLOUD = 300
 """Draws shown of each vehicle; more only make the cloud darker."""
 BAND_POINTS = 120

@@ -271,4 +271,4 @@ def _draw_band(chart: style.Chart, predicted: GapBand, follower: int, start: Sec
     for at, stretch in enumerate(stretches(np.isfinite(lower))):
         rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
         time, name = start + predicted.time[rows], f"{100 * predicted.level:.0f} % band"
-        chart.band(time, lower[rows], upper[rows], style.MODEL, 0.2, name, 1, showlegend=at == 0)
+        chart.band(time, lower[rows], upper[rows], style.MODEL, 0.3, name, 1, showlegend=at == 0)

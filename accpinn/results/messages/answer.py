@@ -4,15 +4,16 @@ from math import ceil, inf, isnan
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, probability, who
-from accpinn.inference.answer import Answer
+from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.methods.fit import Fit
-from accpinn.model.registry import CTHPS, PAPER, TITLES
+from accpinn.model.cthp import Parameters
+from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import assessment
-from accpinn.units import MetresPerSecond
+from accpinn.units import Estimate, MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")
 """Presets that minimise the paper's loss."""
@@ -50,18 +51,30 @@ def cards(info: SegmentInfo, answer: Answer, subject: KnownVehicles) -> tuple[Ca
     for k, trust in enumerate(answer.trust):
         lead = _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k)
         parts = (lead, *_gains(answer, k), *_disturbances(subject, k))
-        said.append(Card(" ".join(parts), " ".join((trust.in_words, *_against(subject, k)))))
+        doubts = (*_extrapolated(answer, k), *_against(subject, k))
+        said.append(Card(" ".join(parts), " ".join((trust.in_words, *doubts))))
     return tuple(said)
 
 
 def about_answer(answer: Answer) -> str:
     """What the intervals of an answer are."""
     gap = f", {'τ + s₀/v' if 's0' in answer.names else 'τ'}" if answer.model in CTHPS else ""
+    low, high = 3.6 * answer.speeds.min(), 3.6 * answer.speeds.max()
+    median = f"{low:.0f}" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f}"
+    marked = any(not answer.is_driven(v, k) for v in SPEEDS for k in range(len(answer.speeds)))
+    driven = " With *: no window holds that speed, so the model extrapolates." if marked else ""
     return (
-        f"Time gap: in equilibrium{gap}. In brackets: the {percent(answer.level)} interval of the"
-        " vehicle's typical value. The last column is the interval for a further window of the same"
-        " vehicle."
+        f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
+        f" {percent(answer.level)} interval of the vehicle's typical value. The last column is the"
+        " interval for a further window of the same vehicle."
     )
+
+
+def about_truth(truth: Parameters, answer: Answer) -> str:
+    """The time gaps that a synthetic recording was made with."""
+    gaps = time_gap(PAPER, truth, answer.stated_speed).tolist()
+    said = joined([f"{gap:.2f}" for gap in gaps])
+    return f"The recording was made with time gaps of {said} s."
 
 
 def differing_windows(info: SegmentInfo, answer: Answer) -> str:
@@ -85,15 +98,28 @@ def papers_estimate(fit: Fit) -> str:
     return PAPERS_ESTIMATE if is_papers and fit.model == PAPER else ""
 
 
+def time_gap_in_words(gap: Estimate, speed: MetresPerSecond) -> str:
+    """As "1.18 s at 100 km/h (1.05–1.31)"."""
+    digits = supported_digits(gap.lower, gap.upper, 2)
+    typical = between(gap.lower, gap.upper, digits).replace(" to ", "–")
+    return f"{gap.value:.{digits}f} s at {speed * 3.6:.0f} km/h ({typical})"
+
+
 def _headline(label: str, are_several: bool, answer: Answer, follower: int) -> str:
     speed = answer.stated_speed
     span = answer.time_gap(speed, follower)
     if isnan(span.value):
         return f"{label}: the data do not determine the time gap."
-    digits = supported_digits(span.lower, span.upper, 2)
-    typical = between(span.lower, span.upper, digits).replace(" to ", "–")
     verb = "keep" if are_several else "keeps"
-    return f"{label} {verb} {span.value:.{digits}f} s at {speed * 3.6:.0f} km/h ({typical})."
+    return f"{label} {verb} {time_gap_in_words(span, speed)}."
+
+
+def _extrapolated(answer: Answer, follower: int) -> tuple[str, ...]:
+    """That the speed of the headline was not driven; nothing where it was."""
+    speed = answer.stated_speed
+    if answer.is_driven(speed, follower):
+        return ()
+    return (f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.",)
 
 
 def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
@@ -121,9 +147,13 @@ def _disturbances(subject: KnownVehicles, follower: int) -> tuple[str, ...]:
     by = " by the model" if _against(subject, follower) else ""
     match assessment(stable):
         case "unstable":
-            growth = report.vehicles[follower].peak.gain
-            most = f"by up to {growth - 1:.0%}" if growth < 3 else f"up to {growth:.1f} times"
-            return (f"Disturbances grow {most}{by}.".replace("%", " %"),)
+            growth, ends = report.vehicles[follower].peak.gain, known.peak_gain
+            gains = (growth, float(ends.lower[follower]), float(ends.upper[follower]))
+            if growth < 3:
+                most, low, high = (f"{100 * (gain - 1):.0f}" for gain in gains)
+                return (f"Disturbances grow by up to {most} % ({low}–{high} %){by}.",)
+            most, low, high = (f"{gain:.1f}" for gain in gains)
+            return (f"Disturbances grow up to {most} times ({low}–{high}){by}.",)
         case "stable":
             return (f"Disturbances do not grow{by}.",)
         case "open":

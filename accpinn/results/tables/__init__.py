@@ -35,14 +35,10 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True)
 class Marked:
-    """A text with an asterisk, and the sentence that changes how it is read."""
+    """A cell with an asterisk, and the sentence that changes how it is read."""
 
-    text: str
+    cell: "str | Estimate"
     why: str
-
-    def __str__(self) -> str:
-        """The text with its mark."""
-        return f"{self.text}*"
 
 
 Cell = str | float | Range | Estimate | Marked | None
@@ -89,6 +85,7 @@ _SPELT = str.maketrans(
 _HERE = Path(__file__).parent
 STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
 """What `Table.to_html` needs once on a page."""
+OUTSIDE = "outside its interval"
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -111,6 +108,9 @@ class Column:
     """Whether its texts may go on in further lines."""
     key: str = ""
     """Its name in CSV files; by default from group, title and unit."""
+    is_brief: bool = False
+    """Whether of an estimate the value alone is shown, with the digits that its interval supports;
+    CSV files have all of it."""
 
     @classmethod
     def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
@@ -145,12 +145,15 @@ class Column:
         """A cell as the reader sees it."""
         if isinstance(cell, Range):
             return self._range(cell)
+        if isinstance(cell, Marked):
+            return f"{self.shown(cell.cell)}*"
         if isinstance(cell, Estimate):
-            return "{} ({})".format(*self._estimate(cell))
+            value, ends = self._estimate(cell)
+            return f"{value} ({ends})" if ends else value
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
-        if isinstance(cell, str | Marked):
-            return str(cell)
+        if isinstance(cell, str):
+            return cell
         if self.is_chance:
             return probability(cell / 100).removesuffix(" %")
         digits = self.digits or 0
@@ -161,17 +164,19 @@ class Column:
 
     def html(self, cell: Cell) -> str:
         """The same for a web page: where there is little room, an interval has its own line."""
-        if isinstance(cell, Estimate):
-            mark = "" if cell.is_inside else Markup('<b title="outside its interval">*</b>')
-            value, ends = self._estimate(cell)
-            return Markup("{}{} <span>({})</span>").format(value, mark, ends)
+        why = "" if self.is_brief or not isinstance(cell, Estimate) or cell.is_inside else OUTSIDE
         if isinstance(cell, Marked):
-            return Markup('{}<b title="{}">*</b>').format(cell.text, cell.why)
-        return self.shown(cell)
+            why, cell = cell.why, cell.cell
+        value, ends = self._estimate(cell) if isinstance(cell, Estimate) else (self.shown(cell), "")
+        mark = Markup('<b title="{}">*</b>').format(why) if why else ""
+        interval = Markup(" <span>({})</span>").format(ends) if ends else ""
+        return Markup("{}{}{}").format(value, mark, interval)
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
-        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"."""
+        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; the second is empty if brief."""
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
+        if self.is_brief:
+            return column.shown(cell.value), ""
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
 
@@ -352,23 +357,28 @@ def latex(text: str) -> str:
 
 def _endings(cells: Sequence[Cell]) -> tuple[str, ...]:
     """What is added to a column's name in a CSV file, once for each column that it takes there."""
-    if any(isinstance(cell, Estimate) for cell in cells):
+    if any(isinstance(_unmarked(cell), Estimate) for cell in cells):
         return ("", "_low", "_high")
     return ("_low", "_high") if any(isinstance(cell, Range) for cell in cells) else ("",)
 
 
 def _parts(cell: Cell, count: int) -> tuple[Cell, ...]:
     """A cell as so many; a single value stands first."""
-    if isinstance(cell, Estimate):
-        return cell.value, cell.lower, cell.upper
+    bare = _unmarked(cell)
+    if isinstance(bare, Estimate):
+        return bare.value, bare.lower, bare.upper
     return cell if isinstance(cell, tuple) else (cell, *(None,) * (count - 1))
+
+
+def _unmarked(cell: Cell) -> Cell:
+    return cell.cell if isinstance(cell, Marked) else cell
 
 
 def _csv_cell(cell: Cell) -> Cell:
     if cell is None or cell != cell:
         return ""
     if isinstance(cell, Marked):
-        return str(cell)
+        return f"{cell.cell}*"
     if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
         return f"'{cell}"
     return cell

@@ -9,11 +9,21 @@ from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.model import registry
 from accpinn.model.cthp import Case
 from accpinn.model.registry import CTHPS
-from accpinn.results.tables import Column, Filled, Range, Table, estimate_cells, estimates
+from accpinn.results.tables import (
+    Cell,
+    Column,
+    Filled,
+    Marked,
+    Range,
+    Table,
+    estimate_cells,
+    estimates,
+)
 from accpinn.results.tables.estimates import parameter_rows, row_labels
 from accpinn.segment.segment import SegmentInfo
 from accpinn.units import MetresPerSecond
 
+EXTRAPOLATED = "extrapolated: no window holds this speed"
 ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
 """Parameters of the CTHPs in the order in which they are shown."""
 
@@ -45,25 +55,29 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     The columns are time gaps in equilibrium and parameters, with intervals. The last column is the
     interval of the time gap in a further window of the same car.
     """
-    numbers = parameter_rows(info, case)
-    level, last = f"Typical value ({100 * answer.level:.0f} % interval)", answer.stated_speed
-    spans = [
-        (gap_column(speed, level), [answer.time_gap(speed, k) for k in range(len(numbers))])
-        for speed in SPEEDS
-    ]
-    further = dict(zip(SPEEDS, spans, strict=True))[last][1]
-    for name, column in columns_of(answer.model).items():
-        own = [answer.span(name, k) for k in range(len(numbers))]
-        spans.append((replace(column, group=level), own))
+    numbers, last = parameter_rows(info, case), answer.stated_speed
+    followers, level = range(len(numbers)), f"({100 * answer.level:.0f} % interval)"
+    gaps, own = f"Time gap {level}", f"Parameters {level}"
+    at_median = Column("at median speed", "s", 2, gaps, key="time_gap_at_median_speed_s")
+    further = [answer.time_gap(last, k) for k in followers]
     return Table.of(
         f"Answer: {registry.TITLES[answer.model]}, {counted_windows(answer)}",
         [
             (Column("Follower"), row_labels(info, numbers)),
-            *spans,
+            *((gap_column(speed, gaps, "at"), [_gap(answer, speed, k) for k in followers])
+              for speed in SPEEDS),
+            (at_median, [answer.time_gap(float(answer.speeds[k]), k) for k in followers]),
+            *((replace(column, group=own), [answer.span(name, k) for k in followers])
+              for name, column in columns_of(answer.model).items()),
             (gap_column(last, "Further window", key="further_"),
-             [Range(s.further_lower, s.further_upper) for s in further]),
+             [Range(span.further_lower, span.further_upper) for span in further]),
         ],
     )  # fmt: skip
+
+
+def _gap(answer: Answer, speed: MetresPerSecond, follower: int) -> Cell:
+    span = answer.time_gap(speed, follower)
+    return span if answer.is_driven(speed, follower) else Marked(span, EXTRAPOLATED)
 
 
 def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import repeat
 from math import nan
 
 import numpy as np
@@ -24,7 +23,6 @@ from accpinn.results.tables import (
     Table,
     estimate_cells,
     percent_cells,
-    supported_digits,
 )
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import Verdict, stability_at
@@ -32,7 +30,7 @@ from accpinn.study.analysis import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, difference, wins
 from accpinn.study.result import Result
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Estimate, FloatArray, MetresPerSecond
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (
@@ -165,16 +163,20 @@ def columns_of(model: str) -> Iterator[tuple[int, Column]]:
 
 
 def parameter_cells(
-    parameters: Parameters,
-    group: str = "",
-    columns: Sequence[Column] = PARAMETER_COLUMNS,
-    model: str = PAPER,
+    parameters: Parameters, group: str = "", model: str = PAPER
 ) -> Iterator[Filled]:
     """The parameters of (K,) vehicles, α, β and τ first."""
     for at, column in columns_of(model):
-        shown = columns[at] if at < 3 else column
-        key = "" if group else column.key
-        yield replace(shown, group=group or shown.group, key=key), [*parameters.everything[:, at]]
+        shown = replace(column, group=group, key="") if group else column
+        yield shown, [*parameters.everything[:, at]]
+
+
+def brief_cells(values: FloatArray, known: Uncertainty | None, at: int) -> Sequence[Cell]:
+    """(K,) values for a brief column, beside the intervals of the ``at``-th of all parameters."""
+    if known is None:
+        return [float(value) for value in values]
+    ends = (part.complete[: len(values), at] for part in (known.lower, known.upper))
+    return estimate_cells(values, *ends)
 
 
 def _estimate_cells(
@@ -204,10 +206,13 @@ def comparison_table(
     Estimates are (M,) by method; in Case I all followers share one row. The uncertainty limits the
     digits to those that the intervals support.
     """
-    numbers, columns = parameter_rows(info, case), supported_columns(uncertainty)
+    numbers = parameter_rows(info, case)
     filled = [
-        (Column(name, "", column.digits, column.heading), parameters.values[: len(numbers), k])
-        for k, column in enumerate(columns)
+        (
+            Column(name, "", column.digits, column.heading, is_brief=True),
+            brief_cells(parameters.values[: len(numbers), k], uncertainty, k),
+        )
+        for k, column in enumerate(PARAMETER_COLUMNS)
         for name, parameters in estimates.items()
     ]
     followers = (Column("Vehicle"), row_labels(info, numbers))
@@ -344,17 +349,6 @@ def _gap_error(result: Result, k: int) -> float:
 def earlier_title(result: Result) -> str:
     """Method, file and window in a few words."""
     return f"{name_of(result.fit)}, {where(result.info, result.fit.case)}"
-
-
-def supported_columns(uncertainty: Uncertainty | None) -> tuple[Column, ...]:
-    """The columns of α, β and τ with the digits that the narrowest interval supports."""
-    if uncertainty is None:
-        return PARAMETER_COLUMNS
-    lower, upper = uncertainty.lower.values.T.tolist(), uncertainty.upper.values.T.tolist()
-    return tuple(
-        replace(column, digits=max(map(supported_digits, low, high, repeat(column.digits or 0))))
-        for column, low, high in zip(PARAMETER_COLUMNS, lower, upper, strict=True)
-    )
 
 
 def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:

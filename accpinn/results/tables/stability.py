@@ -22,11 +22,11 @@ from accpinn.results.tables import (
     percent_cells,
 )
 from accpinn.results.tables.estimates import (
+    PARAMETER_COLUMNS,
     TERM_COLUMNS,
     answer,
+    brief_cells,
     driver_cells,
-    parameter_cells,
-    supported_columns,
 )
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import Assessment, StabilityReport, assessment
@@ -71,8 +71,7 @@ def stability_table(
         [
             (Column("Vehicle"), vehicles.labels),
             *driver_cells(vehicles.drivers),
-            *parameter_cells(parameters, columns=supported_columns(known)),
-            *_term_cells(parameters),
+            *_parameter_cells(parameters, known),
             *_posterior(L2, known.probability_l2 if known else None, against),
             (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
@@ -107,12 +106,12 @@ def verdict_table(
     return replace(narrow, caption="")
 
 
-def _term_cells(parameters: Parameters) -> Iterator[Filled]:
-    """s₀, λ and d as columns, each where a vehicle has it."""
-    for at, column in enumerate(TERM_COLUMNS, 3):
+def _parameter_cells(parameters: Parameters, known: Uncertainty | None) -> Iterator[Filled]:
+    """α, β and τ as columns, and s₀, λ and d where a vehicle has them; intervals give digits."""
+    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
         values = parameters.complete[:, at]
-        if values.any():
-            yield column, values.tolist()
+        if at < len(PARAMETER_COLUMNS) or values.any():
+            yield replace(column, is_brief=True), brief_cells(values, known, at)
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:
@@ -145,7 +144,7 @@ def _posterior(
         yield Column.chance(PROBABILITY, group), percent_cells(shares)
         words: list[Cell] = [WORDS[assessment(share)] for share in shares]
         for k, why in enumerate(against):
-            words[k] = Marked(str(words[k]), why) if why else words[k]
+            words[k] = Marked(WORDS[assessment(shares[k])], why) if why else words[k]
         yield Column(VERDICT, group=group), words
 
 

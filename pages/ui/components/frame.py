@@ -40,6 +40,9 @@ _ICONS = {
 SIDEBAR = 230
 """Width in pixels: what stands there must not take room from tables."""
 
+NAMED = 3
+"""Windows that are named one by one."""
+
 CALLBACK_FAILED = "frame_callback_failed"
 """The entry in Streamlit's session state that is set when a widget's callback has failed."""
 
@@ -174,7 +177,8 @@ def empty_state(workspace: Workspace, nothing: str) -> None:
         show.messages(f"{nothing} yet: first open a recording.")
     else:
         show.messages(f"The window cannot be used yet. {workspace.fault}", "warning")
-    link(DATA, "Go to Data", workspace)
+    if st.button("Go to Data", type="primary", icon=":material/arrow_forward:", key="frame_data"):
+        go(DATA, workspace)
 
 
 def segment_line(segment: Segment | SegmentInfo, case: str, windows: Sequence[Window] = ()) -> str:
@@ -188,9 +192,11 @@ def segment_line(segment: Segment | SegmentInfo, case: str, windows: Sequence[Wi
 
 
 def in_words(window: Window, windows: Sequence[Window] = ()) -> str:
-    """A window, or how many ``windows`` there are in place of it, and from when to when."""
+    """A window, or ``windows`` in place of it: each of a few, else from when to when."""
     if len(windows) < 2:
         return str(window)
+    if len(windows) <= NAMED:
+        return ", ".join(map(str, windows)).replace(" s,", ",")
     whole = Window(windows[0].start, max(other.end for other in windows))
     return f"{len(windows)} windows in {whole}"
 

@@ -25,6 +25,7 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import (
     about_answer,
+    about_truth,
     cards,
     differing_windows,
     papers_estimate,
@@ -77,7 +78,7 @@ def show_result(
     if next_step:
         next_step()
     if has_answer:
-        show_answer(info, result.answer, fit.case)
+        show_answer(info, result.answer, fit.case, truth)
     _show_outcome(fit.outcome, has_answer)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.markdown(f"**{escape_markdown(name_of(fit))}: the method's own estimate**")
@@ -111,12 +112,15 @@ def _show_cards(result: Result) -> None:
             st.markdown(f"**{lead}**  \n:small[{trust}]")
 
 
-def show_answer(info: SegmentInfo, answer: Answer, case: Case) -> None:
+def show_answer(
+    info: SegmentInfo, answer: Answer, case: Case, truth: Parameters | None = None
+) -> None:
     """The answer as a table, and what to know of its windows."""
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
-    about = f"{about_answer(answer)} {differing_windows(info, answer)}"
-    st.caption(escape_markdown(about.rstrip()))
+    made = about_truth(truth, answer) if truth else ""
+    about = (about_answer(answer), differing_windows(info, answer), made)
+    st.caption(escape_markdown(" ".join(filter(None, about))))
 
 
 def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
@@ -125,7 +129,7 @@ def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
     show.chart(forest(result.infos, result.answer, follower, colour), "windows_forest")
     st.caption(
         f"Time gap at {3.6 * result.answer.stated_speed:.0f} km/h of each window alone with its"
-        " interval. Line and dark band: the answer, the vehicle's typical value. Light band: the"
+        " interval. Line and inner band: the answer, the vehicle's typical value. Outer band: the"
         " interval for a further window."
     )
     _choose_windows(workspace)

@@ -12,6 +12,7 @@ from accpinn.errors import RecordingError
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import tracking
+from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.tables import ABSENT, Column, Range, Table, supported_digits
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
@@ -105,8 +106,14 @@ def _lines(entry: Entry) -> tuple[str, ...]:
 
 
 def first_estimate(entry: Entry) -> str:
-    """The first follower's parameters, with the digits that their intervals support."""
+    """The answer for the first follower, or the method's parameters where there is none yet.
+
+    Parameters have the digits that their intervals support.
+    """
     shared = entry.case == "I" and len(entry.parameters) > 1
+    label = EVERY_FOLLOWER if shared else entry.vehicles[1]
+    if entry.time_gap:
+        return f"{label}: {time_gap_in_words(entry.time_gap, entry.speed)}"
     unknown = ((float("nan"),) * 3,)
     ends = zip((entry.lower or unknown)[0], (entry.upper or unknown)[0], strict=True)
     shown = []
@@ -114,7 +121,7 @@ def first_estimate(entry: Entry) -> str:
                                           strict=True):  # fmt: skip
         digits = supported_digits(low, high, column.digits or 0)
         shown.append(f"{column.title} {value:.{digits}f} {column.unit}")
-    return f"{EVERY_FOLLOWER if shared else entry.vehicles[1]}: {', '.join(shown)}"
+    return f"{label}: {', '.join(shown)}"
 
 
 def choose_entry(label: str, key: str, entries: Sequence[Entry]) -> Entry:
