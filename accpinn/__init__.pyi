@@ -14,8 +14,8 @@ from .inference.intervals import Uncertainty as Uncertainty
 from .inference.intervals import intervals as intervals
 from .inference.model_adequacy import model_forms as model_forms
 from .inference.prediction import gap_band as gap_band
+from .methods import Method as Method
 from .methods.fit import Fit as Fit
-from .methods.method import Method as Method
 from .methods.pinn.config import PinnConfig as PinnConfig
 from .methods.pinn.config import preset as preset
 from .methods.registry import METHODS as METHODS
@@ -23,10 +23,10 @@ from .model.cthp import Case as Case
 from .model.cthp import Parameters as Parameters
 from .model.published import PUBLISHED as PUBLISHED
 from .model.published import ParameterSet as ParameterSet
+from .platoon import simulate_platoon as simulate_platoon
 from .platoon.leader import Brake as Brake
 from .platoon.leader import Sinusoid as Sinusoid
 from .platoon.leader import SpeedStep as SpeedStep
-from .platoon.simulation import simulate_platoon as simulate_platoon
 from .recordings.catalogue import catalogue as catalogue
 from .recordings.download import download as download
 from .recordings.files import read as read
@@ -36,10 +36,10 @@ from .results.documents import parameter_card as parameter_card
 from .results.export import sumo_types as sumo_types
 from .results.messages import messages as messages
 from .results.report import render_report as render_report
+from .results.tables import Table as Table
 from .results.tables.estimates import methods_table as methods_table
 from .results.tables.estimates import parameter_table as parameter_table
 from .results.tables.stability import stability_table as stability_table
-from .results.tables.table import Table as Table
 from .segment.cut import cut as cut
 from .segment.quality import assess_quality as assess_quality
 from .segment.quality import exclude_regimes as exclude_regimes

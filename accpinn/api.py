@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from accpinn.errors import ConfigError
-from accpinn.methods.method import TaskContext
+from accpinn.methods import TaskContext
 from accpinn.methods.pinn.config import DEFAULT
 from accpinn.methods.pinn.config import preset as named_config
 from accpinn.methods.registry import METHODS, method_of, usual_method

@@ -22,9 +22,8 @@ from multiprocessing import get_context
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.intervals import LEVEL, interval_ends, intervals
-from accpinn.inference.window_posterior import window_posterior
+from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters

@@ -15,9 +15,8 @@ from itertools import pairwise
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.inference.coordinates import count_of, log_prior
 from accpinn.inference.population import PARTS, Population, sampled_population
-from accpinn.inference.window_posterior import window_posterior
+from accpinn.inference.window_posterior import count_of, log_prior, window_posterior
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.recordings.files import read
 from accpinn.segment.cut import cut

@@ -25,11 +25,10 @@ from typing import NamedTuple
 import numpy as np
 
 from accpinn.inference.answer import answer
-from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import regularised, sampled_population
 from accpinn.inference.posterior import AT_SPEED, log_prior_of_features
-from accpinn.inference.window_posterior import window_posterior
+from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods.least_squares import fit as least_squares
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima

@@ -13,8 +13,8 @@ from tempfile import TemporaryDirectory
 from accpinn.api import fit, report
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, VICOLUNGO
+from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
-from accpinn.platoon.simulation import simulate_platoon
 from accpinn.stability.report import stability_report
 from accpinn.study.result import Result
 from accpinn.units import Seconds

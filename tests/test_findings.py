@@ -3,6 +3,7 @@
 import pytest
 from msgspec.structs import asdict
 
+from accpinn import platoon as simulation
 from accpinn.evaluation import closed_loop, evaluation, whiteness
 from accpinn.findings import Finding, joined, probability
 from accpinn.inference import (
@@ -11,10 +12,8 @@ from accpinn.inference import (
     intervals,
     model_adequacy,
     prediction,
-    trust,
 )
 from accpinn.methods import fit, maximum_likelihood
-from accpinn.platoon import simulation
 from accpinn.recordings import openacc
 from accpinn.recordings import recording as recordings
 from accpinn.recordings.recording import Window
@@ -44,7 +43,7 @@ SAID = [
     (recordings.MappingRemembered(), []),
     (fit.Undetermined(2, "IDM", ("b", "v₀")), ["2 Audi", "b and v₀", "IDM"]),
     (judge.Describes(2, "IDM", "CTHP", 5, 1.5, 20.0, 4.0, True), ["2 Audi", "IDM", "CTHP", "20 %"]),
-    (trust.Trust(2, 5, 4, 25.0, 1.9, 6.1, False), ["2 Audi", "4 of 5", "1.9 m", "6.1 m"]),
+    (answer.Trust(2, 5, 4, 25.0, 1.9, 6.1, False), ["2 Audi", "4 of 5", "1.9 m", "6.1 m"]),
     (segments.WindowMoved(5.04, 5.0), ["5 s", "5.04 s"]),
     (segments.WindowShortened(300.0, Window(20.0, 39.9)), ["39.9 s", "19.9 s", "300 s"]),
     (segments.Resampled(0.1), ["0.1 s"]),

@@ -18,7 +18,7 @@ from accpinn.cli.output import complain, flush, open_streams, show
 from accpinn.errors import AccpinnError, ConfigError, ParameterError
 
 COMMANDS = {
-    "info": ("recording", "what a recording holds, and warnings about it"),
+    "info": ("recordings", "what a recording holds, and warnings about it"),
     "fit": ("estimation", "learn α, β and τ from a window of a recording"),
     "starts": ("estimation", "train the PiNN from five initial values, one table"),
     "compare": ("estimation", "all methods on the same window, side by side"),
@@ -29,7 +29,7 @@ COMMANDS = {
     "verify": ("files", "check a snapshot against its own contents"),
     "report": ("files", "a snapshot as one self-contained web page"),
     "runs": ("files", "results of earlier runs, searched by words"),
-    "download": ("download", "runs of the OpenACC database from their publisher"),
+    "download": ("recordings", "runs of the OpenACC database from their publisher"),
     "export": ("files", "parameters of a snapshot for other programs"),
 }
 """The module of each, which has `add_NAME_options(parser)` and `run_NAME(options)`; its meaning."""

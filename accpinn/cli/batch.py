@@ -12,15 +12,14 @@ from tqdm import tqdm
 from accpinn.channels import fields
 from accpinn.cli.options import add_method_help
 from accpinn.cli.output import interruptible, print_json, show, show_result
-from accpinn.cli.recording import add_json_option
+from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
+from accpinn.results.database import counted, group_table, summary_line
 from accpinn.results.documents import groups_document
-from accpinn.results.messages.database import counted, summary_line
-from accpinn.results.tables.groups import group_table
-from accpinn.results.tables.table import Table
+from accpinn.results.tables import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
 from accpinn.study.comparison import parse_methods

@@ -1,4 +1,7 @@
-"""`fit`, `compare` and `starts`: parameters estimated from a window of a recording."""
+"""`fit`, `compare` and `starts`: parameters estimated from a window of a recording.
+
+`compare --models` asks which car-following model describes each car, in windows left out.
+"""
 
 import argparse
 import sys
@@ -21,37 +24,43 @@ from accpinn.cli.options import (
     chosen_store,
 )
 from accpinn.cli.output import interruptible, note, show_result
+from accpinn.cli.recordings import chosen_recording
 from accpinn.errors import ConfigError
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.model.registry import CTHPS, PAPER, following_model
+from accpinn.model.registry import CTHPS, JUDGED, PAPER, following_model
+from accpinn.recordings.recording import Window
 from accpinn.results.documents import (
     describe_comparison,
     describe_fit,
     describe_starts,
     incidents,
+    judgement_document,
     notes,
     warnings,
 )
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import about_answer, cards
+from accpinn.results.tables import Table
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
     intervals_table,
+    judged_table,
     methods_table,
     model_form_table,
+    model_parameters_table,
     parameter_table,
     starts_table,
 )
 from accpinn.results.tables.stability import verdict_table
-from accpinn.results.tables.table import Table
 from accpinn.results.vehicles import known_vehicles
+from accpinn.segment.cut import DURATION
 from accpinn.study.comparison import (
     Refused,
     Spread,
@@ -62,6 +71,7 @@ from accpinn.study.comparison import (
     spread_of,
     starts,
 )
+from accpinn.study.judge import Judgement, judge, subjects_of
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, named, save, writable_path
@@ -238,8 +248,6 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
 def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     if options.models:
-        from accpinn.cli.models import run_judge  # not needed for methods
-
         return run_judge(options)
     methods = parse_methods(options.methods)
     analysis, recording = chosen_analysis(options)
@@ -281,6 +289,50 @@ def _comparison_text(
         *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
     ]
     return "\n".join([*_answer_texts(first), *_texts(tables), *said])
+
+
+def parse_models(text: str) -> tuple[str, ...]:
+    """Keys of the registry, or those that are judged unless others are named.
+
+    Raises:
+        ConfigError: for an unknown one.
+    """
+    keys = JUDGED if text == "all" else tuple(part.strip() for part in text.split(","))
+    return tuple(following_model(key).key for key in dict.fromkeys(keys))
+
+
+def run_judge(options: argparse.Namespace) -> int:
+    """Judge the models, and print a row for each; 130 when interrupted, with those that are done.
+
+    Every window in car-following is left out in turn, unless a window is given: then its blocks.
+    """
+    models = parse_models(options.models)
+    if options.leave_out:
+        raise ConfigError("leave-out: models are judged on whole windows; leave --leave-out away.")
+    recording = chosen_recording(options)
+    asked = Window(options.start, options.start + options.duration)
+    windows = [] if asked == Window(0.0, DURATION) else [asked]
+    subjects = subjects_of(recording, options.vehicles, windows)
+    with interruptible() as stopped:
+        rounds = judge(subjects, models, stopped.is_set)
+        bar = tqdm(rounds, total=len(models), unit="model", file=sys.stderr, disable=None)
+        *_, judged = ((), *bar)
+    if judged:
+        show_result(options, _describe_judged, _judged_text, recording.source, judged)
+    return 130 if stopped.is_set() else 0
+
+
+def _describe_judged(source: str, judged: tuple[Judgement, ...]) -> dict[str, Any]:
+    return {"source": source, "vehicles": [*map(judgement_document, judged)]}
+
+
+def _judged_text(source: str, judged: tuple[Judgement, ...]) -> str:
+    parts = []
+    for car in judged:
+        tables = judged_table(car, car.speeds[1]), model_parameters_table(car)
+        parts += [table.to_text() for table in tables]
+        parts.append("\n".join(messages(car.findings, car.info)))
+    return "\n\n".join([source, *parts])
 
 
 def add_starts_options(parser: argparse.ArgumentParser) -> None:

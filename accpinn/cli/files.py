@@ -7,14 +7,14 @@ from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key, fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
-from accpinn.cli.recording import add_json_option
+from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording
 from accpinn.results.documents import parameter_card
 from accpinn.results.export import SAMPLES, snapshot_types
-from accpinn.results.tables.table import Column, Table
-from accpinn.results.tables.verification import verification_table
+from accpinn.results.reproduction import verification_table
+from accpinn.results.tables import Column, Table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, load, writable_path, write_file
 from accpinn.study.store import Entry, Store

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from accpinn.cli.recording import add_json_option, add_recording, chosen_recording
+from accpinn.cli.recordings import add_json_option, add_recording, chosen_recording
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER

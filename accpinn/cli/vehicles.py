@@ -5,13 +5,13 @@ from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
 from accpinn.cli.output import show_result
-from accpinn.cli.recording import add_json_option
+from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
+from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
@@ -24,7 +24,8 @@ from accpinn.results.messages.stability import (
     reason,
     smallest_gap,
 )
-from accpinn.results.tables.stability import amplitude_table, answer, stability_table
+from accpinn.results.tables.estimates import answer
+from accpinn.results.tables.stability import amplitude_table, stability_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.study.result import Result

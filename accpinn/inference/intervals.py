@@ -22,13 +22,12 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.posterior import STAGES
-from accpinn.inference.window_posterior import sampled, simulated_posterior
+from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
+from accpinn.methods import Law, one_thread
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import Law, one_thread
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, Held

@@ -23,10 +23,10 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
 from accpinn.inference.intervals import DRAWS, LEVEL, interval_ends
 from accpinn.inference.posterior import Posterior, sample
+from accpinn.methods import one_thread
 from accpinn.methods.kalman import Innovations, innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.method import one_thread
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import complete, coordinates
 from accpinn.model.cthp import Case, Parameters

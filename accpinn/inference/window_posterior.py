@@ -2,6 +2,12 @@
 
 Of a CTHP they are drawn from the posterior of the exact likelihood (see `inference.posterior`), of
 any other model from the normal approximation of `methods.following`.
+
+They stand in coordinates φ, in which windows of a car, and cars, are compared. Of a CTHP these are
+ln α, ln β, ln of the time gap at 100 km/h and its further terms (see `features` in
+`inference.posterior`). Of any other model they are its parameters in standard deviations of their
+priors, z of `model.following`; what follows from such a model is that of its linearisation at the
+vehicle's median speed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,18 +16,16 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from accpinn.inference.coordinates import count_of, parameters_of, possible
-from accpinn.inference.posterior import Posterior, features, sample
-from accpinn.methods import following
+from accpinn.inference.posterior import AT_SPEED, Posterior, features, log_prior_of_features, sample
+from accpinn.methods import Law, following, one_thread
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers, series_of
-from accpinn.model.cthp import Case
-from accpinn.model.registry import CTHPS, Held
+from accpinn.model.cthp import TERMS, Case, Parameters
+from accpinn.model.registry import CTHPS, FOLLOWING, Held
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 STAGES = (150, 150, 500)
 """Draws in each stage of a window's posterior."""
@@ -38,7 +42,7 @@ class WindowPosterior:
     estimates: FloatArray
     """(M, 6 + n) parameters of greatest likelihood, as `Parameters.everything`."""
     drawn: FloatArray
-    """(M, n, p) draws of the `coordinates` of equal weight from the posterior."""
+    """(M, n, p) draws of φ of equal weight from the posterior."""
     log_likelihood: FloatArray
     """(M, n) of the window's data at each draw, shared by all followers in Case I; nan for a model
     that is no CTHP."""
@@ -100,3 +104,63 @@ def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> 
             drawn[k] = possible(key, estimate.draws(DRAWS), speeds[k])
     unknown = np.full((followers, DRAWS), np.nan)
     return WindowPosterior(estimates, drawn, unknown, key, speeds)
+
+
+def count_of(model: str) -> int:
+    """p, the number of coordinates."""
+    return len(FOLLOWING[model].parameters)
+
+
+def free_of(model: str, held: Held) -> Mask:
+    """(p,) whether a coordinate is free: not one of a term that keeps its value."""
+    fixed = [name for name, _ in held]
+    return np.array([name not in fixed for name in FOLLOWING[model].names])
+
+
+def log_prior(model: str, phi: FloatArray) -> FloatArray:
+    """(..) log density of the prior of a window's own posterior at (.., p), up to a constant."""
+    if model in CTHPS:
+        return log_prior_of_features(model, phi)
+    return np.asarray(-0.5 * (phi**2).sum(axis=-1))
+
+
+def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Parameters:
+    """(..) parameters from coordinates (.., p).
+
+    Args:
+        model: whose coordinates.
+        phi: (.., p)
+        speed: (..) of the linearisation, in m/s; a CTHP is the same at every speed.
+    """
+    if model not in CTHPS:
+        return FOLLOWING[model].linearisations(own_of(model, phi), speed)
+    complete = np.zeros((*phi.shape[:-1], 6))
+    complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])
+    for at, term in enumerate(FOLLOWING[model].terms, 3):
+        least = -np.inf if term == "s0" else 0.0
+        complete[..., 3 + TERMS.index(term)] = np.maximum(phi[..., at], least)
+    complete[..., 2] = np.maximum(np.exp(phi[..., 2]) - complete[..., 3] / AT_SPEED, 0.0)
+    return Parameters.of(complete)
+
+
+def own_of(model: str, phi: FloatArray) -> FloatArray:
+    """(p, ..) the parameters of a model that is no CTHP, from coordinates (.., p)."""
+    kinds = FOLLOWING[model].parameters
+    return np.array([kind.value(phi[..., k]) for k, kind in enumerate(kinds)])
+
+
+def possible(model: str, phi: FloatArray, speed: float) -> FloatArray:
+    """Draws (n, p) of equal weight that have an equilibrium at a speed; others in place of those.
+
+    A vehicle kept that speed, so it had one. Where none has, all draws are returned.
+    """
+    if model in CTHPS or not np.isfinite(phi).all():
+        return phi
+    gaps = FOLLOWING[model].equilibrium_gaps(own_of(model, phi), speed)
+    kept = np.flatnonzero(np.isfinite(gaps))
+    if not len(kept):
+        return phi
+    chosen = np.arange(len(phi))
+    lost = ~np.isfinite(gaps)
+    chosen[lost] = np.resize(kept, lost.sum())
+    return np.asarray(phi[chosen])

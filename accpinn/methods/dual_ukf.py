@@ -27,9 +27,8 @@ Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 
 import numpy as np
 
-from accpinn.methods import online
+from accpinn.methods import direct, online
 from accpinn.methods.fit import FilterDiverged, Fit, Outcome
-from accpinn.methods.method import direct
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment.segment import Segment

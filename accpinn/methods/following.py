@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
+from accpinn.methods import Law, one_thread
 from accpinn.methods.fit import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
-from accpinn.methods.method import Law, one_thread
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, FollowingModel

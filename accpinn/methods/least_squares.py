@@ -21,8 +21,8 @@ from functools import partial
 
 import numpy as np
 
+from accpinn.methods import PAPERS, Law, direct
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.method import PAPERS, Law, direct
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import PAPER

@@ -14,10 +14,10 @@ from functools import lru_cache
 import numpy as np
 
 from accpinn.findings import Finding
+from accpinn.methods import PAPERS, Law, TaskContext, direct
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
-from accpinn.methods.method import PAPERS, Law, TaskContext, direct
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, complete, state_space

@@ -29,9 +29,8 @@ Sequential Monte Carlo Methods in Practice (2001), chapter 10.
 
 import numpy as np
 
-from accpinn.methods import online
+from accpinn.methods import direct, online
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.method import direct
 from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask

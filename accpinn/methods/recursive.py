@@ -27,8 +27,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accpinn.methods import direct
 from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome, WeaklyDetermined
-from accpinn.methods.method import direct
 from accpinn.methods.online import kept_samples, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods import (
+    Method,
     dual_ukf,
     least_squares,
     maximum_likelihood,
@@ -12,7 +13,6 @@ from accpinn.methods import (
     simulation,
     splines,
 )
-from accpinn.methods.method import Method
 from accpinn.methods.pinn import training as pinn
 from accpinn.model.registry import CTHPS
 from accpinn.recordings.recording import Recording

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods import following, least_squares, splines
+from accpinn.methods import PAPERS, Law, TaskContext, direct, following, least_squares, splines
 from accpinn.methods.fit import (
     Fit,
     MethodFinding,
@@ -42,7 +42,6 @@ from accpinn.methods.fit import (
     SimulatedSeparately,
     WeaklyDetermined,
 )
-from accpinn.methods.method import PAPERS, Law, TaskContext, direct
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import (
     LARGEST,

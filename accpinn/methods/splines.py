@@ -18,9 +18,9 @@ from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.errors import SegmentError
+from accpinn.methods import PAPERS, Law, direct
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.least_squares import MODELS, solved
-from accpinn.methods.method import PAPERS, Law, direct
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.segment.segment import Segment

@@ -1,4 +1,4 @@
-"""All car-following models: a further one is a file with its acceleration, and a line here.
+"""All car-following models: a further one is an acceleration, and a line here.
 
 A model's key names its terms: "cthp-s0-delay".
 """
@@ -10,10 +10,8 @@ from numpy.typing import ArrayLike
 
 from accpinn.errors import ConfigError
 from accpinn.model import cthp
-from accpinn.model.constant_headway import CTHP, CTHP_S0
+from accpinn.model.accelerations import CTHP, CTHP_S0, FVDM, IDM
 from accpinn.model.following import FollowingModel
-from accpinn.model.fvdm import FVDM
-from accpinn.model.idm import IDM
 from accpinn.units import FloatArray
 
 BASES = (

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from accpinn.errors import ConfigError
 
+PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
 _PARTS = re.compile(r"\s*([^()_]+?)\s*(?:\(([^()]*)\)|_(.+))\s*")
 """Make and model apart, as "Audi(A8)" and "AUDI_A8"."""
 

@@ -18,12 +18,11 @@ import requests
 
 from accpinn.channels import METADATA
 from accpinn.errors import RecordingError
-from accpinn.recordings.catalogue import Run
+from accpinn.recordings.catalogue import PUBLISHED_AT, Run
 from accpinn.recordings.source import LIMIT_BYTES
 from accpinn.storage import reason_of, reported
 from accpinn.units import Seconds
 
-PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
 CONNECTIONS = 4
 """Connections at a time, so as not to burden the publisher."""
 ATTEMPTS = 5

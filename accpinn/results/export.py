@@ -25,8 +25,8 @@ import numpy as np
 
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.inference.posterior import AT_SPEED, SLOWEST
+from accpinn.model.accelerations import IDM
 from accpinn.model.cthp import Parameters
-from accpinn.model.idm import IDM
 from accpinn.model.registry import PAPER
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Seconds

@@ -1,15 +1,17 @@
-"""The paper's printed tables and figures, and the same verdicts computed here.
+"""What was stated beside what is found now: the paper's tables and figures, and a snapshot.
 
 Source of all printed values: Apostolakis and Ampountolas, IEEE TVT 2024, Tables I to III and
 Figures 2 to 8. Verdicts and peaks follow from the printed parameters alone, so they are computed
 at once; what takes a recording names its run and window.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from accpinn.channels import MAGNITUDE
 from accpinn.findings import joined
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import (
     ASTAZERO,
     ASTAZERO_ALIKE,
@@ -20,7 +22,13 @@ from accpinn.model.published import (
     ParameterSet,
 )
 from accpinn.recordings.recording import Recording, Window
+from accpinn.results.tables import Column, Table
+from accpinn.results.tables.estimates import answer, parameter_cells
+from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT
 from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.study.verification import Verification
+
+L2, LINF = "L₂", "L∞"
 
 
 @dataclass(frozen=True)
@@ -149,3 +157,49 @@ ITEMS = (
     PrintedItem("Figure 8", "Eight followers behind a sinusoid, four panels"),
 )  # fmt: skip
 """In the order of the checklist; Figure 1 is a drawing of the network."""
+
+
+def verification_table(verification: Verification) -> Table:
+    """One row a part: how it was checked, whether it agrees, and the first difference."""
+    checks = sorted(verification.checks, key=lambda check: check.ok)
+    agrees = {True: "yes", False: "NO"}
+    return Table.of(
+        "Stored, and found now",
+        [
+            (Column("Part"), [check.title for check in checks]),
+            (Column("How"), [check.state for check in checks]),
+            (
+                Column("Agrees"),
+                [agrees[check.ok] if check.state != "not checked" else None for check in checks],
+            ),
+            (Column("Result", prose=True), [check.sentence for check in checks]),
+        ],
+    )
+
+
+def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = None) -> Table:
+    """A row a follower: printed parameters and verdicts, and what follows from the parameters.
+
+    Parameters (M,) that were learned here from the same data stand beside the printed ones.
+    """
+    assessed = printed.report.vehicles
+    return Table.of(
+        printed.vehicles.title,
+        [
+            (Column("Vehicle"), printed.vehicles.labels),
+            *parameter_cells(printed.vehicles.parameters, "Printed"),
+            *(parameter_cells(learned, "Learned here") if learned else ()),
+            (Column("printed", group=L2), _words(printed.l2)),
+            (Column("computed", group=L2), [answer(v.l2) for v in assessed]),
+            (Column("printed", group=LINF), _words(printed.linf)),
+            (Column("paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
+            (Column("exact criterion", group=LINF), [answer(v.linf_exact) for v in assessed]),
+            (replace(GAIN, group=LINF), [v.linf_gain for v in assessed]),
+            (replace(PEAK, group=MAGNITUDE.name), [v.peak.db for v in assessed]),
+            (replace(PEAK_AT, group=MAGNITUDE.name), [v.peak.omega or None for v in assessed]),
+        ],
+    )
+
+
+def _words(verdicts: Iterable[bool]) -> list[str]:
+    return ["YES" if stable else "NO" for stable in verdicts]

@@ -139,6 +139,16 @@ def complete_windows(recording: Recording, vehicles: Sequence[int]) -> tuple[Win
     return _platoon(recording, check_vehicles(recording, vehicles)).complete()
 
 
+def first_window(
+    recording: Recording, stretches: Sequence[Window], length: Seconds = DURATION
+) -> Window:
+    """The first complete stretch that is long enough, else the longest one."""
+    length = min(length, recording.duration)
+    usual = Window(0.0, min(length, DURATION))
+    best = max(stretches, key=lambda window: min(window.duration, length), default=usual)
+    return Window(best.start, min(best.end, best.start + length))
+
+
 def disjoint_windows(
     recording: Recording, duration: Seconds, vehicles: Sequence[int] | None = None
 ) -> tuple[Window, ...]:

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.answer import checked_held
-from accpinn.methods.method import PAPERS, Law
+from accpinn.methods import PAPERS, Law
 from accpinn.methods.registry import METHODS, method_of, segment_for
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, PAPER, Held, following_model

@@ -20,8 +20,8 @@ from typing import Any
 
 from accpinn.errors import AccpinnError, ConfigError, RecordingError, SegmentError
 from accpinn.inference.window_posterior import window_posterior
+from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext, relative_size
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, following_model

@@ -22,8 +22,8 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
 from accpinn.findings import Finding, Labelled, Words
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Outcome
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS, segment_for
 from accpinn.model.cthp import Case, Parameters

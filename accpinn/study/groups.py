@@ -34,11 +34,16 @@ from accpinn.inference.answer import (
     car_of,
     middle_of,
 )
-from accpinn.inference.coordinates import count_of, parameters_of, possible
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import WITHIN, population_of, sampled_population
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.inference.window_posterior import DRAWS, STABILITY_DRAWS
+from accpinn.inference.window_posterior import (
+    DRAWS,
+    STABILITY_DRAWS,
+    count_of,
+    parameters_of,
+    possible,
+)
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
 from accpinn.segment.segment import median_by_duration

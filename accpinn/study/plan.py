@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from accpinn.errors import AccpinnError, RecordingError, SegmentError
-from accpinn.methods.method import FURTHER
+from accpinn.methods import FURTHER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read_all
 from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window

@@ -22,14 +22,13 @@ from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentErr
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.answer import Answer, answer
-from accpinn.inference.coordinates import parameters_of
 from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.inference.window_posterior import window_posterior
+from accpinn.inference.window_posterior import parameters_of, window_posterior
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
-from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap

@@ -7,9 +7,9 @@ from hashlib import sha256
 from itertools import combinations
 
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import CacheProblem, Progress
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.method import TaskContext
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case

@@ -430,7 +430,7 @@ class Store(Shelf):
 
 
 class StoredCheckpoints:
-    """The checkpoint of one training in the store, as `methods.method.Checkpoints` asks."""
+    """The checkpoint of one training in the store, as `methods.Checkpoints` asks."""
 
     def __init__(self, store: Store, key: str, say: Say | None) -> None:
         """Where it lies."""

@@ -1,7 +1,455 @@
 """Work in the background: one kind of task, and the queue it waits in.
 
-A training, a comparison of methods and a series of starts are all a `Task`. Each keeps a processor
-core busy, so one task runs at a time and the others wait their turn. Whoever asks (a page, many
-times a second) gets answers at once and never waits for the worker. A training that was stopped
-is continued by submitting the same request again: the store holds its checkpoint.
+A task runs one analysis (a training), or several that differ in method (a comparison) or in
+initial values (a series of starts). Batches and downloads are tasks, too (see `tasks.batches`).
+Each keeps a processor core busy, so one task runs at a time, in one thread, and the others wait
+their turn. Whoever asks (a page, many times a second) gets answers at once and never waits for the
+worker. A training that was stopped is continued by submitting the same request again: the store
+holds its checkpoint.
 """
+
+import gc
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from enum import Enum
+from functools import cache
+from itertools import takewhile
+from queue import SimpleQueue
+from typing import Any, Generic, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from accpinn.errors import AccpinnError
+from accpinn.inference.model_adequacy import Adequacy
+from accpinn.methods import TaskContext, relative_size
+from accpinn.methods.fit import History, Outcome, Progress, Recorder
+from accpinn.methods.pinn.config import STARTS
+from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Trajectories
+from accpinn.model.registry import following_model
+from accpinn.recordings.recording import Recording
+from accpinn.segment.segment import Segment
+from accpinn.study.analysis import Analysis
+from accpinn.study.comparison import Refused, compare, starts
+from accpinn.study.judge import Judgement, Subject, judge
+from accpinn.study.result import Result
+from accpinn.study.run import run
+from accpinn.study.store import Store
+from accpinn.units import Seconds
+
+_log = logging.getLogger(__name__)
+
+RATE_WINDOW: Seconds = 3.0
+"""The rate of iterations is that of the last seconds, as it can change with the phase."""
+FORMS_SECONDS: Seconds = 2.5
+"""Typical time of the forms of the model for one follower, as the typical seconds of methods."""
+KEPT_TASKS = 100
+"""Finished tasks beyond this number are forgotten, the oldest first."""
+LONGEST_QUEUE = 60
+"""More tasks than this do not wait; each owner has one of a kind at most."""
+GRACE: Seconds = 2.0
+"""The worker gets ready after so long, or with the first task: meanwhile the first page is drawn,
+which else shares the processor with imports."""
+Found = TypeVar("Found")
+Steps = Callable[[TaskContext], Iterator[Found]]
+"""The work: yields each result, reports progress between, and ends early once it should stop."""
+
+
+class Status(Enum):
+    """Where a task stands."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    DONE = "done"
+    STOPPED = "stopped"
+    FAILED = "failed"
+
+
+class Task(Generic[Found]):
+    """A piece of work; every method may be called in any thread."""
+
+    def __init__(
+        self,
+        owner: str,
+        kind: str,
+        steps: Steps[Found],
+        names: tuple[str, ...] = ("",),
+        weights: Sequence[float] = (),
+        analysis: Analysis | None = None,
+    ) -> None:
+        """Queued.
+
+        Args:
+            owner: who asked; an owner has one active task of a kind.
+            kind: its name in sentences, as "comparison".
+            steps: the work.
+            names: names of the results, in their order.
+            weights: how long each result takes compared with the others, which the time left is
+                estimated from; empty for a task whose iterations have a rate.
+            analysis: what a training answers; a task of an equal analysis is not run twice.
+        """
+        self.owner, self.kind, self.names, self.analysis = owner, kind, names, analysis
+        self._steps, self._weights = steps, tuple(weights)
+        self._lock = threading.Lock()
+        self._stop, self._ended = threading.Event(), threading.Event()
+        self.status = Status.QUEUED
+        self.error = ""
+        """Why it failed, as a sentence; empty otherwise."""
+        self.results: tuple[Found, ...] = ()
+        """All results so far, also those of a task that was stopped or failed."""
+        self.recorder = Recorder()
+        """The course of the running estimation, or of the latest one."""
+        self._recent = deque[Progress](maxlen=200)
+        self._began: Seconds | None = None
+        self.surrogate: Trajectories | None = None
+        """The running estimation's latest curves."""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it still waits or runs."""
+        return self.status in (Status.QUEUED, Status.RUNNING)
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether it was asked to stop and has not ended yet."""
+        return self._stop.is_set() and self.is_active
+
+    @property
+    def result(self) -> Found | None:
+        """The latest result, None before the first."""
+        return self.results[-1] if self.results else None
+
+    @property
+    def progress(self) -> Progress | None:
+        """The latest moment of the running estimation, None where it has reported none."""
+        with self._lock:
+            return self._recent[-1] if self._recent else None
+
+    @property
+    def current(self) -> str:
+        """The name of the running estimation; empty where none runs."""
+        done = len(self.results)
+        return self.names[done] if self.is_active and done < len(self.names) else ""
+
+    @property
+    def share(self) -> float:
+        """The share of the work that is done, 0 to 1."""
+        with self._lock:
+            done, now = len(self.results), self._recent[-1] if self._recent else None
+        weights = self._weights or (1.0,) * len(self.names)
+        within = min(1.0, now.iteration / max(1, now.iterations)) if now else 0.0
+        running = within * weights[done] if done < len(weights) else 0.0
+        return min(1.0, (sum(weights[:done]) + running) / sum(weights))
+
+    @property
+    def rate(self) -> float | None:
+        """Iterations per second over the last seconds; None before two moments are known."""
+        with self._lock:
+            recent = list(self._recent)
+        if not recent:
+            return None
+        last = recent[-1]
+        first = next(moment for moment in recent if last.seconds - moment.seconds <= RATE_WINDOW)
+        elapsed = last.seconds - first.seconds
+        return (last.iteration - first.iteration) / elapsed if elapsed > 0 else None
+
+    @property
+    def time_left(self) -> Seconds | None:
+        """Time until its end at the latest, in s; None where nothing is known of it."""
+        if self._weights:
+            share = self.share
+            if self._began is None or share <= 0:
+                return None
+            return (time.monotonic() - self._began) * (1 - share) / share
+        now, rate = self.progress, self.rate
+        return (now.iterations - now.iteration) / rate if now and rate else None
+
+    def history(self) -> History | None:
+        """The history of the running or latest estimation, None before its first moment."""
+        with self._lock:
+            if isinstance(self.result, Result) and not self._recent:
+                return self.result.fit.history
+            return self.recorder.history() if self.recorder else None
+
+    def stop(self) -> None:
+        """Ask it to end soon, with its results so far; one that still waits ends at once."""
+        self._stop.set()
+        with self._lock:
+            if self.status is Status.QUEUED:
+                self._end(Status.STOPPED)
+
+    def refuse(self, reason: str) -> None:
+        """End it before it has begun, for a reason that is given as a sentence."""
+        self._end(Status.FAILED, reason)
+
+    def answer(self, result: Found) -> None:
+        """End it with a result that is known already."""
+        self._add(result)
+        self._end(Status.DONE)
+
+    def wait(self, timeout: Seconds | None = None) -> bool:
+        """Wait for its end; False if that did not come in time."""
+        return self._ended.wait(timeout)
+
+    def work(self) -> None:
+        """Run it to its end, whatever that is; only the queue's worker does."""
+        with self._lock:
+            if self.status is not Status.QUEUED:
+                return
+            self.status, self._began = Status.RUNNING, time.monotonic()
+        try:
+            for result in self._steps(TaskContext(None, None, self._note, self._stop.is_set)):
+                self._add(result)
+        except AccpinnError as fault:  # a stop may leave nothing to answer with
+            self._end(Status.STOPPED if self._stop.is_set() else Status.FAILED, str(fault))
+        except Exception as fault:
+            _log.exception("A %s ended unexpectedly", self.kind)
+            self._end(
+                Status.FAILED,
+                f"The {self.kind} ended unexpectedly ({type(fault).__name__}): a fault of this"
+                " program, not of your data; its log has the details. Try other settings.",
+            )
+        else:
+            self._end(Status.DONE if self._is_complete() else Status.STOPPED)
+
+    def _note(self, progress: Progress) -> None:
+        with self._lock:
+            if not self._recent and self.results:
+                self.recorder = Recorder()
+            self._recent.append(progress)
+            if not progress.is_part:
+                self.recorder.add(progress)
+            self.surrogate = progress.surrogate or self.surrogate
+
+    def _add(self, result: Found) -> None:
+        with self._lock:
+            self.results = (*self.results, result)
+            self._recent.clear()
+
+    def _is_complete(self) -> bool:
+        results = [result for result in self.results if isinstance(result, Result)]
+        is_stopped = any(result.fit.outcome is Outcome.STOPPED for result in results)
+        return len(self.results) == len(self.names) and not is_stopped
+
+    def _end(self, status: Status, error: str = "") -> None:
+        self.error, self.status = error, status  # whoever sees that it failed can ask why
+        self._ended.set()
+
+
+@cache
+def get_ready() -> None:
+    """Import what a training needs, and share the process among threads.
+
+    What is imported stays for good, and a search of it for garbage would hold up all threads, so it
+    is kept from the collector. Linear algebra takes one thread each.
+    """
+    from accpinn.methods.pinn import calibrated, fast  # noqa: F401  (with PyTorch)
+
+    gc.collect()
+    gc.freeze()
+    threadpool_limits(limits=1, user_api="blas")
+
+
+class TaskQueue:
+    """All tasks of a server, and the one thread that works on them."""
+
+    def __init__(self, prepare: Callable[[], object] = get_ready) -> None:
+        """Start the worker, which calls ``prepare`` before the first task."""
+        self._prepare = prepare
+        self._lock = threading.RLock()
+        self._tasks: list[Task[Any]] = []
+        """In the order of their submission; active ones run in that order."""
+        self._waiting = SimpleQueue[Task[Any] | None]()
+        self._asked = threading.Event()
+        # A daemon, so that the server can end in the middle of a training.
+        self._worker = threading.Thread(target=self._serve, name="tasks", daemon=True)
+        self._worker.start()
+
+    def submit(self, task: Task[Found]) -> Task[Found]:
+        """Queue a task, unless it has an answer; an active one of its owner and kind is stopped.
+
+        An active task of an equal analysis is returned in its place. Where too many wait already,
+        the task fails at once and says so.
+        """
+        analysis = task.analysis
+        with self._lock:
+            earlier = self.of(task.owner, task.kind)
+            if earlier:
+                asked = earlier.analysis
+                is_same = analysis and asked and analysis.key == asked.key
+                if is_same and earlier.is_active and not earlier.is_stopping:
+                    return earlier
+                earlier.stop()
+            waiting = [other for other in self._tasks if other.status is Status.QUEUED]
+            ended = [other for other in self._tasks if not other.is_active]
+            forgotten = ended[:-KEPT_TASKS]
+            self._tasks = [other for other in self._tasks if other not in forgotten]
+            self._tasks.append(task)
+            if not task.is_active:
+                return task
+            if len(waiting) >= LONGEST_QUEUE:
+                task.refuse(f"{len(waiting)} tasks are waiting already; try again later.")
+            else:
+                self._waiting.put(task)
+                self._asked.set()
+        return task
+
+    def of(self, owner: str, kind: str = "training") -> Task[Any] | None:
+        """The owner's latest task of that kind that is not forgotten."""
+        with self._lock:
+            tasks = reversed(self._tasks)
+            return next((task for task in tasks if (task.owner, task.kind) == (owner, kind)), None)
+
+    def active_owners(self, kind: str) -> tuple[str, ...]:
+        """Whose tasks of that kind wait or run."""
+        with self._lock:
+            return tuple(t.owner for t in self._tasks if t.kind == kind and t.is_active)
+
+    def ahead_of(self, task: Task[Any]) -> tuple[Task[Any], ...]:
+        """The tasks that run or wait before a queued one; none once it runs."""
+        with self._lock:
+            if task.status is not Status.QUEUED:
+                return ()
+            earlier = takewhile(lambda other: other is not task, self._tasks)
+            return tuple(other for other in earlier if other.is_active)
+
+    def wait_for(self, task: Task[Any]) -> Seconds | None:
+        """Until a queued task starts at the latest; None where that is not known."""
+        times = [other.time_left for other in self.ahead_of(task)]
+        known = [seconds for seconds in times if seconds is not None]
+        return sum(known) if len(known) == len(times) else None
+
+    def close(self) -> None:
+        """Stop everything and end the worker."""
+        with self._lock:
+            for task in self._tasks:
+                task.stop()
+        self._waiting.put(None)
+        self._asked.set()
+        self._worker.join()
+
+    def _serve(self) -> None:
+        self._asked.wait(GRACE)
+        with suppress(Exception):  # reported by every task that needs what is prepared
+            self._prepare()
+        for task in iter(self._waiting.get, None):
+            task.work()
+            del task
+            if self._waiting.empty():
+                gc.collect()  # no page waits for that
+
+
+# What is asked
+
+
+def training_task(
+    owner: str,
+    analysis: Analysis,
+    recording: Recording | None,
+    store: Store | None,
+    segments: tuple[Segment, ...] = (),
+    anew: bool = False,
+) -> Task[Result]:
+    """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
+
+    A stopped training of an equal analysis goes on from its checkpoint.
+
+    Args:
+        owner: who asked; a finished training is entered among what this session has shown.
+        analysis: what is asked.
+        recording: that it is asked of; None where only the data of its window are at hand.
+        store: where results and checkpoints are kept.
+        segments: those data; by default they are cut from the recording.
+        anew: begin at the first iteration, whatever checkpoint there is.
+    """
+
+    def answer(context: TaskContext | None) -> Result:
+        result = run(analysis, recording, segments=segments, store=store, context=context)
+        _ = result.answer, result.quality, result.uncertainty, result.evaluation
+        if store and result.is_finished:
+            store.record_shown(owner, result)
+        return result
+
+    def steps(context: TaskContext) -> Iterator[Result]:
+        get_ready()
+        if store and (state := store.stopped_state(analysis)):
+            task.recorder.restore(state)
+        yield answer(context)
+
+    task = Task(owner, "training", steps, analysis=analysis)
+    known = store.find(analysis) if store else None
+    if known and known.parts.answer:
+        task.answer(answer(None))
+    elif store and anew and analysis.checkpoint_key:
+        store.checkpoints(analysis).drop()
+    return task
+
+
+def comparison_task(
+    owner: str,
+    analysis: Analysis,
+    recording: Recording | None,
+    segments: tuple[Segment, ...] = (),
+) -> Task[Result | Refused | Adequacy]:
+    """All methods on one window, those first that take least, and the forms of the model."""
+    methods = sorted(METHODS.values(), key=lambda method: method.typical_seconds)
+
+    def steps(context: TaskContext) -> Iterator[Result | Refused | Adequacy]:
+        quiet = replace(context, on_progress=None)  # several fits make one result
+        last: Result | None = None
+        keys = [method.key for method in methods]
+        for outcome in compare(analysis, recording, keys, segments=segments, context=quiet):
+            last = outcome if isinstance(outcome, Result) else last
+            yield outcome
+        if last and not context.is_stopped:
+            _ = last.answer
+            yield last.adequacy
+
+    names = (*(method.title for method in methods), "Forms of the model")
+    weights = [*(method.typical_seconds for method in methods), FORMS_SECONDS]
+    return Task(owner, "comparison", steps, names, weights)
+
+
+def comparison_seconds(segment: Segment) -> Seconds:
+    """How long a comparison of all methods takes on two cores, to within a factor of two or so."""
+    typical = sum(method.typical_seconds for method in METHODS.values()) + FORMS_SECONDS
+    return relative_size(segment) * typical
+
+
+def judgement_task(
+    owner: str, subjects: Sequence[Subject], models: Sequence[str]
+) -> Task[tuple[Judgement, ...]]:
+    """Car-following models in windows left out; each result has all models so far."""
+
+    def steps(context: TaskContext) -> Iterator[tuple[Judgement, ...]]:
+        return judge(subjects, models, context.should_stop)
+
+    following = [following_model(key) for key in models]
+    weights = [len(model.parameters) ** 2 for model in following]
+    titles = tuple(model.title for model in following)
+    return Task(owner, "judgement of models", steps, titles, weights)
+
+
+def starts_task(
+    owner: str,
+    analysis: Analysis,
+    recording: Recording | None,
+    store: Store | None,
+    segments: tuple[Segment, ...] = (),
+) -> Task[Result]:
+    """Trainings of one window from five initial values; the arguments are `training_task`'s."""
+
+    def steps(context: TaskContext) -> Iterator[Result]:
+        for asked in starts(analysis):
+            result = run(asked, recording, segments=segments, store=store, context=context)
+            if context.is_stopped:
+                return
+            yield result
+
+    names = tuple(f"start {k} of {len(STARTS)}" for k in range(1, len(STARTS) + 1))
+    return Task(owner, "series of starts", steps, names, (1.0,) * len(names))

@@ -5,12 +5,12 @@ from functools import partial
 from pathlib import Path
 
 from accpinn.errors import RecordingError
-from accpinn.methods.method import TaskContext
-from accpinn.recordings.catalogue import Run
-from accpinn.recordings.download import PUBLISHED_AT, Download, DownloadState, Transfer, download
+from accpinn.methods import TaskContext
+from accpinn.recordings.catalogue import PUBLISHED_AT, Run
+from accpinn.recordings.download import Download, DownloadState, Transfer, download
 from accpinn.study.batch import BatchProgress, run_request
 from accpinn.study.studies import Request
-from accpinn.tasks.task import Task
+from accpinn.tasks import Task
 
 
 class StudyTask(Task[BatchProgress]):

@@ -34,7 +34,7 @@ from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.segment.segment import Segment
 from accpinn.study.comparison import Refused, refused_among, spread_of
 from accpinn.study.result import Result
-from accpinn.tasks.task import comparison_seconds
+from accpinn.tasks import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui import models
 from pages.ui.components import frame, show

@@ -15,8 +15,13 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
 from accpinn.results.figures.recording import speeds_thumbnail
 from accpinn.results.figures.stability import gains_thumbnail
-from accpinn.results.reproduction import ITEMS, PrintedItem, PrintedRun, PrintedVerdicts
-from accpinn.results.tables.verification import reproduction_table
+from accpinn.results.reproduction import (
+    ITEMS,
+    PrintedItem,
+    PrintedRun,
+    PrintedVerdicts,
+    reproduction_table,
+)
 from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show

@@ -6,9 +6,9 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from accpinn.model.registry import FOLLOWING, JUDGED
-from accpinn.results.figures import models as figures
+from accpinn.results.figures import comparison as figures
 from accpinn.results.messages import messages
-from accpinn.results.tables.models import judged_table, model_parameters_table
+from accpinn.results.tables.estimates import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button

@@ -14,8 +14,8 @@ from streamlit.delta_generator import DeltaGenerator
 from accpinn.channels import SPEED
 from accpinn.errors import ParameterError
 from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon import Collision, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.simulation import Collision, PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation, watched
 from accpinn.results.figures.stability import colours

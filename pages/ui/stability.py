@@ -10,7 +10,7 @@ import streamlit as st
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import stability as figures
-from accpinn.results.figures.models import Follower, peak_over_speed
+from accpinn.results.figures.comparison import Follower, peak_over_speed
 from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
@@ -30,8 +30,8 @@ from accpinn.results.messages.stability import (
     reason,
 )
 from accpinn.results.messages.summary import conditional
+from accpinn.results.tables.estimates import answer
 from accpinn.results.tables.stability import (
-    answer,
     criteria_part,
     measured_gain_table,
     stability_table,

@@ -18,7 +18,7 @@ from accpinn.results.figures.training import thinned_history, tracking, training
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
-from accpinn.tasks.task import Task
+from accpinn.tasks import Task
 from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button

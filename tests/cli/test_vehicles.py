@@ -2,8 +2,8 @@
 
 from accpinn.cli import main
 from accpinn.model.published import ASTAZERO
+from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import simulate_platoon
 from accpinn.stability.report import stability_report
 from tests.support.command import Capture, document
 

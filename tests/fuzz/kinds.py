@@ -27,13 +27,13 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings.files import read, read_all
 from accpinn.recordings.mapping import load_mapping
 from accpinn.recordings.recording import Recording
+from accpinn.results.database import failure_table, group_table
 from accpinn.results.documents import parameter_card
 from accpinn.results.export import snapshot_types
 from accpinn.results.messages import messages
 from accpinn.results.messages import summary as words
 from accpinn.results.report import render_report, tables_of
-from accpinn.results.tables.groups import failure_table, group_table
-from accpinn.results.tables.verification import verification_table
+from accpinn.results.reproduction import verification_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window

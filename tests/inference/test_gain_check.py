@@ -11,8 +11,8 @@ from accpinn.inference.gain_check import LEAST, GainCheck, gain_checks
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline
+from accpinn.results.tables import Marked
 from accpinn.results.tables.stability import verdict_table
-from accpinn.results.tables.table import Marked
 from accpinn.segment.segment import Segment
 from accpinn.stability.report import stability_report
 from bench.disturbed import Disturbance, disturbed

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from accpinn.inference.trust import Trust, trust
+from accpinn.inference.answer import Trust, trust
 from accpinn.model.cthp import Parameters
 from accpinn.segment.segment import Segment
 from bench.disturbed import Disturbance, disturbed

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from accpinn.methods import Law
 from accpinn.methods.following import Drives, Undetermined, estimate
-from accpinn.methods.method import Law
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import FOLLOWING
 from tests.support.following import driven

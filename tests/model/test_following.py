@@ -8,9 +8,9 @@ import pytest
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.methods.following import Drives, estimate
 from accpinn.model import cthp
+from accpinn.model.accelerations import IDM
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
-from accpinn.model.idm import IDM
 from accpinn.model.registry import CTHPS, FOLLOWING, JUDGED, following_model
 from accpinn.stability.criteria import response
 from tests.support.command import ROOT

@@ -16,7 +16,7 @@ from accpinn.results.messages.summary import outside_intervals
 from accpinn.results.tables.answer import answer_table
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.result import Result
-from accpinn.tasks.task import Status, Task
+from accpinn.tasks import Status, Task
 from pages.ui.session.resources import FIRST_SAMPLE, sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
 from tests.support.apptest import COMPARE, WAIT, answer, open_page, with_sample
@@ -58,7 +58,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     session: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     methods = {key: METHODS[key] for key in ("maximum-likelihood", "least-squares", "splines")}
-    monkeypatch.setattr("accpinn.tasks.task.METHODS", methods)
+    monkeypatch.setattr("accpinn.tasks.METHODS", methods)
     page = open_page(COMPARE, session)
     page.button(key="compare_run").click().run()
     assert session.comparison.wait(WAIT)

@@ -15,12 +15,11 @@ from accpinn.errors import RecordingError
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
 from accpinn.recordings.recording import Mode, Window
-from accpinn.results.messages.database import extent, headline
+from accpinn.results.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study
 from accpinn.study.studies import FILE, Answer, Request, written
-from accpinn.tasks import batches
-from accpinn.tasks.task import Status
+from accpinn.tasks import Status, batches
 from pages.ui.data.sources import ASK
 from pages.ui.database import page as database_page
 from pages.ui.session.resources import batch_queue, download_queue

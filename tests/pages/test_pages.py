@@ -16,9 +16,9 @@ from accpinn.model.registry import BEST
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import ASTAZERO_RUN, CASALE_RUN, PrintedRun
+from accpinn.results.tables import supported_digits
 from accpinn.results.tables.answer import answer_table, own_windows_table
-from accpinn.results.tables.table import supported_digits
-from accpinn.tasks.task import Status, training_task
+from accpinn.tasks import Status, training_task
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
@@ -26,8 +26,14 @@ from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, store, task_queue
-from pages.ui.session.windows import windows_in_car_following
+from pages.ui.session.resources import (
+    FIRST_SAMPLE,
+    SAMPLES,
+    sample,
+    store,
+    task_queue,
+    windows_in_car_following,
+)
 from pages.ui.session.workspace import ALL_WINDOWS, MODEL, Workspace
 from tests.support.apptest import (
     COMPARE,

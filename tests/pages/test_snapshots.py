@@ -9,7 +9,7 @@ from accpinn.methods.pinn.config import PAPER, preset
 from accpinn.model.cthp import Parameters
 from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
-from accpinn.tasks.task import Status
+from accpinn.tasks import Status
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, library, sample
 from pages.ui.session.workspace import Workspace

@@ -15,7 +15,7 @@ from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
-from accpinn.platoon.simulation import AFTER_COLLISION
+from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings.recording import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.answer import assumption
@@ -25,7 +25,7 @@ from accpinn.stability.measured_gain import measured_gain
 from accpinn.stability.report import stability_report
 from accpinn.study.snapshot import named
 from accpinn.study.snapshot_library import Library
-from accpinn.tasks.task import Task
+from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
 from pages.ui.platoon import parse_order
 from pages.ui.session import sessions

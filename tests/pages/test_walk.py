@@ -102,7 +102,7 @@ def settle(session: Workspace) -> None:
 
 @pytest.mark.usefixtures("fresh_server")
 def test_no_control_of_any_page_ends_in_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("accpinn.tasks.task.METHODS", {key: METHODS[key] for key in QUICK})
+    monkeypatch.setattr("accpinn.tasks.METHODS", {key: METHODS[key] for key in QUICK})
     dice, session, trail = random.Random(SEED), with_sample(), list[str]()
     for path in (*PAGES, *dice.choices(PAGES, k=PAGES_MORE)):
         page = open_page(path, session)

@@ -14,8 +14,7 @@ from scipy.integrate import solve_ivp
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import CASALE
-from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.simulation import (
+from accpinn.platoon import (
     SETTLED,
     Amplitudes,
     NeverSettles,
@@ -25,6 +24,7 @@ from accpinn.platoon.simulation import (
     TransientLeft,
     simulate_platoon,
 )
+from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.stability.criteria import response
 from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.units import FloatArray

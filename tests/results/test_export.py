@@ -14,8 +14,8 @@ from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import PUBLISHED
 from accpinn.model.registry import FOLLOWING
+from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import simulate_platoon
 from accpinn.results.documents import parameter_card
 from accpinn.results.export import snapshot_types, sumo_types
 from tests.support import sumo

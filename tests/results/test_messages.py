@@ -19,19 +19,19 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.platoon import AFTER_COLLISION, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import AFTER_COLLISION, simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
+from accpinn.results import database as on_batch
 from accpinn.results.messages import answer as on_answer
-from accpinn.results.messages import database as on_batch
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
-from accpinn.results.messages.recording import driver_summary, suggestion_reasons
 from accpinn.results.messages.stability import headline, reason
+from accpinn.results.recording import driver_summary, suggestion_reasons
+from accpinn.results.tables import Marked
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
-from accpinn.results.tables.table import Marked
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability.report import (

@@ -7,8 +7,7 @@ import pytest
 
 from accpinn.model.published import VICOLUNGO
 from accpinn.recordings.openacc import read
-from accpinn.results.reproduction import ITEMS, PrintedVerdicts
-from accpinn.results.tables.verification import reproduction_table
+from accpinn.results.reproduction import ITEMS, PrintedVerdicts, reproduction_table
 from accpinn.segment.cut import cut
 from tests.support.samples import FOLDER
 

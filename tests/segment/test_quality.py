@@ -10,7 +10,7 @@ from accpinn.evaluation.evaluation import part
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import LittleLeaderMotion, Mode, Recording
-from accpinn.results.messages.recording import MEANING, WORDS
+from accpinn.results.recording import MEANING, WORDS
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import (
     GapsNegative,

@@ -20,9 +20,8 @@ from distributed import Client, LocalCluster
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.inference.coordinates import count_of
 from accpinn.inference.intervals import Uncertainty, from_draws
-from accpinn.inference.window_posterior import DRAWS, WindowPosterior
+from accpinn.inference.window_posterior import DRAWS, WindowPosterior, count_of
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters

@@ -10,14 +10,14 @@ import pytest
 from accpinn.cli import main
 from accpinn.errors import SegmentError
 from accpinn.inference.model_adequacy import FORMS
-from accpinn.methods.method import TaskContext
+from accpinn.methods import TaskContext
 from accpinn.methods.pinn.config import STARTS, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.messages import messages
-from accpinn.results.tables.recording import regimes_table, sensitivity_table
+from accpinn.results.recording import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
 from accpinn.study.analysis import Analysis

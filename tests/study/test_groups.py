@@ -10,7 +10,7 @@ from accpinn.cli import main
 from accpinn.inference.answer import car_of
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.model.registry import BEST
-from accpinn.results.tables.groups import group_table
+from accpinn.results.database import group_table
 from accpinn.study.groups import POSTERIOR, group, read_study, share
 from tests.support.command import Capture, document, refused
 from tests.support.studies import S0, row, rows, write_study

@@ -12,14 +12,14 @@ import pytest
 import accpinn
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.inference.intervals import intervals
+from accpinn.methods import Law
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
-from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
+from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
-from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.files import read
 from accpinn.results.figures.platoon import cast_of, profiles
 from accpinn.results.messages.stability import by_linearisation

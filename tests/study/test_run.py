@@ -8,8 +8,8 @@ import pytest
 
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.evaluation.evaluation import part
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import CacheProblem, Continued, Outcome, ParameterTrack
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters

@@ -14,7 +14,7 @@ from accpinn.methods import least_squares
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Window
 from accpinn.study.result import Result, result_of
-from accpinn.tasks.task import Task
+from accpinn.tasks import Task
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, sample, store
 from pages.ui.session.workspace import Workspace

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case

@@ -12,8 +12,8 @@ import numpy as np
 
 from accpinn.evaluation.evaluation import part
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read

@@ -10,8 +10,8 @@ import pytest
 from accpinn.recordings.catalogue import Run
 from accpinn.study.groups import read_study
 from accpinn.study.studies import Request, read_request
+from accpinn.tasks import Status, TaskQueue
 from accpinn.tasks.batches import DownloadTask, StudyTask
-from accpinn.tasks.task import Status, TaskQueue
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
 

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, History, Outcome, Progress
-from accpinn.methods.method import TaskContext
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.recording import Recording
 from accpinn.study.analysis import Analysis, single_window
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
-from accpinn.tasks.task import Status, Task, TaskQueue, training_task
+from accpinn.tasks import Status, Task, TaskQueue, training_task
 from tests.support.openacc_files import recording
 
 WAIT = 20.0
@@ -222,8 +222,8 @@ def test_a_fault_is_a_sentence_and_the_log_has_what_is_the_programs(
 
 
 def test_tasks_are_bounded_in_number(puppet: Puppet, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("accpinn.tasks.task.KEPT_TASKS", 2)
-    monkeypatch.setattr("accpinn.tasks.task.LONGEST_QUEUE", 1)
+    monkeypatch.setattr("accpinn.tasks.KEPT_TASKS", 2)
+    monkeypatch.setattr("accpinn.tasks.LONGEST_QUEUE", 1)
     for k in range(5):
         puppet.give(result())
         finished(puppet.train(f"user {k}", seed(k)))

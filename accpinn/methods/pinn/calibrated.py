@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from accpinn.methods import Law
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import (
     Ascending,
@@ -23,7 +24,6 @@ from accpinn.methods.likelihood import (
     vanishing,
 )
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence, climb
 from accpinn.methods.pinn.loss import (

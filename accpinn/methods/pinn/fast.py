@@ -25,7 +25,6 @@ import numpy as np
 import torch
 
 from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome
-from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,
@@ -35,6 +34,7 @@ from accpinn.methods.pinn.loss import (
     trajectories,
 )
 from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.pinn.projection import (
     NormalEquations,
     Projection,

@@ -23,9 +23,9 @@ import torch
 from torch import Tensor
 
 from accpinn.errors import ConfigError
+from accpinn.methods import Law
 from accpinn.methods.fit import Fit, MethodFinding, Undetermined
 from accpinn.methods.following import MEMORY, OPEN, bounded_step, bounds_of
-from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
 from accpinn.methods.pinn.loss import Motion, command_columns

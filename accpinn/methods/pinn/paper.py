@@ -7,12 +7,16 @@ mathematics is the same, an iteration costs less. After each iteration α, β an
 zero, the rational driving constraints.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
+from torch.optim.adam import adam
 
 from accpinn.methods.fit import Checkpoint, Fit, HoldoutLoss
-from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
     LossTerms,
@@ -22,7 +26,7 @@ from accpinn.methods.pinn.loss import (
     output_columns,
     trajectories,
 )
-from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.network import Network, State
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.segment.segment import Segment
@@ -32,6 +36,45 @@ Part = tuple[Tensor, Tensor, Tensor | None]
 """Time, data and mask at some instants."""
 CHUNK = 5
 """Iterations per `advance`: some tens of milliseconds, so that a stop is felt at once."""
+
+
+class Adam:
+    """PyTorch's Adam by its function, with the optimiser's moments of some weights.
+
+    The class `torch.optim.Adam` loads a compiler for a second. Source: Kingma and Ba 2014.
+    """
+
+    def __init__(self, weights: Sequence[Tensor], b2: float = 0.999) -> None:
+        """The moments start at zero; b2 is the share of the squares' mean kept in a step."""
+        self._weights, self._b2 = list(weights), b2
+        self._means, self._squares = ([torch.zeros_like(w) for w in weights] for _ in range(2))
+        self._steps = [torch.zeros(()) for _ in weights]
+
+    @torch.no_grad()
+    def step(self, loss: Tensor, learning_rate: float) -> None:
+        """Move the weights along the gradient of a loss."""
+        with torch.enable_grad():
+            slopes = torch.autograd.grad(loss, self._weights)
+        adam(
+            self._weights, list(slopes), self._means, self._squares, [], self._steps,
+            foreach=False, amsgrad=False, beta1=0.9, beta2=self._b2, lr=learning_rate,
+            weight_decay=0.0, eps=1e-8, maximize=False,
+        )  # fmt: skip
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Moments and count of steps, by name."""
+        named = zip(self._means, self._squares, self._steps, strict=True)
+        return {
+            f"adam.{k}.{part}": values.numpy().copy()
+            for k, group in enumerate(named)
+            for part, values in enumerate(group)
+        }
+
+    def load_arrays(self, state: State) -> None:
+        """Continue from what `arrays` gave."""
+        for k, group in enumerate(zip(self._means, self._squares, self._steps, strict=True)):
+            for part, values in enumerate(group):
+                values.copy_(torch.tensor(state[f"adam.{k}.{part}"]))
 
 
 class PaperTraining(Training):

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
+from accpinn.methods import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
 from accpinn.methods.fit import (
     Continued,
     Fit,
@@ -27,7 +28,6 @@ from accpinn.methods.fit import (
     Recorder,
     ResidualEstimate,
 )
-from accpinn.methods.method import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
     CALIBRATED,

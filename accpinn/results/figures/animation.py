@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from accpinn.channels import SPEED
-from accpinn.platoon.simulation import PlatoonRun
+from accpinn.platoon import PlatoonRun
 from accpinn.results.figures import style
 from accpinn.results.figures.platoon import CAR_LENGTH, Cast, close_up, samples
 from accpinn.units import FloatArray

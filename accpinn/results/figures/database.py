@@ -19,7 +19,7 @@ from accpinn.channels import ALPHA, BETA, PARAMETER_KEYS, SPEED, TIME_GAP, Quant
 from accpinn.inference.answer import SPEEDS
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.tables.table import ABSENT
+from accpinn.results.tables import ABSENT
 from accpinn.stability.criteria import smallest_beta_exact, smallest_beta_l2
 from accpinn.study.groups import Groups
 from accpinn.units import FloatArray

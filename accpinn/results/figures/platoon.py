@@ -16,8 +16,8 @@ from plotly.colors import hex_to_rgb, sample_colorscale
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.model.cthp import Trajectories
 from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
 from accpinn.segment.segment import Segment

@@ -8,8 +8,8 @@ from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
+from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
-from accpinn.results.tables.table import between, supported_digits
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.report import assessment

@@ -11,7 +11,7 @@ from accpinn.findings import Labelled, joined, probability
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.platoon.simulation import AFTER_COLLISION, PlatoonRun
+from accpinn.platoon import AFTER_COLLISION, PlatoonRun
 from accpinn.stability.report import (
     Assessment,
     Behaviour,

@@ -14,8 +14,8 @@ from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
-from accpinn.results.messages.recording import FLAGS
 from accpinn.results.messages.stability import headline
+from accpinn.results.recording import FLAGS
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.segment import SegmentInfo

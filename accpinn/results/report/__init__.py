@@ -30,8 +30,8 @@ from accpinn.errors import ParameterError
 from accpinn.inference.prediction import gap_band
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
+from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
-from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
@@ -51,9 +51,12 @@ from accpinn.results.messages.stability import (
     by_linearisation,
     reason,
 )
+from accpinn.results.reproduction import verification_table
+from accpinn.results.tables import STYLE, Column, Table
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import (
     TITLES,
+    judged_table,
     methods_table,
     model_form_table,
     name_of,
@@ -61,10 +64,7 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
-from accpinn.results.tables.models import judged_table
 from accpinn.results.tables.stability import criteria_part, stability_table
-from accpinn.results.tables.table import STYLE, Column, Table
-from accpinn.results.tables.verification import verification_table
 from accpinn.results.vehicles import at_speed, known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.stability.lagged import is_lagged

@@ -1,1 +1,384 @@
-"""Results as tables for the page, for LaTeX and as CSV."""
+"""A table as text, CSV, LaTeX and HTML; the modules beside this one fill tables with results.
+
+Names come from files and may hold anything: each format escapes what it would interpret.
+"""
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import compress, groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from accpinn.channels import Quantity
+from accpinn.findings import probability
+from accpinn.results.glossary import meaning_of
+from accpinn.units import Estimate, FloatArray
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+
+class Range(NamedTuple):
+    """An interval as one cell; an end may be infinite, both are nan where nothing is known."""
+
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A cell with an asterisk, and the sentence that changes how it is read."""
+
+    cell: "str | Estimate"
+    why: str
+
+
+Cell = str | float | Range | Estimate | Marked | None
+Values = Sequence[float] | FloatArray
+
+ABSENT = "–"
+"""Stands where a quantity has no meaning, as the leader's α."""
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    **{letter: f"\\{letter}" for letter in "{}$&#%_"},
+    "α": r"$\alpha$",
+    "β": r"$\beta$",
+    "τ": r"$\tau$",
+    "Δ": r"$\Delta$",
+    "ω": r"$\omega$",
+    "∞": r"$\infty$",
+    "‖": r"$\|$",
+    "λ": r"$\lambda$",
+    **{digit: f"$_{k}$" for k, digit in enumerate("₀₁₂")},
+    "²": r"$^2$",
+    "≤": r"$\le$",
+    "−": "$-$",
+    "–": "--",
+    "…": r"\dots{}",
+    "\n": " ",
+    "\t": " ",
+}
+_LATIN = "\u024f"
+"""Letters up to here LaTeX knows; of others it shows the number."""
+_EVALUATED = re.compile(r"[=@+\-\t\r]")
+"""A text that begins so is a formula to a spreadsheet."""
+_NUMBER = re.compile(r"[+-]?[\d.e]+")
+_SPELT = str.maketrans(
+    {"α": "alpha", "β": "beta", "τ": "tau", "Δ": "delta ", "ω": "omega", "∞": "inf",
+     "₁": "1", "₂": "2", "²": "2", "%": "percent", "/": " per "}
+)  # fmt: skip
+_HERE = Path(__file__).parent
+STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
+"""What `Table.to_html` needs once on a page."""
+OUTSIDE = "outside its interval"
+LONG = 16
+"""Characters of a row's name beyond which a narrow window may cut it."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """What stands in a column, and how."""
+
+    title: str
+    unit: str = ""
+    digits: int | None = None
+    """After the point; None for text."""
+    group: str = ""
+    """A heading shared with the neighbouring columns of the same group."""
+    least: bool = False
+    """Whether a cell above zero that the digits would show as zero says "< 0.01" instead."""
+    is_chance: bool = False
+    """Whether its numbers are probabilities in percent, said as `findings.probability` does."""
+    prose: bool = False
+    """Whether its texts may go on in further lines."""
+    key: str = ""
+    """Its name in CSV files; by default from group, title and unit."""
+    is_brief: bool = False
+    """Whether of an estimate the value alone is shown, with the digits that its interval supports;
+    CSV files have all of it."""
+
+    @classmethod
+    def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
+        """The column of a quantity, under its symbol."""
+        return cls(quantity.symbol, quantity.unit, quantity.digits, group, key=key)
+
+    @classmethod
+    def chance(cls, title: str, group: str = "") -> "Column":
+        """The column of a probability or of a share of vehicles, in percent."""
+        return cls(title, "%", 0, group, is_chance=True)
+
+    @property
+    def heading(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    @property
+    def csv_name(self) -> str:
+        """Lower-case words joined by underscores, as "surrogate_fit_mae_p_m"."""
+        if self.key:
+            return self.key
+        words = f"{self.group} {self.title} {self.unit}".replace("1/s", "per s")
+        return re.sub(r"\W+", "_", words.translate(_SPELT).lower()).strip("_")
+
+    @property
+    def html_class(self) -> Markup:
+        """The attribute of its cells in HTML."""
+        name = "prose" if self.prose else "" if self.digits is None else "number"
+        return Markup(' class="{}"').format(name) if name else Markup()
+
+    def shown(self, cell: Cell) -> str:
+        """A cell as the reader sees it."""
+        if isinstance(cell, Range):
+            return self._range(cell)
+        if isinstance(cell, Marked):
+            return f"{self.shown(cell.cell)}*"
+        if isinstance(cell, Estimate):
+            value, ends = self._estimate(cell)
+            return f"{value} ({ends})" if ends else value
+        if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+            return ABSENT
+        if isinstance(cell, str):
+            return cell
+        if self.is_chance:
+            return probability(cell / 100).removesuffix(" %")
+        digits = self.digits or 0
+        shown = f"{cell:.{digits}f}"
+        if self.least and cell > 0 and float(shown) == 0:
+            return f"< {10.0**-digits:.{digits}f}"
+        return shown
+
+    def html(self, cell: Cell) -> str:
+        """The same for a web page: where there is little room, an interval has its own line."""
+        why = "" if self.is_brief or not isinstance(cell, Estimate) or cell.is_inside else OUTSIDE
+        if isinstance(cell, Marked):
+            why, cell = cell.why, cell.cell
+        value, ends = self._estimate(cell) if isinstance(cell, Estimate) else (self.shown(cell), "")
+        mark = Markup('<b title="{}">*</b>').format(why) if why else ""
+        interval = Markup(" <span>({})</span>").format(ends) if ends else ""
+        return Markup("{}{}{}").format(value, mark, interval)
+
+    def _estimate(self, cell: Estimate) -> tuple[str, str]:
+        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; the second is empty if brief."""
+        column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
+        if self.is_brief:
+            return column.shown(cell.value), ""
+        ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
+        return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
+
+    def _range(self, cell: Range) -> str:
+        low, high = (math.isfinite(end) for end in cell)
+        if math.isnan(cell.lower) or math.isnan(cell.upper):
+            return ABSENT
+        if low and high:
+            return f"{self.shown(cell.lower)} to {self.shown(cell.upper)}"
+        if low:
+            return f"{self.shown(cell.lower)} or more"
+        return f"up to {self.shown(cell.upper)}" if high else "anything"
+
+
+Filled = tuple[Column, Iterable[Cell]]
+"""A column with its cells."""
+
+
+def estimate_cells(values: Values, low: Values, high: Values) -> list[Cell]:
+    """(K,) values with their intervals."""
+    return [*map(Estimate, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
+
+
+def percent_cells(shares: Values) -> list[Cell]:
+    """(K,) shares in percent."""
+    return [100 * float(share) for share in shares]
+
+
+def supported_digits(low: float, high: float, most: int) -> int:
+    """Digits after the point such that the last one is the second of the interval's half-width."""
+    half = (high - low) / 2
+    if not math.isfinite(half):
+        return max(0, most - 2)
+    decade = math.floor(math.log10(half) + 1e-9) if half > 0 else -most
+    return min(most, max(0, 1 - decade))
+
+
+def between(low: float, high: float, digits: int) -> str:
+    """An interval in words; an end may be infinite."""
+    return Column("", digits=digits).shown(Range(low, high))
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns and rows, ready for any format."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    colours: tuple[str, ...] = ()
+    """A mark before each row's first cell, in HTML."""
+
+    @classmethod
+    def of(cls, caption: str, filled: Iterable[Filled]) -> "Table":
+        """A table from its columns with their cells, all of the same length."""
+        columns, cells = zip(*filled, strict=True)
+        # Without numpy's types.
+        python = ((c.item() if isinstance(c, np.generic) else c for c in cs) for cs in cells)
+        rows = zip(*python, strict=True)
+        return cls(caption, tuple(columns), tuple(rows))
+
+    def coloured(self, colours: Sequence[str]) -> "Table":
+        """The same table with a mark for each row."""
+        return replace(self, colours=tuple(colours))
+
+    def only(self, wanted: Callable[[Column], bool]) -> "Table":
+        """The first column and the ``wanted`` ones, without the rows that are empty in those."""
+        places = [k for k, column in enumerate(self.columns) if k and wanted(column)]
+        kept = [any(row[k] is not None for k in places) for row in self.rows]
+        return replace(
+            self,
+            columns=tuple(self.columns[k] for k in (0, *places)),
+            rows=tuple(tuple(row[k] for k in (0, *places)) for row in compress(self.rows, kept)),
+            colours=tuple(compress(self.colours, kept)),
+        )
+
+    def to_text(self) -> str:
+        """Columns as wide as they need to be; the first is set left, the others right."""
+        body = [[column.heading for column in self.columns], *self._shown()]
+        widths = [max(map(len, column)) for column in zip(*body, strict=True)]
+        groups, at = [], 0
+        for name, count in self._groups():
+            room = sum(widths[at : at + count]) + 2 * (count - 1)
+            widths[at + count - 1] += max(0, len(name) - room)
+            groups.append(name.rjust(max(room, len(name))))
+            at += count
+        lines = [self.caption] if self.caption else []
+        lines += ["  ".join(groups).rstrip()] if groups else []
+        for row in body:
+            cells = [row[0].ljust(widths[0])]
+            cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+            lines.append("  ".join(cells).rstrip())
+        return "\n".join(lines)
+
+    def to_csv(self) -> str:
+        """Full precision, ends of an interval in columns of their own; empty where no value is.
+
+        No text is such that a spreadsheet would evaluate it.
+        """
+        columns = [*zip(*self.rows, strict=True)] or [()] * len(self.columns)
+        endings = [_endings(cells) for cells in columns]
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        pairs = zip(self.columns, endings, strict=True)
+        writer.writerow(column.csv_name + ending for column, parts in pairs for ending in parts)
+        writer.writerows(
+            [
+                _csv_cell(part)
+                for cell, parts in zip(row, endings, strict=True)
+                for part in _parts(cell, len(parts))
+            ]
+            for row in self.rows
+        )
+        return text.getvalue()
+
+    def to_latex(self) -> str:
+        """A table environment; its rules need the package booktabs."""
+        shape = "".join("l" if column.digits is None else "r" for column in self.columns)
+        heads, rules, at = [], [], 1
+        for name, width in self._groups():
+            heads.append(f"\\multicolumn{{{width}}}{{c}}{{{latex(name)}}}")
+            rules += [f"\\cmidrule(lr){{{at}-{at + width - 1}}}"] if name else []
+            at += width
+        rows = [[column.heading for column in self.columns], *self._shown()]
+        heading, *body = (f"    {' & '.join(map(latex, cells))} \\\\" for cells in rows)
+        lines = [
+            "% in the preamble: \\usepackage{booktabs}",
+            "\\begin{table}[tbp]",
+            "  \\centering",
+            f"  \\caption{{{latex(self.caption)}}}",
+            f"  \\begin{{tabular}}{{{shape}}}",
+            "    \\toprule",
+            *([f"    {' & '.join(heads)} \\\\", f"    {' '.join(rules)}"] if heads else ()),
+            heading,
+            "    \\midrule",
+            *body,
+            "    \\bottomrule",
+            "  \\end{tabular}",
+            "\\end{table}",
+        ]
+        return "\n".join(lines) + "\n"
+
+    def to_html(self) -> str:
+        """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
+        return _template().render(
+            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG
+        )
+
+    def _shown(self, as_text: Callable[[Column, Cell], str] = Column.shown) -> list[list[str]]:
+        columns = self.columns
+        return [[as_text(c, v) for c, v in zip(columns, row, strict=True)] for row in self.rows]
+
+    def _groups(self) -> list[tuple[str, int]]:
+        """Each group's heading and how many columns it spans; empty where there is none."""
+        spans = [(name, len(list(cs))) for name, cs in groupby(self.columns, lambda c: c.group)]
+        return spans if any(name for name, _ in spans) else []
+
+
+@cache
+def _template() -> "Template":
+    """The HTML of every table."""
+    from jinja2 import Environment, StrictUndefined  # few commands print HTML
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    environment.globals["meaning_of"] = meaning_of
+    return environment.from_string((_HERE / "table.html").read_text(encoding="utf-8"))
+
+
+def latex(text: str) -> str:
+    """Text as LaTeX shows it, whatever it holds."""
+    shown = "".join(
+        _LATEX.get(c) or (c if c.isprintable() and c <= _LATIN else f"(U+{ord(c):04X})")
+        for c in text
+    )
+    # After the end of a row a bracket would be read as its option.
+    return f"{{}}{shown}" if shown.startswith("[") else shown
+
+
+def _endings(cells: Sequence[Cell]) -> tuple[str, ...]:
+    """What is added to a column's name in a CSV file, once for each column that it takes there."""
+    if any(isinstance(_unmarked(cell), Estimate) for cell in cells):
+        return ("", "_low", "_high")
+    return ("_low", "_high") if any(isinstance(cell, Range) for cell in cells) else ("",)
+
+
+def _parts(cell: Cell, count: int) -> tuple[Cell, ...]:
+    """A cell as so many; a single value stands first."""
+    bare = _unmarked(cell)
+    if isinstance(bare, Estimate):
+        return bare.value, bare.lower, bare.upper
+    return cell if isinstance(cell, tuple) else (cell, *(None,) * (count - 1))
+
+
+def _unmarked(cell: Cell) -> Cell:
+    return cell.cell if isinstance(cell, Marked) else cell
+
+
+def _csv_cell(cell: Cell) -> Cell:
+    if cell is None or cell != cell:
+        return ""
+    if isinstance(cell, Marked):
+        return f"{cell.cell}*"
+    if isinstance(cell, str) and _EVALUATED.match(cell) and not _NUMBER.fullmatch(cell):
+        return f"'{cell}"
+    return cell

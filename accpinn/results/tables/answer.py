@@ -9,9 +9,7 @@ from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.model import registry
 from accpinn.model.cthp import Case
 from accpinn.model.registry import CTHPS
-from accpinn.results.tables import estimates
-from accpinn.results.tables.estimates import parameter_rows, row_labels
-from accpinn.results.tables.table import (
+from accpinn.results.tables import (
     Cell,
     Column,
     Filled,
@@ -19,7 +17,9 @@ from accpinn.results.tables.table import (
     Range,
     Table,
     estimate_cells,
+    estimates,
 )
+from accpinn.results.tables.estimates import parameter_rows, row_labels
 from accpinn.segment.segment import SegmentInfo
 from accpinn.units import MetresPerSecond
 

@@ -1,4 +1,4 @@
-"""Estimates as tables, in the manner of the paper's Tables I to III."""
+"""Estimates as tables, in the manner of the paper's Tables I to III, and models side by side."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from math import nan
 
 import numpy as np
 
-from accpinn.channels import GAP, PARAMETERS, SPEED
+from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
 from accpinn.evaluation.evaluation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
@@ -15,19 +15,22 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
-from accpinn.results.tables.table import (
+from accpinn.results.tables import (
     Cell,
     Column,
     Filled,
+    Range,
     Table,
     estimate_cells,
     percent_cells,
 )
 from accpinn.segment.segment import SegmentInfo
+from accpinn.stability.report import Verdict, stability_at
 from accpinn.study.analysis import differences
 from accpinn.study.comparison import Spread
+from accpinn.study.judge import Judgement, difference, wins
 from accpinn.study.result import Result
-from accpinn.units import Estimate, FloatArray
+from accpinn.units import Estimate, FloatArray, MetresPerSecond
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (
@@ -42,6 +45,8 @@ EVERY_FOLLOWER = "Every follower"
 DRIVER = "Driver"
 PROBABILITY = "Probability of string stability"
 AGAINST = "Minus the CTHP's"
+MODEL = Column("Model", key="model")
+LEFT_OUT = "In windows left out"
 TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
@@ -359,3 +364,70 @@ def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validati
         filled.append((Column.of(GAP, group, f"{key}_mae_p_m"), gaps))
         filled.append((Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds))
     return Table.of("Validation: error of the closed-loop simulation, MAE", filled)
+
+
+def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
+    """A row a model, the best first: errors in windows left out, |H|, and stability at a speed.
+
+    The range beyond the best is one standard error about the mean of the ratios.
+    """
+    ranked, windows = judged.ranked, len(judged.windows)
+    keys = (score.model.key for score in judged.scores)
+    shares = dict(zip(keys, wins([judged]), strict=True))
+    beyond: list[Cell] = [None]
+    for score in ranked[1:]:
+        mean, error = difference([score], ranked[:1])
+        ends = np.round(100.0 * np.expm1([mean - error, mean + error])) + 0.0  # no -0
+        beyond.append(Range(*ends.tolist()))
+    vehicles = [stability_at(s.model, s.theta, speed) for s in ranked]
+    at = f"At {3.6 * speed:.0f} km/h"
+    return Table.of(
+        f"{judged.info.labels[1]}: models in {windows} windows left out",
+        [
+            (MODEL, [score.model.title for score in ranked]),
+            (Column("Gap RMSE", "m", 2, LEFT_OUT), [np.median(s.rmse) for s in ranked]),
+            (Column("Beyond the best", "%", 0, LEFT_OUT), beyond),
+            (
+                Column("Best in", "%", 0, LEFT_OUT),
+                [100 * shares[s.model.key] for s in ranked],
+            ),
+            (Column("Collides in", "%", 0, LEFT_OUT), [100 * s.collided.mean() for s in ranked]),
+            (Column("|H| off", "dB", 1), [score.gain_error for score in ranked]),
+            (
+                Column("Peak", "dB", MAGNITUDE.digits, at),
+                [v.peak.db if v else None for v in vehicles],
+            ),
+            (Column("L₂ stable", group=at), [answer(v.l2) if v else None for v in vehicles]),
+            (
+                Column.of(LINF_GAIN, at, key="linf_gain"),
+                [v.linf_gain if v else None for v in vehicles],
+            ),
+        ],
+    )
+
+
+def model_parameters_table(judged: Judgement) -> Table:
+    """A row a parameter of each model, with its interval, and whether the data determine it."""
+    rows = [
+        (score, parameter, k)
+        for score in judged.ranked
+        for k, parameter in enumerate(score.model.parameters)
+    ]
+    values = np.array([(s.theta[k], s.lower[k], s.upper[k]) for s, _, k in rows])
+    known = ["the data" if s.determined[k] else "other cars" for s, _, k in rows]
+    return Table.of(
+        f"{judged.info.labels[1]}: parameters by closed-loop simulation of all windows",
+        [
+            (MODEL, [score.model.title for score, _, _ in rows]),
+            (Column("Parameter"), [parameter.symbol for _, parameter, _ in rows]),
+            (Column("Value", digits=4), estimate_cells(*values.T)),
+            (Column("Unit"), [parameter.unit for _, parameter, _ in rows]),
+            (Column("Known from"), known),
+        ],
+    )
+
+
+def answer(verdict: Verdict) -> str:
+    """YES or NO as the paper prints it; marginal cases are named."""
+    word = "YES" if verdict.stable else "NO"
+    return f"{word}, marginal" if verdict.marginal else word

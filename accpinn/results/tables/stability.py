@@ -11,14 +11,8 @@ from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Interval, Uncertainty
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.platoon.simulation import PlatoonRun
-from accpinn.results.tables.estimates import (
-    PARAMETER_COLUMNS,
-    TERM_COLUMNS,
-    brief_cells,
-    driver_cells,
-)
-from accpinn.results.tables.table import (
+from accpinn.platoon import PlatoonRun
+from accpinn.results.tables import (
     Cell,
     Column,
     Filled,
@@ -27,8 +21,15 @@ from accpinn.results.tables.table import (
     estimate_cells,
     percent_cells,
 )
+from accpinn.results.tables.estimates import (
+    PARAMETER_COLUMNS,
+    TERM_COLUMNS,
+    answer,
+    brief_cells,
+    driver_cells,
+)
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.stability.report import Assessment, StabilityReport, Verdict, assessment
+from accpinn.stability.report import Assessment, StabilityReport, assessment
 from accpinn.units import FloatArray
 
 L2, LINF = "L₂ string stability", "L∞ string stability"
@@ -181,9 +182,3 @@ def measured_gain_table(label: str, measured: MeasuredGain) -> Table:
             (Column("Coherence", "", 3), measured.coherence),
         ],
     )
-
-
-def answer(verdict: Verdict) -> str:
-    """YES or NO as the paper prints it; marginal cases are named."""
-    word = "YES" if verdict.stable else "NO"
-    return f"{word}, marginal" if verdict.marginal else word

@@ -13,7 +13,7 @@ from streamlit.runtime.state.session_state import WStates
 from accpinn.recordings.recording import Window
 from accpinn.results.glossary import GROUPS
 from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.tasks.task import Status
+from accpinn.tasks import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import kept, segments

@@ -5,7 +5,7 @@ from typing import Any
 
 import streamlit as st
 
-from accpinn.tasks.task import Status, Task
+from accpinn.tasks import Status, Task
 from pages.ui.components import frame, show
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace

@@ -33,19 +33,18 @@ from accpinn.results.messages.answer import (
 from accpinn.results.messages.stability import headline
 from accpinn.results.messages.summary import about_band, about_curves, conditional
 from accpinn.results.report import bundle
+from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
-from accpinn.results.tables.table import Table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.segment import SegmentInfo
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, pick_follower, tabs
-from pages.ui.session.resources import library
+from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
-from pages.ui.session.windows import windows_in_car_following
 from pages.ui.session.workspace import WINDOWS_OFF, Workspace, recording_duration
 from pages.ui.snapshots.listing import title_of
 

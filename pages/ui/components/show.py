@@ -13,8 +13,8 @@ import streamlit as st
 
 from accpinn.errors import AccpinnError
 from accpinn.results.figures.style import SHARED, translucent, vehicle_colours, with_legend
+from accpinn.results.tables import STYLE, Table
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.tables.table import STYLE, Table
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import Seconds
 from pages.ui.session.sessions import is_shared

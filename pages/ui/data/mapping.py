@@ -25,7 +25,7 @@ from accpinn.recordings.mapping import (
     TimeColumn,
     parse_mapping,
 )
-from accpinn.results.tables.table import Column, Table
+from accpinn.results.tables import Column, Table
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.session.workspace import PendingFile

@@ -18,7 +18,7 @@ from accpinn.recordings.recording import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
-from accpinn.results.messages.recording import (
+from accpinn.results.recording import (
     MEANING,
     WORDS,
     driver_summary,
@@ -36,7 +36,7 @@ from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.windows import windows_in_car_following
+from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, Workspace
 
 CASES: Mapping[Case, str] = {

@@ -10,13 +10,12 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import Run, catalogue
-from accpinn.recordings.download import PUBLISHED_AT
+from accpinn.recordings.catalogue import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.mapping import CsvMapping, preview, write_mapping
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
+from accpinn.tasks import Status
 from accpinn.tasks.batches import DownloadTask
-from accpinn.tasks.task import Status
 from pages.ui.components import show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown

@@ -13,21 +13,20 @@ from accpinn.recordings.files import read
 from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.tables.estimates import validation_table
-from accpinn.results.tables.recording import (
+from accpinn.results.recording import (
     quality_table,
     recording_table,
     regimes_table,
     sensitivity_table,
 )
-from accpinn.segment.cut import chains, complete_windows, cut
+from accpinn.results.tables.estimates import validation_table
+from accpinn.segment.cut import chains, complete_windows, cut, first_window
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
-from pages.ui.session.windows import first_window
 from pages.ui.session.workspace import Workspace
 
 SHORTEST: Seconds = 10.0

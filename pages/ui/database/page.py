@@ -16,18 +16,21 @@ import streamlit as st
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.registry import CTHPS
 from accpinn.recordings.recording import Window
-from accpinn.results.figures import database as figures
-from accpinn.results.figures.stability import EXACT, L2
-from accpinn.results.messages.database import (
+from accpinn.results.database import (
+    HEADINGS,
     TYPICAL,
     batch_line,
     extent,
+    failure_table,
     failures_line,
+    group_table,
     headline,
+    spread_table,
     typical_line,
 )
+from accpinn.results.figures import database as figures
+from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables.estimates import TITLES
-from accpinn.results.tables.groups import HEADINGS, failure_table, group_table, spread_table
 from accpinn.study.groups import POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import (
     Failure,

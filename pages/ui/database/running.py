@@ -11,12 +11,12 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
-from accpinn.results.messages.database import estimate_line, progress_line, summary_line
+from accpinn.results.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
 from accpinn.study.studies import Request, studies, study_path
+from accpinn.tasks import Status
 from accpinn.tasks.batches import StudyTask
-from accpinn.tasks.task import Status
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown, format_duration

@@ -1,22 +1,29 @@
-"""What all browsers share: results, snapshots, queues of tasks, recordings and samples."""
+"""What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
 
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 import streamlit as st
 
-from accpinn.errors import RecordingError
+from accpinn.errors import RecordingError, SegmentError
 from accpinn.recordings import files
-from accpinn.recordings.recording import Recording
+from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.segment.segment import Segment
 from accpinn.storage import folder, variable
+from accpinn.study.analysis import Analysis
+from accpinn.study.judge import Subject, subjects_of
+from accpinn.study.plan import car_following
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
-from accpinn.tasks.task import TaskQueue
+from accpinn.tasks import TaskQueue
 
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
+KEPT_RECORDINGS = 4
+"""Recordings whose windows are kept at once."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
@@ -133,3 +140,31 @@ def listed() -> list[Path]:
     # A link that leads out of the folder is left out.
     inside = (path for path in paths if path.resolve().is_relative_to(root))
     return list(inside)
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
+    """The windows in which all followers are in car-following; empty for fewer than two."""
+    with suppress(SegmentError):
+        windows = car_following(recording, vehicles)
+        return windows if len(windows) > 1 else ()
+    return ()
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def first_segment(
+    recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
+) -> Segment:
+    """The data of a window; it is cut once."""
+    (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
+    return segment
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def judged_subjects(
+    recording: Recording, vehicles: tuple[int, ...], window: Window
+) -> tuple[Subject, ...]:
+    """Followers in their windows in car-following; in blocks of ``window`` where there is none."""
+    with suppress(SegmentError):
+        return subjects_of(recording, vehicles)
+    return subjects_of(recording, vehicles, [window])

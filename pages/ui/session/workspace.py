@@ -16,7 +16,7 @@ from accpinn.model.registry import BEST, PAPER, following_model
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
-from accpinn.segment.cut import DURATION, complete_windows, default_vehicles
+from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import Refused, results_among
@@ -24,7 +24,7 @@ from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.snapshot import named
 from accpinn.study.store import Entry
-from accpinn.tasks.task import (
+from accpinn.tasks import (
     Task,
     comparison_task,
     judgement_task,
@@ -32,12 +32,12 @@ from accpinn.tasks.task import (
     training_task,
 )
 from accpinn.units import Seconds
-from pages.ui.session.resources import store, task_queue
-from pages.ui.session.windows import (
+from pages.ui.session.resources import (
     KEPT_RECORDINGS,
     first_segment,
-    first_window,
     judged_subjects,
+    store,
+    task_queue,
     windows_in_car_following,
 )  # fmt: skip
 

@@ -13,6 +13,7 @@ from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages.answer import time_gap_in_words
+from accpinn.results.tables import ABSENT, Column, Range, Table, supported_digits
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
@@ -20,7 +21,6 @@ from accpinn.results.tables.estimates import (
     learned_parameters,
     name_of,
 )
-from accpinn.results.tables.table import ABSENT, Column, Range, Table, supported_digits
 from accpinn.study.analysis import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry

@@ -10,7 +10,7 @@ from accpinn.methods.fit import Outcome
 from accpinn.recordings.recording import Recording
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import render_report
-from accpinn.results.tables.verification import verification_table
+from accpinn.results.reproduction import verification_table
 from accpinn.study.result import Result
 from accpinn.study.snapshot import LARGEST, LONGEST_NAME, LONGEST_NOTE, SUFFIX
 from accpinn.study.store import Entry

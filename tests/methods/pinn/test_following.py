@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn.methods import Law
 from accpinn.methods.fit import Undetermined
 from accpinn.methods.following import bounds_of
-from accpinn.methods.method import Law
 from accpinn.methods.pinn.config import FAST, PAPER, STARTS
 from accpinn.methods.pinn.following import FollowingFast, initial_scores, values_of
 from accpinn.methods.registry import METHODS

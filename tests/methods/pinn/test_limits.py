@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.methods.method import Law
+from accpinn.methods import Law
 from accpinn.methods.pinn.config import FAST, PinnConfig, preset
 from accpinn.methods.pinn.training import require_memory
 from accpinn.methods.registry import METHODS

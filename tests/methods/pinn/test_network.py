@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from accpinn.errors import ConfigError
-from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
 from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.registry import METHODS
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample

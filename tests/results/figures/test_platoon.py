@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 import pytest
 
 from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
-from accpinn.platoon.simulation import PlatoonRun, simulate_platoon
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation
 from accpinn.results.figures.style import FOLLOWERS, LEADER

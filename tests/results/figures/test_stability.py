@@ -11,7 +11,7 @@ from accpinn.methods import splines
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.model.registry import FOLLOWING
-from accpinn.results.figures import models
+from accpinn.results.figures import comparison as models
 from accpinn.results.figures import stability as figures
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain

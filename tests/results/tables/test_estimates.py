@@ -17,10 +17,12 @@ from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
-from accpinn.platoon.simulation import simulate_platoon
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
+from accpinn.results.recording import quality_table
+from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PROBABILITY,
@@ -33,7 +35,6 @@ from accpinn.results.tables.estimates import (
     name_of,
     parameter_table,
 )
-from accpinn.results.tables.recording import quality_table
 from accpinn.results.tables.stability import (
     WORDS,
     amplitude_table,
@@ -42,7 +43,6 @@ from accpinn.results.tables.stability import (
     stability_table,
     verdict_table,
 )
-from accpinn.results.tables.table import Table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.stability.measured_gain import measured_gain

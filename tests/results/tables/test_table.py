@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accpinn.findings import probability
-from accpinn.results.tables.table import (
+from accpinn.results.tables import (
     ABSENT,
     Cell,
     Column,

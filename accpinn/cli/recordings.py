@@ -1,0 +1,155 @@
+"""The options that name a recording, and the commands `info` and `download`.
+
+`info` is asked of one file after the other: nothing here imports what estimates.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from tqdm import tqdm
+
+from accpinn.channels import fields
+from accpinn.cli.output import complain, interruptible, print_json, show, show_result
+from accpinn.recordings.catalogue import PUBLISHED_AT, Run, find
+from accpinn.recordings.files import read
+from accpinn.recordings.mapping import load_mapping
+from accpinn.recordings.recording import Recording, facts_of
+from accpinn.results.messages import messages
+from accpinn.results.tables import Column, Table
+from accpinn.storage import folder as folder_of
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Declare the file of a recording, and what of it to take."""
+    parser.add_argument("file", metavar="FILE", help="an OpenACC run or a table of pairs (CSV)")
+    parser.add_argument(
+        "--trajectory", metavar="ID", help="which one of a table that holds several"
+    )
+    parser.add_argument(
+        "--mapping",
+        metavar="JSON",
+        help="columns, units and sample time of any other table; remembered for its like",
+    )
+
+
+def chosen_recording(options: argparse.Namespace) -> Recording:
+    """The recording that the options name."""
+    mapping = load_mapping(options.mapping) if options.mapping else None
+    return read(options.file, trajectory=options.trajectory, mapping=mapping)
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Declare that the result may be asked for as a document."""
+    parser.add_argument("--json", action="store_true", help="one JSON document")
+
+
+def add_info_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `info`."""
+    add_recording(parser)
+    add_json_option(parser)
+
+
+def run_info(options: argparse.Namespace) -> int:
+    """Print what a recording holds, and what to know about it."""
+    show_result(options, _describe_recording, _recording_text, chosen_recording(options))
+    return 0
+
+
+def _describe_recording(recording: Recording) -> dict[str, Any]:
+    """The recording as the command-line contract has it."""
+    return {
+        "source": recording.source,
+        "sha256": recording.sha256,
+        **facts_of(recording),
+        "vehicles": [asdict(vehicle) for vehicle in recording.vehicles],
+        "warnings": messages(recording.findings, recording),
+        "findings": msgspec.to_builtins(recording.findings),
+    }
+
+
+def _recording_text(recording: Recording) -> str:
+    vehicles = recording.vehicles
+    modes = [", ".join(f"{name} {n}" for name, n in (v.modes or {}).items()) for v in vehicles]
+    table = Table.of(
+        f"{recording.source}: {recording.campaign or 'campaign unknown'},"
+        f" {recording.date or 'date unknown'}, {recording.duration:g} s in"
+        f" {recording.samples} samples of {recording.sample_time:g} s",
+        [
+            (Column("Vehicle"), [recording.label(vehicle.index) for vehicle in vehicles]),
+            (Column("Present"), ["yes" if vehicle.present else "no" for vehicle in vehicles]),
+            (Column("Missing", "%", 0), [100 * vehicle.missing_share for vehicle in vehicles]),
+            (Column("Driver mode"), [mode or "not recorded" for mode in modes]),
+        ],
+    )
+    notes = [f"Note: {warning}" for warning in messages(recording.findings, recording)]
+    return "\n".join([table.to_text(), "", *notes]).rstrip()
+
+
+def add_download_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `download`."""
+    option = parser.add_argument
+    option("names", nargs="*", metavar="CAMPAIGN|FILE", help="runs of the catalogue (all)")
+    option("--to", metavar="FOLDER", help="where recordings are kept (ACCPINN_RECORDINGS)")
+    option("--list", action="store_true", help="show the catalogue, and what is there already")
+    option("--from", dest="base", default=PUBLISHED_AT, metavar="URL", help="of a mirror")
+    add_json_option(parser)
+
+
+def run_download(options: argparse.Namespace) -> int:
+    """Download, and say what became of each run; 1 when one failed, 130 when interrupted."""
+    runs = find(options.names)
+    folder = Path(options.to) if options.to else folder_of("recordings")
+    if options.list:
+        return _list_runs(runs, folder, options.json)
+    from accpinn.recordings.download import DownloadState, download  # not needed to read a file
+
+    with (
+        interruptible() as stopped,
+        tqdm(total=len(runs), unit="run", file=sys.stderr, disable=options.json or None) as bar,
+    ):
+        ended = []
+        for run in download(runs, folder, options.base, should_stop=stopped.is_set):
+            ended.append(run)
+            bar.update()
+        status = 130 if stopped.is_set() else 0
+    failed = [run for run in ended if run.state is DownloadState.FAILED]
+    if options.json:
+        rows = [
+            {**fields(run.run, "campaign", "file"), "path": str(run.path),
+             "state": run.state.value, "size": run.size, "reason": run.reason or None}
+            for run in ended
+        ]  # fmt: skip
+        print_json({"folder": str(folder), "runs": rows})
+    else:
+        counts = Counter(run.state.value for run in ended)
+        show(f"{folder}: {', '.join(f'{n} {state}' for state, n in counts.items())}")
+    if failed:
+        others = f" ({len(failed) - 1} more failed)" if len(failed) > 1 else ""
+        complain(f"{failed[0].reason}{others}")
+    return status or bool(failed)
+
+
+def _list_runs(runs: tuple[Run, ...], folder: Path, as_json: bool) -> int:
+    there = [run.path(folder).is_file() for run in runs]
+    if as_json:
+        rows = [
+            fields(run, "campaign", "file", "sha256") | {"downloaded": is_there}
+            for run, is_there in zip(runs, there, strict=True)
+        ]
+        print_json({"folder": str(folder), "runs": rows})
+        return 0
+    table = Table.of(
+        f"{len(runs)} runs, {sum(there)} of them in {folder}",
+        [
+            (Column("Campaign"), [run.campaign for run in runs]),
+            (Column("File"), [run.file for run in runs]),
+            (Column("Downloaded"), ["yes" if is_there else "no" for is_there in there]),
+        ],
+    )
+    show(table.to_text())
+    return 0

@@ -1,0 +1,106 @@
+"""The accelerations of the car-following models, with their parameters and priors.
+
+The CTHP, with α [1/s²] and β [1/s] gains, τ [s] the time headway and s₀ [m] an intercept:
+
+    f = α (p - s₀ - τv) + β (u - v)
+
+The gap in equilibrium is s₀ + τv. s₀ need not be the gap that is kept at standstill, as recordings
+on motorways determine s₀ + τv at their speeds and neither term alone. The exact solutions of the
+CTHP are in `model.cthp`; tests compare those of every model with them.
+
+The intelligent driver model (IDM), with a [m/s²] acceleration, b [m/s²] comfortable braking, T [s]
+time headway, s₀ [m] gap at standstill and v₀ [m/s] desired speed:
+
+    f = a [1 - (v/v₀)⁴ - (s*/p)²],   s* = s₀ + vT + v (v - u) / (2 √(ab))
+
+Behind a car at motorway speeds v₀ and b are hardly determined, so their priors are informative.
+
+The full velocity difference model (FVDM), with gains κ [1/s] and λ [1/s], and V₁ [m/s], c [1/m] and
+d [m] that shape the optimal speed V at a gap:
+
+    f = κ (V(p) - v) + λ (u - v),   V(p) = V₁ [tanh(c (p - d)) + tanh(c d)]
+
+Sources: Apostolakis and Ampountolas, IEEE TVT 2024 (CTHP); Treiber, Hennecke and Helbing, Physical
+Review E 62 (2000) 1805-1824, equations 3 and 4 (IDM); Jiang, Wu and Zhu, Physical Review E 64
+(2001) 017101 (FVDM), V after Bando et al., Physical Review E 51 (1995) 1035.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from accpinn.model.following import FollowingModel, Parameter
+
+
+def cthp(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from α, β, τ: the paper's model, without s₀."""
+    alpha, beta, tau = theta[:3]
+    return alpha * (p - tau * v) + beta * (u - v)
+
+
+def cthp_with_intercept(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from α, β, τ, s₀."""
+    return cthp(p - theta[3], v, u, theta, xp)
+
+
+def idm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from a, b, T, s₀, v₀."""
+    a, b, headway, s0, v0 = theta[:5]
+    wanted = s0 + v * (headway + (v - u) / (2.0 * xp.sqrt(a * b)))
+    pace, closeness = (v / v0) ** 2, wanted / p
+    return a * (1.0 - pace * pace - closeness * closeness)
+
+
+def fvdm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from κ, λ, V₁, c, d."""
+    kappa, relative, scale, steepness, middle = theta[:5]
+    optimal = scale * (xp.tanh(steepness * (p - middle)) + xp.tanh(steepness * middle))
+    return kappa * (optimal - v) + relative * (u - v)
+
+
+_ALPHA = Parameter("alpha", "α", "1/s²", 1e-4, 10.0, 0.08, 1.0)
+_BETA = Parameter("beta", "β", "1/s", 1e-4, 10.0, 0.2, 1.0)
+
+CTHP = FollowingModel(
+    "cthp",
+    "CTHP",
+    (_ALPHA, _BETA, Parameter("tau", "τ", "s", 0.05, 10.0, 1.4, 0.3)),
+    cthp,
+    is_cthp=True,
+)
+CTHP_S0 = FollowingModel(
+    "cthp-s0",
+    "CTHP with intercept s₀",
+    (
+        _ALPHA,
+        _BETA,
+        Parameter("tau", "τ", "s", 0.05, 10.0, 1.0, 0.5),
+        Parameter("s0", "s₀", "m", -50.0, 100.0, 5.0, 6.0),
+    ),
+    cthp_with_intercept,
+    terms=("s0",),
+    is_cthp=True,
+)
+IDM = FollowingModel(
+    "idm",
+    "IDM",
+    (
+        Parameter("a", "a", "m/s²", 0.02, 20.0, 1.0, 0.8),
+        Parameter("b", "b", "m/s²", 0.05, 400.0, 2.0, 1.0),
+        Parameter("T", "T", "s", 0.05, 10.0, 1.1, 0.4),
+        Parameter("s0", "s₀", "m", 0.1, 50.0, 4.0, 0.7),
+        Parameter("v0", "v₀", "m/s", 5.0, 100.0, 38.0, 0.2),
+    ),
+    idm,
+)
+FVDM = FollowingModel(
+    "fvdm",
+    "FVDM",
+    (
+        Parameter("kappa", "κ", "1/s", 1e-3, 10.0, 0.1, 1.0),
+        Parameter("relative", "λ", "1/s", 1e-4, 10.0, 0.2, 1.0),
+        Parameter("scale", "V₁", "m/s", 2.0, 100.0, 20.0, 0.4),
+        Parameter("steepness", "c", "1/m", 0.005, 0.5, 0.05, 0.5),
+        Parameter("middle", "d", "m", 0.5, 200.0, 20.0, 0.4),
+    ),
+    fvdm,
+)
