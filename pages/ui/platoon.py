@@ -371,7 +371,7 @@ def _show_amplitudes(workspace: Workspace, run: PlatoonRun, cast: figures.Cast) 
         table = amplitude_table(run, cast.labels)
         show.table(table, cast.colours)
         if run.collisions:
-            st.caption("A dash: the vehicle, or one ahead of it, collides.")
+            st.caption("A dash: the vehicle, or one ahead of it, has collided.")
         show.downloads(table, "platoon_amplitudes", "amplitudes")
 
 

@@ -151,7 +151,8 @@ def _posterior(
 def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     """One row a vehicle, leader first: behind a sinusoid amplitudes, and else largest deviations.
 
-    A vehicle that collides, and each one behind it, has no amplitude and no smallest gap.
+    A vehicle that collides, and each one behind it, has no amplitude and no smallest gap; where it
+    collides, it says when.
 
     Args:
         run: a simulated platoon.
@@ -166,7 +167,10 @@ def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
             (Column("Amplitude", "m/s", 3), np.where(alive, waves.measured, np.nan)),
             (Column("Predicted", "m/s", 3), waves.predicted),
         ]
-    gaps = [None, *np.where(np.arange(followers) + 1 < driving, run.minimum_gap, np.nan)]
+    gaps: list[Cell] = [None, *run.minimum_gap[: driving - 1].tolist()]
+    gaps += (followers + 1 - len(gaps)) * [None]
+    for hit in run.contacts:
+        gaps[hit.follower] = f"collides at {hit.time:.0f} s"
     return Table.of(
         "", [(Column("Vehicle"), labels), *sizes, (Column("Smallest gap", "m", 2), gaps)]
     )

@@ -264,10 +264,11 @@ def test_amplitudes_and_smallest_gaps() -> None:
     crash = simulate_platoon(ASTAZERO.parameters[[0] * 8], Sinusoid(0.214))
     table = amplitude_table(crash)
     assert 1 < crash.survivors < len(table.rows)
-    for title in ("Amplitude", "Smallest gap"):
-        cells = column(table, title)
-        assert np.isnan(cells[crash.survivors :]).all()
-        assert np.isfinite(cells[1 : crash.survivors]).all()
+    amplitudes, gaps = column(table, "Amplitude"), column(table, "Smallest gap")
+    assert np.isnan(amplitudes[crash.survivors :]).all()
+    assert np.isfinite([*amplitudes[: crash.survivors], *gaps[1 : crash.survivors]]).all()
+    lost = {hit.follower: f"collides at {hit.time:.0f} s" for hit in crash.contacts}
+    assert gaps[crash.survivors :] == [lost.get(k) for k in range(crash.survivors, len(gaps))]
     step = simulate_platoon(ASTAZERO.parameters, SpeedStep())
     table = amplitude_table(step, ("Leader", *ASTAZERO.labels))
     assert column(table, "Vehicle") == ["Leader", *ASTAZERO.labels]
