@@ -289,7 +289,7 @@ def number_in(pattern: str, shown: Locator) -> int:
 def test_a_paper_training_is_watched_stopped_and_continued(opened: Open) -> None:
     page = opened("/Train")  # a direct link works on its own
     expect(page).to_have_url(re.compile(r"session=[\w-]{20,}"))
-    page.get_by_role("link", name="Go to Data").click()
+    page.get_by_role("button", name="Go to Data").click()
     open_sample(page)
     fill(page, "and lasts", "60")
     window(page, "0–60")

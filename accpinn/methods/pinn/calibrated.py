@@ -96,9 +96,6 @@ class CalibratedTraining(Training):
                 np.array([maximum.curvature for maximum in maxima]),
             )
             self._note(is_last=True)
-            if self.outcome is not Outcome.DIVERGED:
-                found = all(maximum.converged for maximum in maxima)
-                self.outcome = Outcome.CONVERGED if found else Outcome.FINISHED
         except np.linalg.LinAlgError:
             self.outcome = Outcome.DIVERGED
 
@@ -116,6 +113,8 @@ class CalibratedTraining(Training):
             terms = self._evidence.loss(z, self.config)
         phase = "curves" if is_last else "evidence"
         self._look(phase, self._iteration, terms, parameters, evidence, deviations)
+        if is_last and self.outcome is not Outcome.DIVERGED:
+            self.outcome = Outcome.CONVERGED
 
     def drawn(self, segment: Segment) -> Fit:
         """A window's fit with the present parameters."""
