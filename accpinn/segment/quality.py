@@ -361,6 +361,15 @@ class Rating:
     """Findings that say why it is not good."""
 
 
+def worst(rated: Sequence[tuple[Rating, ...]]) -> tuple[Rating, ...]:
+    """For each question the worst rating that a window has."""
+    grades = [Grade.GOOD, Grade.UNKNOWN, Grade.FAIR, Grade.POOR]
+    return tuple(
+        max(ratings, key=lambda rating: grades.index(rating.grade))
+        for ratings in zip(*rated, strict=True)
+    )
+
+
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
     """All ratings of a window of a recording, in the order of the questions.
 

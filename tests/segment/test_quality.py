@@ -21,6 +21,7 @@ from accpinn.segment.quality import (
     Rating,
     assess_quality,
     rate,
+    worst,
 )
 from accpinn.segment.segment import Segment
 from tests.support.driving import segment_of
@@ -193,3 +194,11 @@ def test_a_gap_that_contradicts_the_speeds(openacc_dir: Path) -> None:
         segment = cut(recording, 0.0, 100.0, vehicles)
         *_, consistent = rate(segment, recording, assess_quality(segment))
         assert consistent.grade is grade
+
+
+def test_windows_together_are_worth_what_the_worst_of_them_is() -> None:
+    good, fair, poor, unknown = ((Rating("complete", g), Rating("driver", g)) for g in Grade)
+    assert worst([good, fair]) == fair
+    assert worst([unknown, good]) == unknown
+    assert worst([unknown, fair]) == fair
+    assert worst([fair, (poor[0], good[1])]) == (poor[0], fair[1])

@@ -26,7 +26,7 @@ from accpinn.results.recording import (
 )
 from accpinn.results.reproduction import RUNS, PrintedRun
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
-from accpinn.segment.quality import Grade, Regimes, assess_quality, label_regimes, rate
+from accpinn.segment.quality import Grade, Regimes, label_regimes
 from accpinn.segment.segment import Segment
 from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
@@ -36,7 +36,7 @@ from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.resources import windows_in_car_following
+from pages.ui.session.resources import rated, windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, Workspace
 
 CASES: Mapping[Case, str] = {
@@ -330,12 +330,15 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
     if segment is None:
         show.messages(workspace.fault, "error")
     else:
+        windows = workspace.several_windows or (workspace.window,)
         with st.container(horizontal=True):
-            for rating in rate(segment, recording, assess_quality(segment)):
+            for rating in rated(recording, windows, workspace.vehicles, workspace.excluded):
                 colour, icon = MARKS[rating.grade]
                 label = WORDS[rating.question][rating.grade]
                 with st.popover(f":{colour}[:material/{icon}:] {label}"):
                     st.markdown(escape_markdown(MEANING[rating.question]))
+                    if len(windows) > 1:
+                        st.caption(f"Of the {len(windows)} windows, this is the worst.")
                     if reasons := messages(rating.findings, segment):
                         st.markdown(show.bullets(reasons))
         show.not_acc(segment)

@@ -10,6 +10,7 @@ from accpinn.errors import RecordingError, SegmentError
 from accpinn.recordings import files
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.segment.quality import Rating, assess_quality, rate, worst
 from accpinn.segment.segment import Segment
 from accpinn.storage import folder, variable
 from accpinn.study.analysis import Analysis
@@ -158,6 +159,19 @@ def first_segment(
     """The data of a window; it is cut once."""
     (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
     return segment
+
+
+@lru_cache(maxsize=KEPT_RECORDINGS)
+def rated(
+    recording: Recording,
+    windows: tuple[Window, ...],
+    vehicles: tuple[int, ...],
+    excluded: tuple[str, ...],
+) -> tuple[Rating, ...]:
+    """What the windows are worth together: for each question the worst of them."""
+    asked = Analysis.of(recording, windows, vehicles, excluded=excluded)
+    segments = asked.segments(recording)
+    return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
 
 
 @lru_cache(maxsize=KEPT_RECORDINGS)
