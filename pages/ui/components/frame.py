@@ -43,6 +43,9 @@ SIDEBAR = 230
 NAMED = 3
 """Windows that are named one by one."""
 
+CHARTED = ("Stability", "Platoon", "Database")
+"""Pages that have charts also where nothing is open."""
+
 CALLBACK_FAILED = "frame_callback_failed"
 """The entry in Streamlit's session state that is set when a widget's callback has failed."""
 
@@ -91,7 +94,8 @@ def begin(title: str) -> Workspace:
     if title:
         with st.container(horizontal=True, vertical_alignment="center", key="frame_head"):
             st.title(title, anchor=False)
-            _chart_menu(workspace)
+            if workspace.info or title in CHARTED:
+                _chart_menu(workspace)
     if st.session_state["lost_session"]:
         show.messages(
             "That session is no longer on this server, so a new one has begun. Finished trainings"
