@@ -12,7 +12,7 @@ from accpinn.errors import ConfigError
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray, Seconds
 
-METHOD_VERSION = 8
+METHOD_VERSION = 9
 """Raised whenever a change of the method changes its numbers; cached results then expire."""
 
 PresetName = Literal["fast", "calibrated", "paper"]

@@ -18,7 +18,7 @@ start and each Adam iteration counts as one iteration.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -68,6 +68,8 @@ class Seen:
     hidden: FloatArray
     """(N, 1 + order, width) the activations and their derivatives in time."""
     sums: NormalEquations
+    whole: FloatArray = field(default_factory=lambda: np.empty(0))
+    """(N, 1 + order, K) Φ and its derivatives, for another model than the CTHP."""
     earlier: tuple[FloatArray, ...] = ()
     """(M,) of (N, 2, K): Φ and its rate at t - d of each follower of a model with a delay."""
 
@@ -133,8 +135,8 @@ class FastTraining(Training):
         """The surrogate on all instants."""
         return Motion(*self._projection.surrogate(seen.hidden, weights))
 
-    def _output(self, seen: Seen, solution: Any, near: Motion | None) -> FloatArray:
-        """(K, 2M+1) the output layer's optimum; the surrogate will be ``near`` another."""
+    def _output(self, seen: Seen, solution: Any, near: FloatArray | None) -> FloatArray:
+        """(K, 2M+1) the output layer's optimum, which is ``near`` another one."""
         return solve_output(seen.sums, solution.theta, self.config)
 
     def _solved(self, at: Optimum) -> Optimum:
@@ -163,7 +165,7 @@ class FastTraining(Training):
         kept = self.network.arrays()
         steps = min(CYCLE, self.planned - self._iteration)
         self._descend(steps)
-        after = self._optimum(before.solution, before.motion)
+        after = self._optimum(before.solution, before.weights)
         for _ in range(CYCLE_ROUNDS):
             last = after.solution
             after = self._solved(after)
@@ -193,7 +195,7 @@ class FastTraining(Training):
         if phase == "start":
             self._start_loss = self.progress.total
 
-    def _optimum(self, solution: Any, near: Motion | None = None) -> Optimum:
+    def _optimum(self, solution: Any, near: FloatArray | None = None) -> Optimum:
         """The output layer's optimum for the present hidden layers and some parameters."""
         seen = self._seen(solution)
         return self._at(seen, self._output(seen, solution, near), solution)

@@ -11,7 +11,8 @@ as `methods.following` has it for simulations. Near the present outputs a follow
     v̂' - f ≈ D w - c - F dz,    D = (Φ' - f_v Φ, -f_p Φ, -f_u Φ),    F = ∂f/∂z,
 
 so w = w₀ + Y dz is the chain of `projection`, solved for several right-hand sides, and dz follows
-from the Schur complement, the curvature of the objective's profile. Derivatives are exact, by
+from the Schur complement, the curvature of the objective's profile. Gradients are of all instants;
+DᵀD, DᵀF and FᵀF, which only steer the steps, are summed over some. Derivatives are exact, by
 complex steps. A parameter whose deviation by that curvature exceeds `OPEN` of its prior's is not
 determined.
 """
@@ -20,6 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from accpinn.errors import ConfigError
@@ -36,10 +38,12 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.segment.segment import Segment, median_speeds
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Seconds
 
 OWN_FIRST = [1, 0, 2]
 """The order of `projection`, own speed before the gap, among gap, own speed and speed ahead."""
+APART: Seconds = 0.3
+"""Between instants over which D's squares are summed."""
 SHORTENED = 6
 """Times that a step which does not lower the objective is halved."""
 
@@ -71,6 +75,17 @@ def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArra
     return np.array([p.value(z[:, k]) for k, p in enumerate(model.parameters)])
 
 
+def thinned(count: int, every: int) -> tuple[NDArray[np.intp], FloatArray]:
+    """Every so many of N instants with the last, and the instants each stands for in a sum.
+
+    By the trapezoidal rule, which is all but exact for curves that are smooth from one to the next.
+    """
+    some = np.append(np.arange(0, count - 1, every), count - 1)
+    counts = np.convolve(np.diff(some), [0.5, 0.5])
+    counts[[0, -1]] += 0.5
+    return some, counts
+
+
 class FollowingFast(FastTraining):
     """`fast` for any model; what it solves for is z (S, n), S = 1 in Case I, M in Case II."""
 
@@ -83,6 +98,9 @@ class FollowingFast(FastTraining):
         """Begin at the user's initial values or at typical ones."""
         self.model = FOLLOWING[law.model]
         self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
+        self._places = np.array(command_columns(segment.followers))[OWN_FIRST]
+        every = max(1, round(APART / segment.sample_time))
+        self._some, self._counts = thinned(segment.samples, every)
         super().__init__(segment, case, config, threads)
 
     def _initial(self) -> FloatArray:
@@ -98,12 +116,19 @@ class FollowingFast(FastTraining):
     def _move(self, now: FloatArray, before: FloatArray) -> float:
         return float(np.abs(now - before).max())
 
-    def _output(self, seen: Seen, solution: FloatArray, near: Motion | None) -> FloatArray:
-        return self._linear(seen, solution, near or self._of_data(seen))[0][..., 0]
+    def _output(self, seen: Seen, solution: FloatArray, near: FloatArray | None) -> FloatArray:
+        weights = self._smooth(seen) if near is None else near
+        return self._linear(self._at(seen, weights, solution))[0][..., 0]
 
-    def _of_data(self, seen: Seen) -> Motion:
-        """The motion near which the first step is taken: the data."""
-        return Motion(self.measured, None)
+    def _smooth(self, seen: Seen) -> FloatArray:
+        """The output layer of the curves that smooth the data, near which the first step is."""
+        right = data_moments(seen.sums, self.config)[..., None]
+        kinematic = gap_blocks(seen.sums, self.config)
+        return solve_chain(seen.sums, lambda _: kinematic, right, self.config)[..., 0]
+
+    def _seen(self, solution: FloatArray) -> Seen:
+        seen = super()._seen(solution)
+        return replace(seen, whole=self._projection.seen(seen.hidden))
 
     def _seen_with(self, seen: Seen, solution: FloatArray) -> Seen:
         """What the output layer sees for other parameters: the same."""
@@ -113,7 +138,7 @@ class FollowingFast(FastTraining):
         """A step that lowers the objective, in W and z."""
         errors = self._errors(at)
         prior = self._loss(at).total / errors
-        layers, gradient, curvature = self._linear(at.seen, at.solution, at.motion, prior)
+        layers, gradient, curvature = self._linear(at, prior)
         before, z = self._objective(at, errors), at.solution.reshape(1, -1)
         bounds = np.tile(self._bounds, len(at.solution))
         move = bounded_step(z, gradient[None], curvature[None], bounds) - z
@@ -151,46 +176,49 @@ class FollowingFast(FastTraining):
         ]
         return command(at), np.array(slopes)
 
-    def _linear(
-        self, seen: Seen, z: FloatArray, near: Motion, prior: float = 1.0
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _linear(self, at: Optimum, prior: float = 1.0) -> tuple[FloatArray, FloatArray, FloatArray]:
         """w₀ and Y (K, 2M+1, 1 + S n), and gradient and curvature of the profile by all z."""
-        now, sums = self._projection.seen(seen.hidden), seen.sums
-        (count, _, size), unknowns = now.shape, z.shape[1]
-        weight = self.config.weight_physics[1] / count
-        value, slopes = self._expanded(near, z)
-        commanding = np.array(near.commanding)
+        seen, z, own = at.seen, at.solution, self._places[0]
+        value, slopes = self._expanded(at.motion, z)
         lags = np.broadcast_to(self.model.term(self._theta(z), "lag"), self.followers)
-        right = np.zeros((size, near.outputs.shape[1], 1 + z.size))
-        right[..., 0] = data_moments(sums, self.config)
-        inner, blocks = np.zeros((1 + z.size, 1 + z.size)), []
-        places = np.array(command_columns(self.followers))
-        kinematic = gap_blocks(sums, self.config)
-        for k in range(self.followers):
-            first = 1 + unknowns * (k if self.case == "II" else 0)
-            columns = [0, *range(first, first + unknowns)]
-            slope = slopes[OWN_FIRST, :, k].T
-            earlier = seen.earlier[k] if seen.earlier else now
-            design = -slope[:, :, None] * earlier[:, :1]
-            design[:, 0] += now[:, 1]
-            if lags[k]:
-                design[:, 0] += lags[k] * now[:, 2]
-            constant = value[:, k] - (slope * commanding[OWN_FIRST, :, k].T).sum(axis=1)
-            beside = np.column_stack([constant, slopes[3:, :, k].T])
+        missing = value - at.motion.rates[:, own]
+        if at.motion.bends is not None:
+            missing -= lags * at.motion.bends[:, own]
+        weight = self.config.weight_physics[1] / len(value)
+        root = np.sqrt(weight * self._counts)[:, None]
+        right = np.zeros((*at.weights.shape, 1 + z.size))
+        right[..., 0] = data_moments(seen.sums, self.config)
+        gradient, curvature = prior * z.ravel(), prior * np.eye(z.size)
+        kinematic, blocks = gap_blocks(seen.sums, self.config), []
+        for k, lag in enumerate(lags):
+            then = seen.earlier[k] if seen.earlier else seen.whole
+            rate = seen.whole[:, 1] + lag * seen.whole[:, 2] if lag else seen.whole[:, 1]
+            slope, by_z, error = slopes[OWN_FIRST, :, k].T, slopes[3:, :, k].T, missing[:, k, None]
             if self.mask is not None:
-                design *= self.mask[:, k, None, None]
-                beside *= self.mask[:, k, None]
-            flat = design.reshape(count, -1)
-            squares = weight * (flat.T @ flat).reshape(3, size, 3, size)
-            blocks.append(kinematic + squares.swapaxes(1, 2))
-            moments = weight * (flat.T @ beside).reshape(3, size, -1)
-            for place, moment in zip(places[OWN_FIRST, k], moments, strict=True):
-                right[:, place, columns] += moment
-            inner[np.ix_(columns, columns)] += weight * (beside.T @ beside)
-        layers = solve_chain(sums, blocks.__getitem__, right, self.config)
-        coupled = right[..., 1:].reshape(-1, z.size).T @ layers.reshape(-1, 1 + z.size)
-        gradient = inner[1:, 0] - coupled[:, 0] + prior * z.ravel()
-        return layers, gradient, inner[1:, 1:] - coupled[:, 1:] + prior * np.eye(z.size)
+                parts, kept = (rate, slope, by_z, error), self.mask[:, k, None]
+                rate, slope, by_z, error = (part * kept for part in parts)
+            unknowns = np.arange(z.shape[1]) + (z.shape[1] * k if self.case == "II" else 0)
+            columns = self._places[:, k]
+            gradient[unknowns] += weight * (by_z.T @ error)[:, 0]
+            right[:, columns, 0] -= weight * (then[:, 0].T @ (slope * error))
+            right[:, columns[0], 0] += weight * (rate.T @ error)[:, 0]
+
+            design = slope[self._some, :, None] * -then[self._some, :1]
+            design[:, 0] += rate[self._some]
+            design = root * design.reshape(len(root), -1)
+            beside = root * by_z[self._some]
+            squares, products = design.T @ design, design.T @ beside
+            old = squares @ at.weights[:, columns].T.ravel()
+            right[:, columns, 0] += old.reshape(3, -1).T
+            right[:, columns[:, None], 1 + unknowns] += products.reshape(
+                3, -1, z.shape[1]
+            ).swapaxes(0, 1)
+            curvature[np.ix_(unknowns, unknowns)] += beside.T @ beside
+            blocks.append(kinematic + squares)
+        layers = solve_chain(seen.sums, blocks.__getitem__, right, self.config)
+        coupling = right[..., 1:].reshape(-1, z.size).T
+        gradient -= coupling @ (layers[..., 0] - at.weights).ravel()
+        return layers, gradient, curvature - coupling @ layers[..., 1:].reshape(-1, z.size)
 
     def _solution(self) -> Solution:
         return Solution.of(self._parameters(self._best.solution).theta)
@@ -205,7 +233,7 @@ class FollowingFast(FastTraining):
 
     def _undetermined(self, at: Optimum) -> list[MethodFinding]:
         prior = self._loss(at).total / self._errors(at)
-        curvature = self._linear(at.seen, at.solution, at.motion, prior)[2]
+        curvature = self._linear(at, prior)[2]
         if not np.isfinite(curvature).all():
             return []
         open_ = prior * np.diag(np.linalg.pinv(curvature)) > OPEN**2

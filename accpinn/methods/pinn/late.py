@@ -24,7 +24,6 @@ import torch
 from accpinn.methods.pinn.fast import Optimum, Seen
 from accpinn.methods.pinn.following import FollowingFast
 from accpinn.methods.pinn.loss import Motion, command_columns
-from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.model.following import COMPLEX_STEP
 from accpinn.units import FloatArray
 
@@ -65,13 +64,6 @@ class LateFast(FollowingFast):
         time, theta = torch.tensor(self.segment.time), self._theta(self._best.solution)
         delays = self.model.term(theta, "delay")
         return lambda pick: motion_at(pick).with_earlier(self._learnable, time[pick], delays)
-
-    def _of_data(self, seen: Seen) -> Motion:
-        """The curves that smooth the data, as derivatives and values at t - d are needed."""
-        right = data_moments(seen.sums, self.config)[..., None]
-        kinematic = gap_blocks(seen.sums, self.config)
-        layer = solve_chain(seen.sums, lambda _: kinematic, right, self.config)
-        return self._motion(seen, layer[..., 0])
 
     def _errors(self, at: Optimum) -> float:
         loss, lasting = self._loss(at), super()._errors(at)

@@ -212,8 +212,7 @@ def solve_chain(
 
     Args:
         sums: products of Φ and the data.
-        blocks: (3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed
-            ahead.
+        blocks: (3K, 3K) a follower's squared residuals, by its speed, its gap and the speed ahead.
         right: (K, 2M+1, R)
         config: holds the weights R and S.
 
@@ -230,20 +229,18 @@ def solve_chain(
     behind = np.zeros((size, size + right.shape[2]))
     eliminated: list[tuple[FloatArray, FloatArray]] = []
     for follower in reversed(range(followers)):
-        squares = blocks(follower)
-        normal = np.block([[squares[a, b] for b in range(3)] for a in range(3)])
-        both = slice(0, 2 * size)
+        squares, both = blocks(follower), slice(0, 2 * size)
+        normal = squares[both, both].copy()
         normal[:size, :size] += s_speed * value_value + at_first + behind[:, :size]
-        normal[size : 2 * size, size : 2 * size] += s_gap * value_value + at_first
+        normal[size:, size:] += s_gap * value_value + at_first
         goal = right[:, [speed_columns[follower + 1], gap_columns[follower]]].swapaxes(0, 1).copy()
         goal[0] += behind[:, size:]
-        coupling = normal[both, 2 * size :]
-        factor = cholesky(normal[both, both], lower=True, check_finite=False)
-        linked = np.column_stack([coupling, goal.reshape(2 * size, -1)])
+        factor = cholesky(normal, lower=True, check_finite=False)
+        linked = np.column_stack([squares[both, 2 * size :], goal.reshape(2 * size, -1)])
         half = solve_triangular(factor, linked, lower=True, check_finite=False)
         eliminated.append((factor, half))
         behind = -half[:, :size].T @ half
-        behind[:, :size] += normal[2 * size :, 2 * size :]
+        behind[:, :size] += squares[2 * size :, 2 * size :]
 
     weights = np.empty_like(right)
     leader = s_speed * value_value + behind[:, :size]
@@ -260,7 +257,7 @@ def solve_chain(
 def _follower_blocks(
     sums: NormalEquations, follower: int, theta: FloatArray, config: PinnConfig
 ) -> FloatArray:
-    """(3, 3, K, K) a follower's squared residuals, by its speed, its gap and the speed ahead."""
+    """(3K, 3K) a follower's squared residuals, by its speed, its gap and the speed ahead."""
     alpha, alpha_tau, beta = theta
     acceleration = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
     q_gap, q_speed = config.weight_physics
@@ -270,14 +267,19 @@ def _follower_blocks(
     )
     dynamic = sums.dynamic_grams[follower]
     if dynamic is sums.grams:
-        return np.tensordot(forms[0] + forms[1], dynamic, ((0, 2), (0, 1)))
-    return np.asarray(gap_blocks(sums, config) + np.tensordot(forms[1], dynamic, ((0, 2), (0, 1))))
+        return _squares(forms[0] + forms[1], dynamic)
+    return gap_blocks(sums, config) + _squares(forms[1], dynamic)
 
 
 def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
     """The part of a follower's blocks that comes from the rate of its gap."""
-    form = config.weight_physics[0] * np.multiply.outer(_GAP_RATE, _GAP_RATE)
-    return np.tensordot(form, sums.grams, ((0, 2), (0, 1)))
+    return _squares(config.weight_physics[0] * np.multiply.outer(_GAP_RATE, _GAP_RATE), sums.grams)
+
+
+def _squares(form: FloatArray, grams: FloatArray) -> FloatArray:
+    """(3K, 3K) the squares of a residual whose form is (2, 3, 2, 3)."""
+    size = 3 * grams.shape[2]
+    return np.tensordot(form, grams, ((0, 2), (0, 1))).swapaxes(1, 2).reshape(size, size)
 
 
 def solve_parameters(sums: NormalEquations, weights: FloatArray, case: Case) -> Solution:

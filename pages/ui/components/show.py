@@ -167,12 +167,13 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
         figure = with_legend(go.Figure(figure))
     side = st.context.theme.type
     if side and (text := st.get_option(f"theme.{side}.textColor")):
-        # In place: a copy is validated again, which takes longer than the figure itself.
+        # In place: a copy is validated again, which takes longer than the figure itself, and so
+        # does an update of several values at once.
         ink = translucent(text, INK)
-        axes = {"tickfont_color": ink, "title_font_color": ink}
-        background = st.get_option(f"theme.{side}.backgroundColor")
-        figure.update_layout(font_color=ink, paper_bgcolor=background)
-        figure.update_xaxes(axes).update_yaxes(axes)
+        figure.layout.font.color = ink
+        figure.layout.paper_bgcolor = st.get_option(f"theme.{side}.backgroundColor")
+        for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
+            axis.tickfont.color = axis.title.font.color = ink
     chosen = chosen.lower()
     scale = PNG_SCALE if chosen == "png" else 1
     config = {
