@@ -211,7 +211,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     ]
     cached = ", answered from the cache" if fit.cached else ""
     effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
-    first = [" ".join(card) for card in cards(info, answer, known_vehicles(result))]
+    first = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
     said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
     said += [f"Note: {note}" for note in notes(result, with_intervals)]
     return "\n".join([*first, "", *_answer_texts(result), *_texts(tables), *said])

@@ -16,7 +16,7 @@ import numpy as np
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Trajectories, collides
+from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import simulate
 from accpinn.segment.cut import BRIDGE, SLACK
 from accpinn.segment.segment import Segment
@@ -127,13 +127,18 @@ def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
 
 
 def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
-    """The closed-loop simulation behind the measured leader.
+    """The closed-loop simulation of a fit; see `driven`."""
+    return driven(segment, fit.model, fit.parameters)
+
+
+def driven(segment: Segment, model: str, parameters: Parameters) -> Trajectories | None:
+    """The closed-loop simulation of a model with parameters (M,) behind the measured leader.
 
     Returns:
         The motion on the segment's instants, nan where the leader's speed is missing for long;
         None where τ is undetermined, or at no instant all vehicles are measured.
     """
-    if not np.isfinite(fit.parameters.everything).all() or not (pieces := simulable(segment)):
+    if not np.isfinite(parameters.everything).all() or not (pieces := simulable(segment)):
         return None
     speeds, gaps = np.full_like(segment.speeds, np.nan), np.full_like(segment.gaps, np.nan)
     for piece in pieces:
@@ -141,7 +146,7 @@ def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
         time, leader = segment.time[rows], segment.speeds[rows, 0]
         start = segment.speeds[first, 1:], segment.gaps[first]
         with np.errstate(over="ignore", invalid="ignore"):  # divergence is found below
-            motion = simulate(fit.model, fit.parameters, time, leader, *start)
+            motion = simulate(model, parameters, time, leader, *start)
         speeds[rows], gaps[rows] = motion.speeds, motion.gaps
     return Trajectories(segment.time, speeds, gaps)
 

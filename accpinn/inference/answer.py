@@ -98,6 +98,12 @@ class Trust(Finding, frozen=True):
     """Whether a simulated gap ends at the vehicle ahead while the measured one does not."""
 
     @property
+    def is_doubtful(self) -> bool:
+        """Whether the drive is not reproduced, or half of several windows say something else."""
+        differs = self.windows > 1 and 2 * self.same <= self.windows
+        return differs or not self.is_reproduced
+
+    @property
     def is_reproduced(self) -> bool:
         """Whether the answer reproduces the drive."""
         return not self.collides and self.rmse <= REPRODUCED * self.deviation
@@ -118,15 +124,15 @@ class Trust(Finding, frozen=True):
         else:
             of = f"{self.same} of {self.windows} windows"
             same = f"Its time gap is the same within {ALIKE:.0%} in {of}."
-        varies = f"where the gap itself varies by {self.deviation:.1f} m"
+        off = f"{self.rmse:.1f} m (rms; the gap's own deviation is {self.deviation:.1f} m)"
         if not np.isfinite(self.rmse):
             drive = "The drive cannot be simulated."
         elif self.is_reproduced:
-            drive = f"Reproduces the drive within {self.rmse:.1f} m, {varies}."
+            drive = f"Reproduces the drive within {off}."
         elif self.collides:
             drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
         else:
-            drive = f"Does not reproduce the drive: {self.rmse:.1f} m off, {varies}."
+            drive = f"Does not reproduce the drive within half of what the gap varies: {off}."
         return f"{same} {drive}".replace("%", " %")
 
 

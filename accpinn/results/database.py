@@ -31,10 +31,11 @@ def headline(whole: Group) -> str:
     if count == 1:
         return f"L₂ string stable with a probability of {probability(share.value)}."
     low, high = (f"{100 * part:.0f}" for part in (share.lower, share.upper))
-    said = probability(share.value)
+    stable = round(share.value * count)
     return (
-        f"{said[0].upper()}{said[1:]} of the {count} vehicles are L₂ string stable; of all such"
-        f" vehicles {low} to {high} % ({percent(whole.level)} interval)."
+        f"{stable or 'None'} of the {count} vehicles {'is' if stable < 2 else 'are'} L₂ string"
+        f" stable; of further vehicles of these makes {low} to {high} % ({percent(whole.level)}"
+        " interval)."
     )
 
 

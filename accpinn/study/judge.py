@@ -60,17 +60,17 @@ class Describes(Finding, frozen=True):
 
     text = (
         "{vehicle}: the {model} describes this car best. In {windows} windows left out its gap"
-        " error is {rmse:.2f} m (median), {less:.0f} % (standard error {error:.0f} %) below that of"
-        " the {other}, the next best."
+        " error is {rmse:.2f} m (geometric mean), {less:.0f} % (standard error {error:.0f} %) below"
+        " that of the {other}, the next best."
     )
     unclear = (
         "{vehicle}: no model is clearly better. In {windows} windows left out the {model} has the"
-        " least gap error, {rmse:.2f} m (median), but its advantage of {less:.0f} % (standard error"
-        " {error:.0f} %) over the {other} may be nothing."
+        " least gap error, {rmse:.2f} m (geometric mean), but its advantage of {less:.0f} %"
+        " (standard error {error:.0f} %) over the {other} may be nothing."
     )
     few = (
         "{vehicle}: {windows} windows are too few to say which model is better. The {model} has the"
-        " least gap error in them, {rmse:.2f} m (median), {less:.0f} % below the {other}."
+        " least gap error in them, {rmse:.2f} m (geometric mean), {less:.0f} % below the {other}."
     )
 
     vehicle: int
@@ -176,6 +176,11 @@ class ModelScore:
         """The model."""
         return FOLLOWING[self.key]
 
+    @property
+    def typical_rmse(self) -> Metres:
+        """The geometric mean of `rmse`, as models are compared window by window."""
+        return float(np.exp(np.log(self.rmse).mean()))
+
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
@@ -193,8 +198,8 @@ class Judgement:
 
     @cached_property
     def ranked(self) -> tuple[ModelScore, ...]:
-        """The scores by their mean of ln RMSE, the best first."""
-        return tuple(sorted(self.scores, key=lambda score: float(np.log(score.rmse).mean())))
+        """The scores by their typical RMSE, the best first."""
+        return tuple(sorted(self.scores, key=lambda score: score.typical_rmse))
 
     @property
     def is_clear(self) -> bool:
@@ -218,7 +223,7 @@ class Judgement:
                     best.model.title,
                     other.model.title,
                     len(best.rmse),
-                    float(np.median(best.rmse)),
+                    best.typical_rmse,
                     -100.0 * float(np.expm1(mean)),
                     100.0 * error * float(np.exp(mean)),
                     self.is_clear,

@@ -21,6 +21,7 @@ from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model import registry
+from accpinn.model.registry import PAPER
 from accpinn.results.figures import answer as answer_figures
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
@@ -187,8 +188,13 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
 
 def _about_methods(rows: Sequence[Result]) -> str:
     """What the methods estimate, and which of them is the paper's."""
-    window = rows[0].info.window
+    window, asked = rows[0].info.window, rows[0].analysis
     said = f"Each method below estimates the CTHP's α, β and τ in the window {window}."
+    if asked.model != PAPER:
+        said += (
+            f" The answer's model, {registry.TITLES[asked.model]}, predicts further drives of real"
+            " cars better; where data obey the CTHP alone, as the samples do, it is less certain."
+        )
     papers = [
         f"{name_of(row.fit)}: {label}." for row in rows if (label := papers_estimate(row.fit))
     ]

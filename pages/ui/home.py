@@ -134,7 +134,7 @@ def _ways_in(workspace: Workspace) -> None:
             help="Opens the first sample below and trains on its first 300 s by the calibrated"
             " preset, which disturbances do not bias.",
         )  # fmt: skip
-        st.caption("A synthetic platoon of four followers; the result comes within seconds.")
+        st.caption("The AstaZero-like platoon of four followers; the result comes within seconds.")
         _button(
             workspace, "Other ways to open a recording", frame.DATA, "own", width="stretch",
             icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),

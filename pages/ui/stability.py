@@ -159,7 +159,11 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
     event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
     st.caption(
         f"{about_bode(uncertainty)} Click on a curve to simulate a platoon at that frequency."
-        + (" Points with bars: the measured gain and its band." if measured else ""),
+        + (
+            " Points with bars: the measured gain and its band, faint where it is not compared."
+            if measured
+            else ""
+        ),
         help=MEASURED if measured else None,
     )
     if result:

@@ -135,7 +135,7 @@ def test_a_result_is_titled_and_summed_up_by_its_answer() -> None:
     assert " follows " in on_result.title(replace(small(), name=""))
     for result in (small(), whole()):
         said = on_answer.cards(result.info, result.answer, known_vehicles(result))
-        assert on_result.summary(result) == tuple(" ".join(card) for card in said)
+        assert on_result.summary(result) == tuple(f"{card.lead} {card.trust}" for card in said)
         assert len(said) == result.info.followers
     (only,) = on_result.summary(altered(replace(whole(), segments=()), answer=None, gain_checks=()))
     assert "All four vehicles amplify" in only

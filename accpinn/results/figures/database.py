@@ -124,6 +124,10 @@ def _size(windows: int) -> float:
     return float(np.clip(5.0 + 1.6 * np.sqrt(windows), 7.0, 14.0))
 
 
+RIM_SHARE = 1.08
+"""Room beyond the last end on a logarithmic axis."""
+
+
 def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
     """Ends that hold all values, and of the intervals what is no further than five times them."""
     medians = values[:, 0]
@@ -133,7 +137,8 @@ def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
     ends = values[:, 1:][np.isfinite(values[:, 1:])]
     if on_log_axis:
         low = max(known.min() / 4, min(known.min() / 1.3, ends[ends > 0].min(initial=np.inf)))
-        return float(low), float(min(known.max() * 4, max(known.max() * 1.3, ends.max())))
+        high = min(known.max() * 4, max(known.max() * 1.3, ends.max()))
+        return float(low) / RIM_SHARE, float(high) * RIM_SHARE
     low = max(0.0, known.min() - 1.0, min(known.min(), ends.min(initial=np.inf)) - 0.1)
     return float(low), float(min(known.max() + 1.0, max(known.max(), ends.max(initial=0)) + 0.1))
 

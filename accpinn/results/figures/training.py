@@ -200,6 +200,7 @@ def tracking(
     disturbance: FloatArray | None = None,
     height: int | None = None,
     points: int = style.POINTS,
+    answered: Trajectories | None = None,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
@@ -214,6 +215,7 @@ def tracking(
         disturbance: (N, M) in m/s²; adds a panel.
         height: in pixels; by default that of its panels.
         points: drawn per line at most, about.
+        answered: the simulation of this follower alone by the answer.
     """
     data = segment if isinstance(segment, Segment) else None
     measured = data.measured if data else None
@@ -233,12 +235,14 @@ def tracking(
         ("data", measured, style.LEADER, 4, "solid", 0.7),
         (own, surrogate, colour, 1.5, "solid", 1.0),
         ("closed-loop simulation", closed_loop, style.MODEL, 1.5, "dot", 1.0),
+        ("answer's simulation", answered, style.SERIES[0], 1.5, "dash", 1.0),
     ):
         if source is None:
             continue
-        drawn = [source.gaps[:, follower], source.speeds[:, follower + 1]]
+        k = 0 if source is answered else follower
+        drawn = [source.gaps[:, k], source.speeds[:, k + 1]]
         if measured and source is not measured:
-            drawn.append((source.gaps - measured.gaps)[:, follower])
+            drawn.append(source.gaps[:, k] - measured.gaps[:, follower])
         for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
             chart.line(
                 start + source.time, values, name, paint, width, dash, row, _hover(channel, name),

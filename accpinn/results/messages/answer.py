@@ -43,6 +43,8 @@ class Card(NamedTuple):
     """The answer: time gap, gains, what becomes of disturbances."""
     trust: str
     """How far to trust it, by its own windows."""
+    is_doubtful: bool
+    """Whether what `trust` says is against it."""
 
 
 def cards(info: SegmentInfo, answer: Answer, subject: KnownVehicles) -> tuple[Card, ...]:
@@ -52,7 +54,8 @@ def cards(info: SegmentInfo, answer: Answer, subject: KnownVehicles) -> tuple[Ca
         lead = _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k)
         parts = (lead, *_gains(answer, k), *_disturbances(subject, k))
         doubts = (*_extrapolated(answer, k), *_against(subject, k))
-        said.append(Card(" ".join(parts), " ".join((trust.in_words, *doubts))))
+        is_doubtful = trust.is_doubtful or bool(doubts)
+        said.append(Card(" ".join(parts), " ".join((trust.in_words, *doubts)), is_doubtful))
     return tuple(said)
 
 
@@ -65,8 +68,9 @@ def about_answer(answer: Answer) -> str:
     driven = " With *: no window holds that speed, so the model extrapolates." if marked else ""
     return (
         f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
-        f" {percent(answer.level)} interval of the vehicle's typical value. The last column is the"
-        " interval for a further window of the same vehicle."
+        f" {percent(answer.level)} interval of the vehicle's typical value; further window: that of"
+        " another window of the same vehicle. Both count how much windows differ, here and in many"
+        " other cars."
     )
 
 
@@ -74,7 +78,10 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
     """The time gaps that a synthetic recording was made with."""
     gaps = time_gap(PAPER, truth, answer.stated_speed).tolist()
     said = joined([f"{gap:.2f}" for gap in gaps])
-    return f"The recording was made with time gaps of {said} s."
+    return (
+        f"The recording was made with time gaps of {said} s at any speed; tab Comparison has all"
+        " true values."
+    )
 
 
 def differing_windows(info: SegmentInfo, answer: Answer) -> str:

@@ -39,6 +39,20 @@ def about_band(result: Result) -> str:
     return said
 
 
+def about_own_estimate(result: Result) -> str:
+    """What a method's own estimate is beside the answer, and of what the curves are."""
+    windows, count = f"the window {result.info.window}", len(result.infos)
+    curves = "The answer drives behind the measured vehicle ahead, the method's parameters behind"
+    curves += " the measured leader."
+    if count > 1:
+        curves = f"The curves are those of {result.info.window}. {curves}"
+        windows = f"the {count} windows"
+    return (
+        f"What {windows} alone say by the {TITLES[result.fit.model]}: intervals leave out how much"
+        f" windows of a car differ, which those of the answer count. {curves}"
+    )
+
+
 def equation(model: str) -> tuple[str, str]:
     """A model's equation of motion and its symbols; of one that is no CTHP name and parameters."""
     if model not in CTHPS:
@@ -64,7 +78,7 @@ def summary(snapshot: Result) -> tuple[str, ...]:
     hand = info.driven_by_hand
     sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.fit)]
     if known:
-        sentences += [" ".join(card) for card in cards(info, known, subject)]
+        sentences += [f"{card.lead} {card.trust}" for card in cards(info, known, subject)]
     elif subject.report:
         sentences.append(headline(subject.vehicles, subject.report, subject.uncertainty))
     return tuple(sentence for sentence in sentences if sentence)

@@ -385,7 +385,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
         f"{judged.info.labels[1]}: models in {windows} windows left out",
         [
             (MODEL, [score.model.title for score in ranked]),
-            (Column("Gap RMSE", "m", 2, LEFT_OUT), [np.median(s.rmse) for s in ranked]),
+            (Column("Gap RMSE", "m", 2, LEFT_OUT), [s.typical_rmse for s in ranked]),
             (Column("Beyond the best", "%", 0, LEFT_OUT), beyond),
             (
                 Column("Best in", "%", 0, LEFT_OUT),

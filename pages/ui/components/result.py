@@ -9,14 +9,16 @@ from pathlib import Path
 
 import streamlit as st
 
+from accpinn.evaluation.closed_loop import driven
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import CTHPS, TITLES
+from accpinn.results import checks as on_checks
 from accpinn.results.checks import MEANING, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
@@ -31,7 +33,12 @@ from accpinn.results.messages.answer import (
     papers_estimate,
 )
 from accpinn.results.messages.stability import headline
-from accpinn.results.messages.summary import about_band, about_curves, conditional
+from accpinn.results.messages.summary import (
+    about_band,
+    about_curves,
+    about_own_estimate,
+    conditional,
+)
 from accpinn.results.report import bundle
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
@@ -84,6 +91,8 @@ def show_result(
         st.markdown(f"**{escape_markdown(name_of(fit))}: the method's own estimate**")
         _show_checks(result)
         follower = pick_follower(info.labels[1:], f"{page}_follower")
+    if has_answer:
+        st.caption(escape_markdown(about_own_estimate(result)))
     _show_tracking(result, follower, f"{page}_tracking")
     table = _parameter_table(result)
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
@@ -108,8 +117,9 @@ def _show_cards(result: Result) -> None:
         return
     with st.container(border=True, gap="xxsmall"):
         for card in said:
-            lead, trust = (escape_markdown(text) for text in card)
-            st.markdown(f"**{lead}**  \n:small[{trust}]")
+            lead, trust = (escape_markdown(text) for text in (card.lead, card.trust))
+            doubt = ":orange[:material/warning:] " if card.is_doubtful else ""
+            st.markdown(f"**{lead}**  \n{doubt}:small[{trust}]")
 
 
 def show_answer(
@@ -195,12 +205,13 @@ def _show_checks(result: Result) -> None:
     }
     groups = [[*group] for _, group in groupby(checks(result), lambda check: check.name)]
     worst = [next(a for a in (False, None, True) if a in {c.passed for c in g}) for g in groups]
-    failing = sum(answer is False for answer in worst)
+    pairs = zip(groups, worst, strict=True)
+    failing = [
+        on_checks.TITLES[group[0].name].lower() for group, answer in pairs if answer is False
+    ]
     colour, icon = MARKS[False if failing else True]
-    said = f"{len(groups) - failing} of {len(groups)} checks" if failing else "All checks"
-    with st.popover(
-        f":{colour}[:material/{icon}:] {said} of the method's estimate passed", key="checks"
-    ):
+    said = f"Checks failed: {', '.join(failing)}" if failing else "All checks passed"
+    with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for group, answer in zip(groups, worst, strict=True):
             colour, icon = MARKS[answer]
             st.markdown(
@@ -288,9 +299,18 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
     figure = figures.tracking(
         segment or result.info, follower, fit.surrogate, result.simulated, own,
         with_error=True, predicted=_band(result), disturbance=disturbance,
+        answered=_answered(result, follower),
         height=CURVES + (0 if disturbance is None else 120),
     )  # fmt: skip
     show.chart(figure, key)
+
+
+def _answered(result: Result, follower: int) -> Trajectories | None:
+    """The drive of a follower by the answer, behind the measured vehicle ahead."""
+    answer, segment = result.known_answer, result.segment
+    if answer is None or segment is None:
+        return None
+    return driven(segment.pair(follower), answer.model, answer.parameters[[follower]])
 
 
 def _band(result: Result) -> GapBand | None:

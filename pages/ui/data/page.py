@@ -203,7 +203,8 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
         )  # fmt: skip
         return
     taken = suggestion.window == workspace.window
-    label = "As suggested" if taken else f"Suggested: {suggestion.window}"
+    name = "Best alone" if workspace.several_windows else "Suggested"
+    label = "As suggested" if taken else f"{name}: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
         help="The window that tells most about α, β and τ, and why.",

@@ -184,8 +184,8 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
             st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
 
     st.file_uploader(
-        f"Drop a recording here: one CSV file of up to {limit} MB, as OpenACC has them or any"
-        " other table. It is not stored on disk.",
+        f"Drop a recording here: a CSV file of up to {limit} MB, from OpenACC or with columns of"
+        " speeds and gaps of your own. It is kept in memory alone.",
         key="data_upload",
         on_change=uploaded,
         help="OpenACC: columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below five rows"
