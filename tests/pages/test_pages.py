@@ -576,7 +576,7 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
-    session = with_sample()
+    session = with_pair()
     session.preset = "fast"
     page = open_page(TRAIN, session).choose("train_options", True)
     page.choose("train_fast_iterations", 0)
