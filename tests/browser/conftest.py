@@ -16,7 +16,7 @@ Open = Callable[..., Page]
 STILL = """addEventListener("DOMContentLoaded", () => {
     const style = document.createElement("style");
     style.textContent = "*, ::before, ::after { animation: none !important; transition: none "
-        + "!important } [data-testid=stStatusWidget] { display: none }";
+        + "!important }";
     document.head.append(style);
 })"""
 """Spinners and fading cost an eighth of the browser's time, and no journey looks at them."""

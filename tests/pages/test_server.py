@@ -130,6 +130,5 @@ def test_users_at_once_get_their_own_results_and_what_they_held_is_given_back(
     requests = [*all_requests(2, 1), Request.of(0, 1), Request.of(0, 2)]
     assert not wrong_results(tmp_path / "snapshots", requests)
     (_, *before), (_, *after) = held[1:]
-    print(held)
     assert after[0] <= before[0] + 5
     assert after[1] <= before[1] + 20e6, "the first round has filled the caches"

@@ -11,7 +11,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.units import Seconds
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
-from tests.support.apptest import PAGES, Page, open_page, with_pair
+from tests.support.apptest import PAGES, Page, open_page, with_sample
 
 SEED = 26
 PAGES_MORE = 8
@@ -103,7 +103,7 @@ def settle(session: Workspace) -> None:
 @pytest.mark.usefixtures("fresh_server")
 def test_no_control_of_any_page_ends_in_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("accpinn.tasks.task.METHODS", {key: METHODS[key] for key in QUICK})
-    dice, session, trail = random.Random(SEED), with_pair(), list[str]()
+    dice, session, trail = random.Random(SEED), with_sample(), list[str]()
     for path in (*PAGES, *dice.choices(PAGES, k=PAGES_MORE)):
         page = open_page(path, session)
         trail.append(path)
