@@ -29,7 +29,7 @@ def test_importing_the_package_loads_nothing_slow() -> None:
 
 
 SAMPLE = "sample_data/synthetic_paper_study.csv"
-FIT = f"fit {SAMPLE} --duration 60 --no-cache"
+FIT = f"fit {SAMPLE} --duration 30 --no-cache"
 
 
 @pytest.mark.parametrize(

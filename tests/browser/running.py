@@ -39,7 +39,7 @@ ESTIMATES = "Probability of string stability"
 """In the headings of the table with the parameters that were learned."""
 PATIENCE_MS = 60_000
 """How long the page may take to show something; the machine may be busy."""
-TRIES_MS = (2_000, 4_000, 8_000, 16_000, 30_000)
+TRIES_MS = (1_000, 2_000, 4_000, 8_000, 16_000, 30_000)
 """How long a list is waited for each time it is opened, until it stays open."""
 TRAINING_MS = 180_000
 """How long a fast training, or all methods on a short window, may take then."""

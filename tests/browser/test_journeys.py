@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ from tests.browser.running import (
 )
 from tests.support.openacc_files import csv, metadata, platoon
 from tests.support.publisher import publisher
-from tests.support.samples import FOLDER
+from tests.support.samples import FOLDER, frame
 from tests.support.snapshots import small
 from tests.support.studies import row, write_study
 
@@ -76,12 +77,19 @@ OUTSIDE = """main => [...main.querySelectorAll('button, input, [role=combobox]')
 NASTY = "<script>alert(1)</script><b>*x*</b>$y$_z_"
 
 
+AXE = """options => axe.run(
+    {exclude: ['.main-svg']}, {...options, resultTypes: ['violations'], elementRef: false}
+).then(found => found.violations)"""
+"""Of the drawings inside charts it knows no colour, and a chart's other tests judge them."""
+
+
 def violations(page: Page, **options: Any) -> list[str]:
     """What axe-core calls serious or critical: rule, element and reason."""
-    options["resultTypes"] = ["violations"]  # of the others it tells less, and is sooner done
+    if not page.evaluate("'axe' in window"):
+        page.evaluate(Axe().axe_script)
     return [
         f"{found['id']}: {node['target']} {node['failureSummary']}"
-        for found in Axe().run(page, options=options).response["violations"]
+        for found in page.evaluate(AXE, options)
         if found["impact"] in SERIOUS
         for node in found["nodes"]
     ]
@@ -115,12 +123,12 @@ def look(page: Page) -> None:
 
 
 def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_sent_back(
-    opened: Open, app: App, tmp_path: Path
+    opened: Open, app: App
 ) -> None:
     makes = (row(f"Make {k}", file="a.csv", start=0.0, duration=60.0, sha256="0") for k in range(9))
     write_study(app.studies / "nine makes", *makes)
     whole = (FOLDER / "synthetic_astazero_like.csv").read_text().replace("A8-like", NASTY)
-    sample = "".join(whole.splitlines(keepends=True)[:2500])  # is soon done
+    sample = "".join(whole.splitlines(keepends=True)[:1500])  # is soon done
     file = f"{NASTY.replace('/', '')}.csv"
     first = opened()
     look(first)
@@ -164,8 +172,8 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     expect(page.get_by_role("heading", name=NASTY)).to_be_visible()
     expect(page.get_by_text("look at τ")).to_be_visible()
     look(page)
-    report = tmp_path / "report.html"
-    report.write_bytes(downloaded(page, page.get_by_role("button", name="Report"))[1])
+    report = downloaded(page, page.get_by_role("button", name="Report"))[1].decode()
+    assert f"<h1>{escape(NASTY)}</h1>" in report
     sent, content = downloaded(page, page.get_by_role("button", name=re.compile("Download$")))
     assert re.fullmatch(r"\w+\.accpinn\.zip", sent)
 
@@ -185,8 +193,6 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     open_tab(page, "Beside another")
     expect(page.get_by_text("What differs")).to_be_visible()
     chart(page, "snapshots_bode")
-    page.goto(report.as_uri())
-    expect(page.locator("h1")).to_have_text(NASTY)
 
 
 # A recording, its window and its parameters
@@ -290,9 +296,8 @@ def test_a_paper_training_is_watched_stopped_and_continued(opened: Open) -> None
     page = opened("/Train")  # a direct link works on its own
     expect(page).to_have_url(re.compile(r"session=[\w-]{20,}"))
     page.get_by_role("button", name="Go to Data").click()
-    open_sample(page)
-    fill(page, "and lasts", "60")
-    window(page, "0–60")
+    upload(page, ("short.csv", csv(frame(), metadata(("Lead", "Own")))))
+    window(page, "0–61.9")
     go(page, "Train")
     page.get_by_text("Paper", exact=True).click()
     page.get_by_role("button", name="Start training").click()
@@ -404,7 +409,7 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
     assert name == "accpinn_stability_map.svg"
     assert content.startswith(b"<svg")
     assert "time headway" in content.decode()
-    page.get_by_role("button", name="Charts").click()
+    page.get_by_role("button", name="Charts").press("Enter")  # plotly's message lies above it
     page.get_by_text("PNG", exact=True).click()
     page.keyboard.press("Escape")
     for _ in range(10):  # nothing tells when the chart has heard of the choice
@@ -429,14 +434,14 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
     expect(page.get_by_text("Hyundai does not amplify any frequency")).to_be_visible()
 
 
-def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open, app: App) -> None:
+def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_run_downloaded(
+    opened: Open, app: App
+) -> None:
     shutil.rmtree(app.studies, ignore_errors=True)
-    folder, files = app.recordings / "short", 4
+    folder = app.recordings / "short"
     folder.mkdir(parents=True)
-    for k in range(files):
-        make = ("Audi(A8)", "Tesla(Model3)")[k % 2]
-        frame = platoon(2, 620) + 0.001 * k
-        (folder / f"run{k}.csv").write_bytes(csv(frame, metadata(("Lead", make))))
+    for k, make in enumerate(("Audi(A8)", "Tesla(Model3)")):
+        (folder / f"run{k}.csv").write_bytes(csv(frame(620, k), metadata(("Lead", make))))
     page = opened("/Database")
     choose(page, "Windows", "60 s")
     page.locator('[data-baseweb="tag"]', has_text="Maximum likelihood").get_by_role("button").or_(
@@ -445,22 +450,18 @@ def test_a_batch_is_stopped_continued_filtered_and_a_run_downloaded(opened: Open
     idle(page)
     fill(page, "Workers", "1")
     idle(page)
-    expect(page.get_by_text(f"{files} files: {files} windows")).to_be_visible()
+    expect(page.get_by_text("2 files: 2 windows")).to_be_visible()
     page.get_by_role("button", name="Start the batch").click()
-    page.get_by_text(re.compile(r"[1-9] rows? so far")).wait_for(timeout=TRAINING_MS)
-    page.get_by_role("button", name="Stop", exact=True).click()
-    page.get_by_text("Stopped; what is finished is kept").wait_for(timeout=TRAINING_MS)
-    page.get_by_role("button", name="Continue").click()
     page.get_by_role("button", name="Stop", exact=True).wait_for()
-    page.reload()  # it runs on without a browser
-    done = page.get_by_text(f"Done: {files} recordings, {files} windows")
+    page.reload()
+    done = page.get_by_text("Done: 2 recordings, 2 windows")
     done.wait_for(timeout=TRAINING_MS)
-    expect(page.get_by_text(f"{files} follower windows of 2 vehicles, 2 makes")).to_be_visible()
+    expect(page.get_by_text("2 follower windows of 2 vehicles, 2 makes")).to_be_visible()
     idle(page)
 
     choose(page, "Make", "Tesla")
     page.keyboard.press("Escape")
-    expect(page.get_by_text(f"{files // 2} follower windows of 1 vehicle, 1 make")).to_be_visible()
+    expect(page.get_by_text("1 follower window of 1 vehicle, 1 make")).to_be_visible()
     expect(page).to_have_url(re.compile("make=Tesla"))
     open_tab(page, "All rows")
     page.locator(".dvn-scroller").click(position={"x": 18, "y": 54})

@@ -23,12 +23,14 @@ def test_a_report_of_a_hostile_name_is_drawn_in_both_themes_printed_saved_and_fi
     place, alone = tmp_path / "report.html", tmp_path / "alone.html"
     place.write_text(render_report(result), encoding="utf-8")
     page = browser.new_page(
-        viewport={"width": 1000, "height": 800}, color_scheme="dark", offline=True
+        viewport={"width": 400, "height": 800}, color_scheme="dark", offline=True
     )
     faults = watched(page)
     page.on("request", lambda made: faults.append(made.url) if "http" in made.url[:4] else None)
     page.goto(place.as_uri())
     page.locator("html[data-drawn]").wait_for()
+    assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
     plots = page.locator(".plot")
     count = plots.count()
     assert count >= 12
@@ -57,11 +59,6 @@ def test_a_report_of_a_hostile_name_is_drawn_in_both_themes_printed_saved_and_fi
     assert "closed_loop_simulation_mae" in tables[1]
     alone.write_bytes(downloaded(page, button.filter(has_text="HTML").first)[1])
 
-    page.set_viewport_size({"width": 400, "height": 800})
-    page.reload()
-    page.locator("html[data-drawn]").wait_for()
-    assert page.locator(".plot .main-svg").first.evaluate("drawn => drawn.clientWidth") < 400
-    assert page.evaluate("document.documentElement.scrollWidth") <= 400
     page.goto(alone.as_uri())
     assert page.locator(".main-svg path").count() > 3
     assert page.locator("script").count() == 2

@@ -213,9 +213,9 @@ class TestMissingSamples:
     ) -> None:
         some = ("--methods", "maximum-likelihood,splines")
         assert "or choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
-        window = ("--methods", "maximum-likelihood", "--duration", 90)
+        window = ("--methods", "maximum-likelihood", "--duration", 60)
         (row,) = document(capsys, "compare", holes, *window)["rows"]
-        assert len(row["blocks_mae"]) == 3
+        assert len(row["blocks_mae"]) == 2
 
     def test_a_real_recording_is_fitted_whole(self, capsys: Capture, openacc_dir: Path) -> None:
         recording = openacc_dir / "JRC low speed" / "part12.csv"

@@ -19,16 +19,14 @@ from accpinn.study.result import Result
 from accpinn.tasks import Status, Task
 from pages.ui.session.resources import FIRST_SAMPLE, sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
-from tests.support.apptest import COMPARE, WAIT, answer, open_page, with_sample
+from tests.support.apptest import COMPARE, WAIT, answer, open_page, with_pair
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
 
 @pytest.fixture
 def session(fresh_server: None) -> Workspace:
-    made = with_sample()
-    made.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
-    return made
+    return with_pair()
 
 
 def finished(session: Workspace, results: Sequence[Result | Refused]) -> None:

@@ -49,6 +49,7 @@ from tests.support.apptest import (
     answer,
     fitted,
     open_page,
+    with_pair,
     with_sample,
 )
 from tests.support.openacc_files import csv, metadata, platoon, recording
@@ -239,6 +240,7 @@ def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_
     names = [trace["name"] for trace in page.figures()[0]["data"][:4]]
     assert names == list(session.segment.labels[1:])
 
+    session.choose(vehicles=(1, 2))
     page.press("data_train")
     assert session.training is not None
     page = open_page(DATA, session).choose("data_start", 20.0)
@@ -436,7 +438,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
 
 
 def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
-    session = fitted(Window(0.0, 120.0))
+    session = fitted()
     result = session.result
     assert result
     answered = result.answer
@@ -467,9 +469,9 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
 
 
 def test_a_training_of_another_model_shows_its_own_parameters() -> None:
-    session = with_sample()
-    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session = with_pair()
     session.choices[MODEL], session.preset = "idm", "fast"
+    session.settings["fast"] = {"iterations": 20}
     page = open_page(TRAIN, session)
     page.press("Start training")
     assert session.training.wait(WAIT)
@@ -485,7 +487,7 @@ def test_a_training_of_another_model_shows_its_own_parameters() -> None:
 
 @pytest.mark.parametrize("outcome", [Outcome.STOPPED, Outcome.DIVERGED])
 def test_an_unfinished_training_has_neither_intervals_nor_probabilities(outcome: Outcome) -> None:
-    page = open_page(TRAIN, fitted(Window(0.0, 60.0), outcome=outcome))
+    page = open_page(TRAIN, fitted(outcome=outcome))
     shown = page.plain()
     assert "s at 100 km/h (" in shown, "the answer does not depend on the training"
     assert "they have no intervals or probabilities" in shown
@@ -501,8 +503,7 @@ def test_an_unfinished_training_has_neither_intervals_nor_probabilities(outcome:
 def test_train_says_what_goes_wrong_and_how_sure_it_is(
     parameters: Parameters, excluded: tuple[str, ...]
 ) -> None:
-    session = with_sample()
-    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session = with_pair()
     if excluded:
         mask = np.ones_like(session.segment.gaps, dtype=bool)
         mask[:50] = False
@@ -531,7 +532,7 @@ def stop_training(session: Workspace) -> None:
 
 
 def test_stop_continue_or_begin_anew() -> None:
-    session = with_sample()
+    session = with_pair()
     page = open_page(TRAIN, session)
     page.segmented_control(key="train_preset").set_value("paper").run()
     page.press("Start training")
@@ -545,7 +546,7 @@ def test_stop_continue_or_begin_anew() -> None:
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED
     at = job.result.fit.iterations
-    other = open_page(TRAIN, with_sample())
+    other = open_page(TRAIN, with_pair())
     other.segmented_control(key="train_preset").set_value("paper").run()
     for one in (page.run(), other):
         assert f"Continue from iteration {at:,}" in labels(one), "another session goes on there too"
@@ -572,7 +573,7 @@ def test_stop_continue_or_begin_anew() -> None:
 
 
 def test_a_second_session_waits_and_is_told() -> None:
-    first, second = with_sample(), with_sample()
+    first, second = with_pair(), with_pair()
     first.train(preset("paper"))
     other = open_page(TRAIN, second).press("Start training")
     assert "yours is next" in other.texts()
@@ -581,7 +582,7 @@ def test_a_second_session_waits_and_is_told() -> None:
 
 
 def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() -> None:
-    session = with_sample()
+    session = with_pair()
     session.preset = "fast"
     page = open_page(TRAIN, session).choose("train_options", True)
     page.choose("train_fast_iterations", 0)
@@ -619,8 +620,7 @@ def test_calibrated_shows_no_initial_values_as_it_uses_none() -> None:
 
 
 def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
-    session = with_sample()
-    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session = with_pair()
     session.preset, session.settings["fast"] = "fast", {"iterations": 20}
     assert session.analysis().model == BEST
     page = open_page(TRAIN, session).choose("train_options", True).choose(MODEL, "cthp-s0")
@@ -636,8 +636,7 @@ def test_the_answers_model_is_chosen_among_the_options_and_kept() -> None:
 
 
 def test_an_answer_by_another_model_needs_no_second_training_and_holds_at_a_speed() -> None:
-    session = with_sample()
-    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session = with_pair()
     assert session.preset == "calibrated", "which estimates a CTHP whatever the answer's model"
     open_page(TRAIN, session).press("Start training")
     assert session.training.wait(WAIT)
@@ -660,8 +659,7 @@ def test_an_answer_by_another_model_needs_no_second_training_and_holds_at_a_spee
 
 
 def test_all_windows_in_car_following_are_trained_on_when_ticked() -> None:
-    session = with_sample()
-    session.choose(window=Window(0.0, 60.0), vehicles=(1, 2))
+    session = with_pair()
     page = open_page(DATA, session).choose(ALL_WINDOWS, True)
     windows = session.several_windows
     assert len(windows) > 1
@@ -712,7 +710,7 @@ def test_another_window_ends_a_training_and_forgets_choices_among_the_former_veh
 
 
 def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_their_result() -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     result, recording = session.result, session.recording
     session.choose(window=Window(0.0, 60.0), vehicles=(2, 3, 4, 5))
     session.open(*sample(FIRST_SAMPLE))
@@ -729,7 +727,7 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
 
 
 def test_the_finished_training_stays_while_a_second_one_runs() -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     result = session.result
     session.preset = "paper"
     page = open_page(TRAIN, session).press("train_start")
@@ -743,7 +741,7 @@ def test_the_finished_training_stays_while_a_second_one_runs() -> None:
 def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     open_page(TRAIN, session)
     page = open_page(HOME)
     assert page.workspace() is not session
@@ -761,7 +759,7 @@ def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
 def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     page = open_page(DATA, session)
     with monkeypatch.context() as broken:
         broken.setattr("pages.ui.data.views.show_window", lambda *_: 1 / 0)
@@ -776,7 +774,7 @@ def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
 def test_after_a_fault_of_a_widget_s_callback_the_page_says_so_once_and_shows_what_was_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     page = open_page(TRAIN, session)
     shown = [written.value for written in (*page.title, *page.markdown, *page.caption)]
     with monkeypatch.context() as broken:

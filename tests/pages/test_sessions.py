@@ -222,7 +222,7 @@ def test_no_page_waits_for_a_full_garbage_collection() -> None:
 
 
 def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     before = session.result.parameters
     session.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
     open_page(DATA, session)
@@ -248,7 +248,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
 
 
 def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
-    session = open_page(TRAIN, session=fitted(Window(0.0, 60.0)).id).workspace()
+    session = open_page(TRAIN, session=fitted().id).workspace()
     sessions.workspaces.clear()
     again = open_page(STABILITY, session=session.id).workspace()
     assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
@@ -307,7 +307,7 @@ def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
 
 
 def test_equal_runs_are_kept_once_unfinished_ones_never_and_two_are_compared() -> None:
-    session = fitted(Window(0.0, 60.0))
+    session = fitted()
     for case, outcome, count in (
         ("II", Outcome.CONVERGED, 1),
         ("I", Outcome.STOPPED, 1),

@@ -23,7 +23,7 @@ from tests.support.apptest import (
     STABILITY,
     TRAIN,
     open_page,
-    with_sample,
+    with_pair,
 )
 from tests.support.snapshots import whole
 
@@ -39,7 +39,7 @@ def bare() -> Result:
 
 
 def with_fit() -> Workspace:
-    session = with_sample()
+    session = with_pair()
     session.train(preset("fast", iterations=20))
     assert session.training.wait(120)
     assert session.training.status is Status.DONE

@@ -91,13 +91,13 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     for label in session.segment.labels[1:]:
         assert label in page.plain()
     said = headline(page)
-    assert said.startswith("Answer: synthetic_astazero_like.csv, 0–300 s")
+    assert said.startswith("Answer: synthetic_astazero_like.csv, 0–60 s")
     assert "probability of L₂ string stability" in said
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
     assert "Shaded: 90 % bands" in page.plain()
-    assert "synthetic_astazero_like.csv · 0–300 s" in page.caption[0].value.replace("\\", "")
+    assert "synthetic_astazero_like.csv · 0–60 s" in page.caption[0].value.replace("\\", "")
     assert assumption(session.result.answer) in page.plain()
     page.choose("stability_uncertainty", False)
     assert "Shaded" not in page.plain()
@@ -391,7 +391,7 @@ class TestPage:
         page.choose("platoon_measured", False)
         assert not set(names) & set(traces(page, 0))
         said = page.open_tab("platoon", MAP).plain()
-        assert "From 40 to 340 s" in said, "by the recording's clock"
+        assert "From 40 to 100 s" in said, "by the recording's clock"
         page.choose("platoon_order", "repeated")
         assert page.widget("platoon_followers").value == 3, "as many as recorded"
 

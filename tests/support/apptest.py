@@ -29,6 +29,7 @@ WIDGETS = (
     "slider",
 )  # fmt: skip
 """What a value is chosen with."""
+MINUTE = Window(0.0, 60.0)
 WAIT = 120.0
 """Seconds a real training may take on a busy machine; it needs about one."""
 
@@ -136,6 +137,13 @@ def with_sample() -> Workspace:
     return found
 
 
+def with_pair() -> Workspace:
+    """A session with a minute of its first two vehicles, on which a training is soon done."""
+    found = with_sample()
+    found.choose(window=MINUTE, vehicles=(1, 2))
+    return found
+
+
 def with_example() -> Workspace:
     """A session that shows a published example."""
     found = sessions.workspaces().new()
@@ -143,7 +151,7 @@ def with_example() -> Workspace:
     return found
 
 
-def fitted(window: Window | None = None, **changes: Any) -> Workspace:
+def fitted(window: Window = MINUTE, **changes: Any) -> Workspace:
     """A session whose training is done; see `answer`."""
     session = with_sample()
     session.choose(window=window, vehicles=(2, 3, 4, 5))

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import pandas as pd
+
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.segment.cut import cut
@@ -28,3 +30,8 @@ def sample(name: str, duration: float = 300.0) -> Sample:
     """The first of it, so many seconds."""
     path = FOLDER / f"{name}.csv"
     return Sample(cut(read(path), 0, duration), load_truth(truth_path(path)).parameters.values)
+
+
+def frame(samples: int = 620, first: int = 0) -> pd.DataFrame:
+    """Samples of the noisy study as columns of a file, on which a method is soon done."""
+    return pd.read_csv(FOLDER / f"{NOISY}.csv", skiprows=5).iloc[first : first + samples]

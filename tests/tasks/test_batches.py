@@ -14,6 +14,7 @@ from accpinn.tasks import Status, TaskQueue
 from accpinn.tasks.batches import DownloadTask, StudyTask
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
+from tests.support.samples import frame
 
 RUN = Run("Casale", "part2.csv", None)
 CONTENT = csv(platoon(2, 1500))
@@ -45,7 +46,7 @@ def test_workers_of_a_batch_do_not_run_the_page_that_the_server_calls_its_main_m
     main = ModuleType("__main__")
     main.__file__ = str(page)
     monkeypatch.setitem(sys.modules, "__main__", main)
-    (tmp_path / "run.csv").write_bytes(csv(platoon(2, 700)))
+    (tmp_path / "run.csv").write_bytes(csv(frame()))
     sources = (str(tmp_path / "run.csv"),)
     queue = TaskQueue(prepare=lambda: None)
     study = tmp_path / "study"

@@ -60,7 +60,8 @@ _STYLE = """<style>
 .st-key-frame_head { padding-top: 1.2rem; }
 [data-testid="stStatusWidget"] { display: none; }
 [data-testid="stButtonGroup"] > div button { min-height: 2.5rem; }
-[data-testid="stCaptionContainer"] { color: inherit; opacity: .78; }
+[data-testid="stCaptionContainer"], [data-testid="stCaptionContainer"] code { color: inherit; }
+[data-testid="stCaptionContainer"] { opacity: .78; }
 [data-selected="true"] p, [role="tab"][aria-selected="true"] p {
   color: light-dark(#0b6e8a, #7cc8e0); }
 .vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
