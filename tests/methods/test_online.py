@@ -8,16 +8,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
-from accpinn.methods import dual_ukf, online, particle
+from accpinn.methods import dual_ukf, particle
 from accpinn.methods.fit import BoundActive, FilterDiverged, Fit, Outcome
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of
-from tests.support.samples import NOISE_FREE, PLATOON, sample
 
 both_filters = pytest.mark.parametrize(
     "estimate", [particle.fit, dual_ukf.fit], ids=["particle", "dual-ukf"]
@@ -25,47 +23,7 @@ both_filters = pytest.mark.parametrize(
 Estimator = Callable[[Segment, Case], Fit]
 
 
-TOLERANCES = {
-    (dual_ukf.fit, NOISE_FREE): (0.005, 0.01, 0.001),
-    (dual_ukf.fit, PLATOON): (0.03, 0.08, 0.015),
-    (particle.fit, NOISE_FREE): (0.05, 0.08, 0.005),
-    (particle.fit, PLATOON): (0.12, 0.12, 0.015),
-}
-"""Relative, of α, β, τ."""
-
-
-def test_white_acceleration_is_as_strong_as_lasting_errors() -> None:
-    """Errors that last two seconds, summed over five minutes, against the noise's formula."""
-    rng = np.random.default_rng(0)
-    kept = np.exp(-0.1 / online.LASTING)
-    shocks = rng.standard_normal((1000, 3000))
-    shocks[:, 1:] *= np.sqrt(1 - kept**2)
-    errors = online.UNEXPLAINED * lfilter([1.0], [1.0, -kept], shocks)
-    speeds = 0.1 * errors.sum(axis=1)
-    expected = 3000 * online.motion_noise(0.1)[1, 1]
-    assert speeds.var() == pytest.approx(expected, rel=0.1)
-
-
 class TestBoth:
-    @both_filters
-    @pytest.mark.parametrize("name", [NOISE_FREE, PLATOON])
-    def test_recovers_the_truth_within_its_deviations(self, estimate: Estimator, name: str) -> None:
-        study, tolerance = sample(name), TOLERANCES[estimate, name]
-        fit = estimate(study.segment, "II")
-        error = abs(fit.parameters.values / study.truth - 1)
-        assert (error < tolerance).all(), error.round(3)
-        misses = (fit.track.parameters.values - study.truth) / fit.track.deviation
-        assert (abs(misses[fit.track.time > 60]) < 2).all()
-
-    @both_filters
-    def test_case_i_learns_from_all_followers(self, estimate: Estimator) -> None:
-        segment = driven((LAW, LAW, LAW), duration=100.0, noise=0.05)
-        together, apart = estimate(segment, "I"), estimate(segment, "II")
-        assert len(set(together.parameters)) == 1
-        np.testing.assert_allclose(together.parameters.values[0], LAW, rtol=0.08)
-        ratio = together.track.deviation[-1] / apart.track.deviation[-1]
-        assert (ratio.mean(axis=0) < 0.85).all()
-
     @both_filters
     def test_follows_parameters_that_change(self, estimate: Estimator) -> None:
         segment = in_turn(([LAW], 300.0), ([(0.08, 0.12, 1.2)], 300.0))

@@ -1,16 +1,13 @@
 """Bounded least squares against scipy, and the rows of a regression."""
 
-from dataclasses import replace
-
 import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.optimize import nnls
 
-from accpinn.methods.regression import Regression, Solution, solve_bounded
+from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.units import FloatArray
-from tests.support.driving import MIXED, driven
 
 entries = st.floats(-10, 10).map(lambda value: round(value, 3))
 problems = st.sampled_from([2, 3]).flatmap(
@@ -52,15 +49,3 @@ class TestSolveBounded:
         solution = solve((x, np.zeros(50)))
         assert np.isfinite(solution.theta).all()
         assert (solution.theta >= 0).all()
-
-
-def test_masked_instants_do_not_count() -> None:
-    segment = driven(MIXED)
-    mask = np.ones(segment.gaps.shape, dtype=bool)
-    mask[100:200, 1] = False
-    gaps = segment.gaps.copy()
-    gaps[120:180, 1] += 100.0
-    bent = Regression.of(replace(segment, gaps=gaps, mask=mask)).solve("II")
-    whole = Regression.of(replace(segment, mask=mask)).solve("II")
-    np.testing.assert_array_equal(bent.theta, whole.theta)
-    np.testing.assert_allclose(bent.parameters.values, MIXED, rtol=2e-3)

@@ -5,7 +5,7 @@ import pytest
 
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods import simulation, splines
-from accpinn.methods.fit import Outcome, SimulatedSeparately, WeaklyDetermined
+from accpinn.methods.fit import Outcome, SimulatedSeparately
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
@@ -66,15 +66,6 @@ class TestBounds:
         assert (free.alpha, free.beta, free.tau) == pytest.approx(law, rel=0.01)
         assert held.theta[1] == 0
         assert np.isnan(held.tau) == (bound == "α")
-
-    def test_noise_alone_ends_within_its_limits(self) -> None:
-        rng = np.random.default_rng(0)
-        time = 0.1 * np.arange(601)
-        walk = np.cumsum(rng.standard_normal((601, 3)), axis=0)
-        segment = segment_of(time, 20 + walk[:, :2], 30 + walk[:, 2:])
-        fit = simulation.fit(segment)
-        assert (fit.parameters.values[:, :2] <= 10).all()
-        assert WeaklyDetermined(2) in fit.findings
 
 
 def test_casale_drives_better_than_with_the_limit_of_the_loss(casale: Recording) -> None:

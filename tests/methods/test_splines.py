@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_lsq_spline
 
 from accpinn.methods import splines
-from tests.support.driving import LAW, MIXED, driven
+from tests.support.driving import MIXED, driven
 
 
 class TestSplines:
@@ -26,15 +26,3 @@ class TestSplines:
         data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
         assert fit.loss["data"] == pytest.approx(data / (segment.samples * 3), rel=1e-12)
         assert fit.loss["total"] == fit.loss["data"] + fit.loss["physics"]
-
-    def test_finer_knots_change_little(self) -> None:
-        segment = driven(noise=0.05)
-        coarse, fine = splines.fit(segment, knots_every=1.0), splines.fit(segment)
-        np.testing.assert_allclose(fine.parameters.values, coarse.parameters.values, rtol=1e-3)
-        assert fine.loss["total"] <= coarse.loss["total"] * (1 + 1e-6)
-
-    @pytest.mark.parametrize("step", [0.05, 0.5, 1.0])
-    def test_other_sampling_times_than_the_recordings(self, step: float) -> None:
-        fit = splines.fit(driven(step=step, duration=100.0))
-        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)
-        assert fit.config["knots_every"] == max(0.5, 5 * step)

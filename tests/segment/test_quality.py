@@ -176,17 +176,6 @@ def test_each_fault_lowers_the_grade_of_its_own_question_alone(sound: Recording)
     assert grades(still) == {"excited": Grade.POOR, "consistent": Grade.UNKNOWN}
 
 
-def test_a_window_with_a_fifth_in_catching_up_is_not_one_of_car_following(
-    openacc_dir: Path,
-) -> None:
-    recording = read(openacc_dir / "Casale/part7.csv")
-    for start, share, grade in ((0.0, 0.79, Grade.FAIR), (915.0, 0.96, Grade.GOOD)):
-        quality = assess_quality(segment := cut(recording, start, 300.0, (1, 2)))
-        assert quality.car_following[0] == pytest.approx(share, abs=0.01)
-        following = rate(segment, recording, quality)[2]
-        assert (following.question, following.grade) == ("following", grade)
-
-
 def test_a_gap_that_contradicts_the_speeds(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv")
     for vehicles, grade in (((1, 2, 3, 4), Grade.GOOD), ((4, 5), Grade.POOR)):

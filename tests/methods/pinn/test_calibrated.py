@@ -1,6 +1,5 @@
 """The preset `calibrated`: parameters by the evidence, the network around them."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,7 +15,6 @@ from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
 from tests.methods.pinn.test_training import after
 from tests.support.methods import train
-from tests.support.samples import NOISE_FREE, NOISY, sample
 
 SHORT = 40.0
 
@@ -40,14 +38,6 @@ class TestResult:
         assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
         assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
 
-    @pytest.mark.parametrize("name", [NOISE_FREE, NOISY])
-    def test_recovers_the_truth_where_nothing_disturbs(self, name: str) -> None:
-        """Memory and rise of a disturbance that is not there are arbitrary."""
-        study = sample(name)
-        fit = train(study.segment, "II", CALIBRATED)
-        assert fit.outcome in (Outcome.CONVERGED, Outcome.FINISHED)
-        np.testing.assert_allclose(fit.parameters.values, study.truth, rtol=0.015)
-
     def test_network_follows_the_data(self) -> None:
         errors = surrogate_errors(platoon(), fitted())
         assert errors.gap_mae.max() < 0.2
@@ -57,16 +47,6 @@ class TestResult:
         assert fit.outcome is Outcome.CONVERGED
         terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
         assert fit.history.total[-1] == fit.loss["total"] == pytest.approx(terms, rel=1e-12)
-
-    def test_masked_instants_do_not_count(self) -> None:
-        segment = platoon()
-        mask = np.ones((segment.samples, 2), bool)
-        mask[200:260, 0] = False
-        fit = train(replace(segment, mask=mask), "II", CALIBRATED)
-        assert fit.outcome is Outcome.CONVERGED
-        assert fit.parameters[0] != fitted().parameters[0]
-        apart = np.log(fit.parameters.values[1] / fitted().parameters.values[1])
-        assert (np.abs(apart) < 0.02 * fit.arrays["deviations"][1]).all()
 
 
 class TestProgress:

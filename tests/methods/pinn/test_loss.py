@@ -69,24 +69,6 @@ def test_is_what_the_formulas_say(
     assert total == pytest.approx(sum(expected), rel=1e-12)
 
 
-def test_a_masked_instant_has_no_residual_of_the_acceleration() -> None:
-    v, p, dv, dp, *_, table = draw(2)
-    mask = np.ones(p.shape)
-    mask[3, 1] = 0.0
-
-    def physics(rates: np.ndarray) -> float:
-        alpha, beta, tau = table.T
-        theta, outputs = np.stack([alpha, alpha * tau, beta], 1), stack_outputs(v, p)
-        terms = loss_terms(Motion(outputs, rates), outputs, theta, PinnConfig(), mask)
-        return float(terms.physics)
-
-    before = physics(stack_outputs(dv, dp))
-    dv[3, 2] += 5.0
-    assert physics(stack_outputs(dv, dp)) == before
-    dv[3, 1] += 5.0
-    assert physics(stack_outputs(dv, dp)) > before
-
-
 @pytest.mark.parametrize("key", ["cthp-lag", "cthp-delay"])
 def test_a_lag_has_the_second_derivative_and_a_delay_the_earlier_command(key: str) -> None:
     v, p, dv, dp, ddv, ddp, table = draw(2)

@@ -53,20 +53,6 @@ def test_tangents_are_automatic_differentiations_time_derivatives(
         torch.testing.assert_close(tangent, expected, rtol=1e-11, atol=1e-12)
 
 
-@BOTH
-def test_gradient_through_the_tangent_is_that_through_nested_differentiation(
-    config: PinnConfig,
-) -> None:
-    network = Network(2, config, 20.0).learnable()
-    time = torch.linspace(0, 20, 40, dtype=torch.float64, requires_grad=True)
-    # The output layer's bias moves no rate.
-    weights = [*network.weights()][:-1]
-    ours = torch.autograd.grad((network(time)[1] ** 2).sum(), weights)
-    theirs = torch.autograd.grad((nested_rates(network(time)[0], time) ** 2).sum(), weights)
-    for mine, nested in zip(ours, theirs, strict=True):
-        torch.testing.assert_close(mine, nested, rtol=1e-9, atol=1e-11)
-
-
 def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_zero() -> None:
     assert [Network(m, PAPER, 300.0).size for m in (1, 3, 4)] == [7623, 7867, 7989]
     network = Network(4, PAPER, 300.0)
@@ -80,30 +66,6 @@ def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_z
         torch.nn.init.xavier_uniform_(expected, generator=by_torch)
         np.testing.assert_allclose(layer.weight, expected.numpy(), rtol=0, atol=1e-15)
         assert not layer.bias.any()
-
-
-@BOTH
-def test_tensors_share_the_arrays_and_give_the_same_curves(config: PinnConfig) -> None:
-    network, time = Network(2, config, 20.0), np.linspace(0, 20, 7)
-    learnable = network.learnable()
-    before = network(time)
-    with torch.no_grad():
-        for weights in learnable.weights():
-            weights += 0.1
-    assert np.abs(network(time)[0] - before[0]).max() > 0.01
-    for ours, theirs in zip(network(time), learnable(torch.from_numpy(time)), strict=True):
-        np.testing.assert_allclose(ours, theirs.detach().numpy(), rtol=1e-12, atol=1e-14)
-
-
-def test_weights_of_another_network_are_refused() -> None:
-    mine = Network(1, FOURIER, 20.0)
-    for other in (Network(1, replace(FOURIER, layers=2), 20.0).arrays(), {}):
-        with pytest.raises(ValueError, match="another network"):
-            mine.load_arrays(other)
-    fresh = Network(1, replace(FOURIER, seed=4), 20.0)
-    fresh.load_arrays(mine.arrays() | {"unknowns": np.zeros(9)})
-    time = np.linspace(0, 20, 7)
-    np.testing.assert_array_equal(fresh(time)[0], mine(time)[0])
 
 
 def quartic(values: torch.Tensor, step: int) -> torch.Tensor:

@@ -13,7 +13,6 @@ from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import (
-    BoundActive,
     Checkpoint,
     Continued,
     Fit,
@@ -27,9 +26,8 @@ from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
-from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import train
-from tests.support.samples import NOISE_FREE, NOISY, PLATOON, sample
 
 SHORT = replace(PAPER, iterations=20)
 """A `paper` training of about a tenth of a second on a minute of data."""
@@ -75,14 +73,6 @@ def assert_same_result(one: Fit, other: Fit) -> None:
 
 
 class TestRecoversTheTruth:
-    @pytest.mark.parametrize(
-        ("name", "tolerance"), [(NOISE_FREE, 0.005), (NOISY, 0.03), (PLATOON, 0.03)]
-    )
-    def test_of_the_sample_recordings(self, name: str, tolerance: float) -> None:
-        study = sample(name)
-        fit = train(study.segment)
-        np.testing.assert_allclose(fit.parameters.values, study.truth, rtol=tolerance)
-
     @pytest.mark.parametrize("case", ["I", "II"])
     def test_as_well_as_the_limit_of_the_loss(self, case: Case) -> None:
         fit, limit = fitted(case), splines.fit(driven(MIXED, noise=0.05), case)
@@ -189,25 +179,8 @@ class TestEnds:
         assert fit.outcome is Outcome.DIVERGED
         assert kept.saved == [], "a diverged training is nothing to keep"
 
-    @pytest.mark.parametrize("name", ["fast", "calibrated", "paper"])
-    def test_nothing_moves_and_nothing_crashes(self, name: str) -> None:
-        fit = train(standing_still(0.0), "II", preset(name, iterations=60))
-        assert np.isfinite(fit.loss["total"])
-
 
 class TestBounds:
-    def test_a_negative_gain_is_held_at_zero_and_reported(self) -> None:
-        segment = driven(((0.08, -0.03, 1.5), LAW))
-        fit = train(segment)
-        assert fit.active_bounds == (("β",), ())
-        assert fit.parameters[0].beta == 0
-        free = fit.unconstrained[0]
-        assert (free.alpha, free.beta, free.tau) == pytest.approx((0.08, -0.03, 1.5), rel=0.1)
-        assert fit.unconstrained[1] == fit.parameters[1]
-        np.testing.assert_allclose(fit.parameters.values[1], LAW, rtol=0.01)
-        (found,) = [finding for finding in fit.findings if isinstance(finding, BoundActive)]
-        assert (found.vehicle, found.names) == (2, ("β",))
-
     def test_without_a_gain_on_the_gap_there_is_no_headway(self) -> None:
         segment = driven(((-0.002, 0.5, -5.0),))  # brakes a little, whatever the gap
         fit = train(segment)
