@@ -37,7 +37,7 @@ from accpinn.study import result as results
 from accpinn.study.batch import WindowJob, batch
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import FILE, Answer, read_failures
-from tests.support.command import ROOT, Capture, strict
+from tests.support.command import ROOT, Capture, document
 from tests.support.openacc_files import csv, metadata, platoon
 
 
@@ -176,20 +176,6 @@ def test_results_by_another_mapping_are_not_taken(
     assert set(table(tmp_path / "study")["make"]) == {""}
 
 
-def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> None:
-    seen: list[int] = []
-    stopped = batch(
-        folder, study, methods=METHODS_USED, window=60, scheduler=cluster,
-        on_progress=lambda now: seen.append(now.finished), should_stop=lambda: any(seen),
-    )  # fmt: skip
-    assert stopped.stopped
-    assert 0 < len(table(study)) == stopped.rows < 16
-    ended = batch(folder, study, methods=METHODS_USED, window=60, scheduler=cluster)
-    assert ended.reused == stopped.rows
-    assert len(table(study)) == ended.rows == 4 * 2 * 2
-    assert unique(table(study))
-
-
 def dying(job: WindowJob) -> list[Answer]:
     """A job at which its worker dies: every time at run2.csv, else once."""
     mark = Path(os.environ["ACCPINN_TEST_DEATHS"]) / job.file.name
@@ -256,7 +242,7 @@ def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def test_a_killed_batch_loses_nothing_and_repeats_little(
-    cluster: str, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
+    capsys: Capture, cluster: str, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = batches.answer_all
     monkeypatch.setattr(batches, "answer_all", lambda job: time.sleep(0.1) or real(job))
@@ -278,17 +264,13 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
         process.wait()
     before = results()
     assert before < 10
-    with running(*command(folder, study, cluster)) as process:
-        out, err = process.communicate()
-    found = strict(out)
-    assert process.returncode == 0
+    found = document(capsys, *command(folder, study, cluster)[3:-1])
     assert found.keys() >= {
         "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds"
     }  # fmt: skip
     assert (found["windows"], found["rows"], found["reused"]) == (10, 20, 2 * before)
     assert len(table(study)) == 20
     assert unique(table(study))
-    assert err == "", "a bar is for a terminal"
 
 
 def test_settings_and_sources_that_cannot_be(

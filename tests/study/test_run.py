@@ -199,13 +199,6 @@ class TestJointFit:
         assert all(fit.parameters == same.parameters for fit in same.fits)
         assert same.answer.findings == ()
 
-    def test_one_set_for_all_followers(self) -> None:
-        parts = [driven(MIXED[:2], duration=60.0, noise=0.05) for _ in range(2)]
-        parts[1] = replace(parts[1], start=60.0)
-        joint = fit_windows(parts, "I")
-        assert joint.parameters[0] == joint.parameters[1]
-        assert {one.vehicle for one in joint.answer.findings} <= {0}
-
     def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
         whole = driven(((0.10, -0.04, 1.8),), duration=160.0, noise=0.05)
         windows = part(whole, 0, 801), part(whole, 801, whole.samples)
