@@ -54,7 +54,6 @@ from tests.support.holes import with_holes
 from tests.support.snapshots import (
     arrays_of,
     bits,
-    delayed,
     members,
     put,
     resealed,
@@ -134,10 +133,6 @@ class TestRoundTrip:
         for method, settings in asked:
             before = named(result_for(driven(MIXED[:2], 30.0), method, settings, "I"))
             assert bits(replace(load(to_bytes(before)), digest="")) == bits(before), method
-
-    def test_forms_of_the_model_are_kept(self) -> None:
-        parts = replace(small().parts, adequacy=delayed())
-        assert bits(load(to_bytes(replace(small(), parts=parts))).adequacy) == bits(delayed())
 
     def test_it_opens_in_a_fresh_process_without_torch(self, tmp_path: Path) -> None:
         path = save(whole(), tmp_path / "whole.accpinn.zip")

@@ -1,5 +1,6 @@
-"""The network of all presets: features, derivatives, first weights, Adam, curves drawn again."""
+"""The network of all presets: features, derivatives, first weights, Adam, and its memory."""
 
+import re
 from dataclasses import replace
 from typing import get_args
 
@@ -7,11 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.methods.method import Law
 from accpinn.methods.pinn.adam import Adam
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
 from accpinn.methods.pinn.network import Network
+from accpinn.methods.pinn.training import require_memory
 from accpinn.methods.registry import METHODS
+from accpinn.segment.segment import Segment
+from tests.support.driving import segment_of
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample
 
@@ -112,3 +117,36 @@ def test_layers_and_width_shape_the_network_and_its_curves_can_be_drawn_again(
         preset(name, layers=7)
     with pytest.raises(ConfigError):
         preset(name, width=4)
+
+
+def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segment:
+    """A segment of nothing in particular."""
+    time = step * np.arange(round(duration / step) + 1)
+    segment = segment_of(time, np.zeros((len(time), 2)), np.ones((len(time), 1)))
+    mask = np.zeros((len(time), 1), bool) if masked else None
+    return replace(segment, mask=mask)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize(
+    "config",
+    [preset("fast"), preset("fast", highest_frequency=2.0), preset("calibrated"), preset("paper")],
+)
+@pytest.mark.parametrize("model", ["cthp", "idm", "idm-delay"])
+def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, model: str) -> None:
+    step = 0.5 if masked else 0.1
+    with pytest.raises(SegmentError, match="GB of memory") as caught:
+        require_memory(of_length(200_000, step, masked), config, model)
+    (longest,) = re.findall(r"at most ([\d,]+) s", str(caught.value))
+    seconds = float(longest.replace(",", ""))
+    require_memory(of_length(seconds, step, masked), config, model)
+    with pytest.raises(SegmentError):
+        require_memory(of_length(1.05 * seconds, step, masked), config, model)
+
+
+def test_a_training_is_refused_before_its_work() -> None:
+    with pytest.raises(SegmentError, match="take at most"):
+        train(of_length(15_000))
+    require_memory(of_length(2_000), FAST)
+    with pytest.raises(SegmentError, match="take at most"):
+        METHODS["pinn"].fit(of_length(2_000), settings=FAST, law=Law("idm"))

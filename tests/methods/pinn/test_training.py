@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,15 +23,16 @@ from accpinn.methods.fit import (
     Outcome,
     Progress,
 )
-from accpinn.methods.pinn import training
 from accpinn.methods.pinn.calibrated import drawn
-from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, preset
+from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig, preset
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
+from accpinn.study.store import Store
 from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import WEIGHTED, train
+from tests.support.snapshots import asked_of
 
 SHORT = replace(PAPER, iterations=20)
 """A `paper` training of about a tenth of a second on a minute of data."""
@@ -174,14 +176,6 @@ class TestEnds:
         fit = train(absurd, "II", preset(name, iterations=20))
         assert fit.outcome is Outcome.DIVERGED
 
-    def test_a_loss_that_runs_away_ends_as_diverged(self) -> None:
-        """Weights so large that the second gradient step overflows."""
-        config = replace(SHORT, weight_data=(1e307, 1e307), iterations=50)
-        kept = Kept()
-        fit = train(noisy(), "II", config, checkpoints=kept)
-        assert fit.outcome is Outcome.DIVERGED
-        assert kept.saved == [], "a diverged training is nothing to keep"
-
 
 class TestBounds:
     def test_without_a_gain_on_the_gap_there_is_no_headway(self) -> None:
@@ -234,57 +228,34 @@ class TestPaperPreset:
         assert (np.diff(second) < 0).all(), "each handful of its iterations lowers Ψ"
 
 
-@dataclass
-class Kept:
-    """Checkpoints in memory, as a store keeps them."""
-
-    state: Checkpoint | None = None
-    saved: list[float] = field(default_factory=list)
-    rejected: list[Exception] = field(default_factory=list)
-
-    def load(self, most: int) -> Checkpoint | None:
-        is_usable = self.state is not None and self.state["history.rows"][-1][0] <= most
-        return self.state if is_usable else None
-
-    def save(self, state: Checkpoint) -> None:
-        self.saved.append(float(state["history.rows"][-1][0]))
-        self.state = state
-
-    def reject(self, fault: Exception) -> None:
-        self.rejected.append(fault)
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path)
 
 
 class TestCheckpoints:
-    def test_stopped_and_continued_is_the_straight_run(self) -> None:
-        kept = Kept()
-        stopped = train(noisy(), "II", SHORT, checkpoints=kept, should_stop=after(2))
-        assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, 10)
-        continued = train(noisy(), "II", SHORT, checkpoints=kept)
-        assert_same_result(continued, plain(SHORT))
-        assert Continued(10) in continued.findings
+    @pytest.mark.parametrize(
+        ("config", "stop", "at"), [(SHORT, 2, 10), (replace(SHORT, lbfgs_iterations=40), 6, 30)]
+    )
+    def test_stopped_and_continued_is_the_straight_run(
+        self, store: Store, config: PinnConfig, stop: int, at: int
+    ) -> None:
+        """In the first phase to the last bit; the second continues there and goes on lower."""
+        kept = store.checkpoints(asked_of(noisy(), "pinn", config), pytest.fail)
+        stopped = train(noisy(), "II", config, checkpoints=kept, should_stop=after(stop))
+        assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, at)
+        continued = train(noisy(), "II", config, checkpoints=kept)
+        assert Continued(at) in continued.findings
         assert continued.seconds > stopped.seconds
+        if at > SHORT.iterations:
+            assert continued.iterations == 60
+            assert continued.loss["total"] < stopped.loss["total"]
+            return
+        assert_same_result(continued, plain(SHORT))
         longer = replace(SHORT, iterations=60)
         continued = train(noisy(), "II", longer, checkpoints=kept)
         assert Continued(20) in continued.findings
         assert_same_result(continued, plain(longer))
-
-    @pytest.mark.parametrize("name", ["fast", "calibrated"])
-    def test_presets_of_a_second_have_none(self, name: str) -> None:
-        kept = Kept()
-        stopped = train(
-            noisy(), "II", preset(name, iterations=60), checkpoints=kept, should_stop=after(2)
-        )
-        assert stopped.outcome is Outcome.STOPPED
-        assert kept.saved == []
-
-    def test_a_stop_in_the_lbfgs_phase_continues_there(self) -> None:
-        config, kept = replace(SHORT, lbfgs_iterations=40), Kept()
-        stopped = train(noisy(), "II", config, checkpoints=kept, should_stop=after(6))
-        assert stopped.iterations == 30
-        continued = train(noisy(), "II", config, checkpoints=kept)
-        assert Continued(30) in continued.findings
-        assert continued.iterations == 60
-        assert continued.loss["total"] < stopped.loss["total"]
 
     @pytest.mark.parametrize(
         "foreign",
@@ -293,28 +264,36 @@ class TestCheckpoints:
             {"history.rows": np.zeros((1, 6)), "history.tables": np.zeros((1, 1, 3))},
         ],
     )
-    def test_one_that_no_training_can_use_is_rejected(self, foreign: Checkpoint) -> None:
-        kept = Kept(foreign)
+    def test_one_that_no_training_can_use_is_rejected(
+        self, store: Store, foreign: Checkpoint
+    ) -> None:
+        said: list[str] = []
+        kept = store.checkpoints(asked_of(noisy(), "pinn", SHORT), said.append)
+        kept.save(foreign)
         assert_same_result(train(noisy(), "II", SHORT, checkpoints=kept), plain(SHORT))
-        assert len(kept.rejected) == 1
+        assert len(said) == 1
 
-    def test_an_interruption_keeps_one(self) -> None:
-        kept = Kept()
-
-        def interrupt(now: Progress) -> None:
-            if now.iteration == 10:
-                raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            train(noisy(), "II", SHORT, checkpoints=kept, on_progress=interrupt)
-        assert kept.saved == [10]
-        assert_same_result(train(noisy(), "II", SHORT, checkpoints=kept), plain(SHORT))
-
-    def test_they_come_during_training(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        kept = Kept()
-        monkeypatch.setattr(training, "CHECKPOINT_EVERY", 0.0)
-        train(noisy(), "II", SHORT, checkpoints=kept)
-        assert kept.saved == [5, 10, 15, 20]
+    @pytest.mark.parametrize(
+        "config",
+        [
+            replace(FAST, iterations=60),
+            replace(CALIBRATED, iterations=60),
+            replace(SHORT, weight_data=(1e307, 1e307), iterations=50),
+        ],
+        ids=["fast", "calibrated", "diverged"],
+    )
+    def test_presets_of_a_second_and_diverged_trainings_have_none(
+        self, store: Store, config: PinnConfig
+    ) -> None:
+        """Weights so large that the second gradient step overflows."""
+        asked = asked_of(noisy(), "pinn", config)
+        kept, stop = (
+            store.checkpoints(asked, pytest.fail),
+            after(50 if config.weight_data[0] > 1 else 2),
+        )
+        fit = train(noisy(), "II", config, checkpoints=kept, should_stop=stop)
+        assert fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED)
+        assert not [*store.folder.glob("*.state.npz")]
 
 
 class TestSettings:
