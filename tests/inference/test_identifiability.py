@@ -62,6 +62,11 @@ class TestProfiles:
                 ends = np.interp([one.lower, one.upper], one.values, one.increase)
                 np.testing.assert_allclose(ends, INCREASE, rtol=0.03)
 
+    def test_a_case_i_platoon_has_one_set(self) -> None:
+        segment = driven((LAW, LAW), noise=0.1)
+        (row,) = profiles(segment, "I")
+        assert row[0].best == pytest.approx(least_squares.fit(segment, "I").parameters[0].alpha)
+
     def test_is_flat_where_nothing_moves(self) -> None:
         alpha, beta, tau = profiles(standing_still())[0]
         assert np.isinf(beta.upper)

@@ -58,5 +58,6 @@ class TestTruth:
         path.write_text(content)
         with pytest.raises(RecordingError, match=r"^x\.truth\.json: not a truth file .*\.$"):
             synthetic.load_truth(path)
+        assert synthetic.main(["a", "b"]) == 2, "it takes one folder"
         with pytest.raises(RecordingError, match=r"gone\.truth\.json: there is no such truth"):
             synthetic.load_truth(tmp_path / "gone.truth.json")

@@ -98,6 +98,11 @@ def stopped() -> str:
     return on_result.summary(altered(whole(), fit=fit))[0]
 
 
+def without_answer() -> str:
+    bare = replace(whole(), segments=())
+    return on_result.summary(altered(bare, answer=None, gain_checks=()))[0]
+
+
 BROKEN = Failure("a.csv", None, None, "broken")
 FAILED = (Failure("a.csv", 3.0, 2, "x"), Failure("a.csv", 9.0, None, "x"))
 FAST_SCALES, SLOW_SCALES = Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1, 1e-5)
@@ -132,6 +137,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: on_result.title(replace(whole(), name="")), ["4 vehicles follow "]),
     (lambda: on_result.title(replace(small(), name="")), [" follows "]),
     (stopped, ["12 of 20 iterations"]),
+    (without_answer, ["All four vehicles amplify"]),
     (lambda: on_result.conditional(delayed(), small().info), [small().info.labels[1]]),
     (lambda: on_result.about_band(small()), [TITLES[small().answer.model]]),
     (lambda: on_result.about_band(altered(small(), fit=replace(small().fit, model="idm-lag"))),

@@ -107,6 +107,7 @@ def test_differences_name_what_was_asked_otherwise() -> None:
     ("asked", "words"),
     [
         ({"recording": None}, "recording"),
+        ({"case": "III"}, "choose I or II"),
         ({"start": "0"}, "start"),
         ({"duration": True}, "duration"),
         ({"method": "pinn", "seed": "a"}, "seed"),

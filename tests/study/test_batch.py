@@ -178,6 +178,20 @@ def test_results_by_another_mapping_are_not_taken(
     assert set(table(tmp_path / "study")["make"]) == {""}
 
 
+def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> None:
+    seen: list[int] = []
+    stopped = batch(
+        folder, study, methods=METHODS_USED, window=60, scheduler=cluster,
+        on_progress=lambda now: seen.append(now.finished), should_stop=lambda: any(seen),
+    )  # fmt: skip
+    assert stopped.stopped
+    assert 0 < len(table(study)) == stopped.rows < 16
+    ended = batch(folder, study, methods=METHODS_USED, window=60, scheduler=cluster)
+    assert ended.reused == stopped.rows
+    assert len(table(study)) == ended.rows == 4 * 2 * 2
+    assert unique(table(study))
+
+
 def dying(job: WindowJob) -> list[Answer]:
     """A job at which its worker dies: every time at run2.csv, else once."""
     mark = Path(os.environ["ACCPINN_TEST_DEATHS"]) / job.file.name

@@ -13,7 +13,7 @@ from accpinn.methods.pinn.following import FollowingFast, initial_scores, values
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, value_of
-from tests.methods.test_following import TRUTHS
+from tests.methods.test_simulation import TRUTHS
 from tests.support.driving import MIXED, segment_of
 from tests.support.driving import driven as cthp_driven
 from tests.support.following import driven

@@ -23,6 +23,7 @@ from accpinn.methods.fit import (
     Outcome,
     Progress,
 )
+from accpinn.methods.pinn import training
 from accpinn.methods.pinn.calibrated import drawn
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig, preset
 from accpinn.methods.pinn.fast import FastTraining
@@ -238,9 +239,10 @@ class TestCheckpoints:
         ("config", "stop", "at"), [(SHORT, 2, 10), (replace(SHORT, lbfgs_iterations=40), 6, 30)]
     )
     def test_stopped_and_continued_is_the_straight_run(
-        self, store: Store, config: PinnConfig, stop: int, at: int
+        self, store: Store, config: PinnConfig, stop: int, at: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """In the first phase to the last bit; the second continues there and goes on lower."""
+        monkeypatch.setattr(training, "CHECKPOINT_EVERY", 0.0)
         kept = store.checkpoints(asked_of(noisy(), "pinn", config), pytest.fail)
         stopped = train(noisy(), "II", config, checkpoints=kept, should_stop=after(stop))
         assert (stopped.outcome, stopped.iterations) == (Outcome.STOPPED, at)
@@ -336,6 +338,8 @@ class TestSettings:
     def test_an_unknown_preset_is_refused(self) -> None:
         with pytest.raises(ConfigError, match="choose fast, calibrated or paper"):
             preset("quick")
+        with pytest.raises(ConfigError, match="not all are numbers"):
+            PinnConfig.from_json(FAST.to_json() | {"initial": 1})
 
 
 SEGMENT = driven(MIXED, noise=0.05)
