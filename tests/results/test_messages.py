@@ -68,8 +68,13 @@ def named(*vehicles: Parameters) -> ParameterSet:
 def judged(*vehicles: Parameters, stable: tuple[float, ...] = ()) -> str:
     """The headline of vehicles, by the posterior's probabilities where some are given."""
     chosen = named(*vehicles)
-    known: Any = SimpleNamespace(probability_l2=np.array(stable)) if stable else None
+    known = posterior(*stable) if stable else None
     return headline(chosen, stability_report(chosen.parameters), known)
+
+
+def posterior(*stable: float) -> Any:
+    """What sentences read of the uncertainty of some vehicles."""
+    return SimpleNamespace(probability_l2=np.array(stable))
 
 
 def reasons(of: VehicleStability | StabilityReport) -> dict[str, str]:
@@ -103,6 +108,12 @@ def without_answer() -> str:
     return on_result.summary(altered(bare, answer=None, gain_checks=()))[0]
 
 
+def without_modes() -> str:
+    recording = read(FOLDER / f"{NOISY}.csv")
+    vehicles = tuple(replace(vehicle, modes=None) for vehicle in recording.vehicles)
+    return driver_summary(replace(recording, vehicles=vehicles, acc_flag=1))
+
+
 BROKEN = Failure("a.csv", None, None, "broken")
 FAILED = (Failure("a.csv", 3.0, 2, "x"), Failure("a.csv", 9.0, None, "x"))
 FAST_SCALES, SLOW_SCALES = Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1, 1e-5)
@@ -118,6 +129,8 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)), ["All three", "under 1 % to 3 %"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 1.0, 0.4)),
      ["three vehicles one amplifies", "one is L₂ string stable"]),
+    (lambda: on_stability.probabilities(named(LOUD, CALM, LOUD), posterior(0.0, 1.0, math.nan)),
+     ["under 1 %", "over 99 %", "not determined"]),
     (lambda: platoons("l2_strict", CALM, TESLA), ["Follower 2", "1.04"]),
     (lambda: platoons("linf_strict", AUDI, CALM, BMW),
      ["Follower 1 and follower 3", "follower 1 the most"]),
@@ -148,8 +161,11 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
      ["5 %", "300 s are usual"]),
     (lambda: windows(Suggestion(Window(0, 300), (1, 2), 1.0, 0.0, 1, 300.0)), ["all the time"]),
     (lambda: driver_summary(read(FOLDER / f"{NOISY}.csv")), ["ACC: 2"]),
+    (without_modes, ["ACC"]),
     # A batch
     (lambda: batches(studies.row("A", tau=1.0), studies.row("A", tau=1.1)), ["probability"]),
+    (lambda: batches(studies.row("A"), studies.row("B", beta=1.9), studies.row("C", tau=None)),
+     ["% of the 2 vehicles"]),
     (lambda: on_batch.failures_line((BROKEN, BROKEN)), ["1 file without a window;"]),
     (lambda: on_batch.failures_line((BROKEN, *FAILED)),
      ["1 file without a window", "2 estimates failed"]),
