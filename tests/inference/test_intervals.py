@@ -1,4 +1,4 @@
-"""Intervals and probabilities, and the cases in which the data determine little."""
+"""Intervals and probabilities, bands of predicted gaps, and data that determine little."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,20 +7,26 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference import intervals as module
+from accpinn.inference import prediction
 from accpinn.inference.intervals import (
     Cause,
     NotDetermined,
     OutsideInterval,
+    Uncertainty,
     gain_band,
     interval_ends,
     intervals,
     parameter_intervals,
     within,
 )
+from accpinn.inference.prediction import SIMULATIONS, gap_band
 from accpinn.methods import least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
+from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters
+from accpinn.results.figures.training import tracking
 from accpinn.segment.segment import Segment
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
@@ -175,3 +181,77 @@ def test_ends_are_those_of_the_known_draws_where_half_are_known() -> None:
     np.testing.assert_allclose(lower, [10.0, 55.0, np.nan, np.nan])
     np.testing.assert_allclose(upper, [90.0, 95.0, np.nan, np.nan])
     assert interval_ends(draws[:, 1], 0.8) == (lower[1], upper[1])
+
+
+TRUE = ((0.1, 0.3, 1.2), (0.08, 0.2, 1.4))
+
+
+@pytest.fixture(scope="module")
+def platoon() -> Segment:
+    return disturbed(Parameters.of(TRUE), 2, Disturbance(), duration=120.0)
+
+
+@pytest.fixture(scope="module")
+def uncertainty(platoon: Segment) -> Uncertainty:
+    return intervals(platoon, least_squares.fit(platoon))
+
+
+def test_without_disturbance_and_doubt_it_is_the_closed_loop_simulation(
+    platoon: Segment, uncertainty: Uncertainty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    still = np.array([[1e-9, 4.0, 0.2], [1e-9, 4.0, 0.2]])
+    monkeypatch.setattr(prediction, "_disturbances", lambda *_: still)
+    certain = Parameters.of(np.tile(TRUE, (SIMULATIONS, 1, 1)))
+    found = gap_band(platoon, replace(uncertainty, draws=certain), "II")
+    # The band takes the leader's speed as straight over half a second.
+    stride = stride_of(platoon)
+    coarse = replace(
+        platoon, time=platoon.time[::stride], speeds=platoon.speeds[::stride],
+        gaps=platoon.gaps[::stride],
+    )  # fmt: skip
+    expected = closed_loop(coarse, replace(least_squares.fit(coarse), parameters=certain[0]))
+    for end in (found.lower, found.upper):
+        np.testing.assert_allclose(end, expected.gaps, atol=1e-5)
+
+
+def test_an_intercept_shifts_the_gaps_and_their_band(
+    platoon: Segment, uncertainty: Uncertainty
+) -> None:
+    found = gap_band(platoon, uncertainty, "II")
+    draws = uncertainty.draws.complete.copy()
+    draws[..., 3] = 4.0
+    with_intercept = replace(uncertainty, draws=Parameters.of(draws))
+    shifted = gap_band(replace(platoon, gaps=platoon.gaps + 4.0), with_intercept, "II")
+    # The disturbances are estimated under a model without an intercept, so their sizes differ.
+    np.testing.assert_allclose(shifted.lower[0], found.lower[0] + 4.0)
+    middle = [(band.lower + band.upper).mean(axis=0) / 2 for band in (found, shifted)]
+    np.testing.assert_allclose(middle[1], middle[0] + 4.0, atol=0.5)
+
+
+def test_it_holds_most_of_what_is_measured_and_begins_there(
+    platoon: Segment, uncertainty: Uncertainty
+) -> None:
+    found = gap_band(platoon, uncertainty, "II")
+    np.testing.assert_allclose(found.lower[0], platoon.measured_gaps[0])
+    assert (found.upper[40:] - found.lower[40:] > 0.5).all()
+    assert [one.vehicle for one in found.findings] == [2, 3]
+    assert all(0.75 < one.share <= 1.0 for one in found.findings)
+    inside = (found.lower <= platoon.gaps[::5]) & (platoon.gaps[::5] <= found.upper)
+    assert [one.share for one in found.findings] == pytest.approx(inside.mean(axis=0).tolist())
+    figure = tracking(platoon, 1, None, None, predicted=found, disturbance=0 * platoon.gaps)
+    names = [trace.name for trace in figure.data]
+    assert names.count("90 % band") == 1
+    assert names.count("disturbance") == 1
+
+
+def test_behind_a_follower_without_draws_there_is_no_band(
+    platoon: Segment, uncertainty: Uncertainty
+) -> None:
+    values = uncertainty.draws.values.copy()
+    values[:, 1] = np.nan
+    found = gap_band(platoon, replace(uncertainty, draws=Parameters.of(values)), "II")
+    assert np.isfinite(found.lower[:, 0]).all()
+    assert np.isnan(found.lower[:, 1]).all()
+    assert [one.vehicle for one in found.findings] == [2]
+    values[:, 0] = np.nan
+    assert gap_band(platoon, replace(uncertainty, draws=Parameters.of(values)), "II") is None

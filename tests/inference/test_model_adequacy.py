@@ -1,22 +1,20 @@
-"""Further forms of the model: terms that a recording shows are found, and others are not."""
+"""Further forms of the model, found where a recording shows them, and tests of innovations."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
 from accpinn.inference import model_adequacy
+from accpinn.inference.innovation_tests import InnovationTests, score_test
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, Inadequate, model_forms
 from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.methods.state_space import coordinates, state_space
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import FOLLOWING
-from accpinn.results.tables.estimates import model_form_table
 from accpinn.segment.segment import Segment
-from accpinn.units import Estimate
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 
@@ -94,18 +92,6 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()
 
 
-def test_a_delay_delays_what_the_controller_asks_for() -> None:
-    """From space-gap to acceleration, the form's response is α exp(-jωd) up to ω = 1.5/d."""
-    values = np.array([[one.start for one in coordinates("cthp-delay")]])
-    values[0, -1] = delay = 0.8
-    rates = state_space("cthp-delay", values, 0.5).rates[..., 0]
-    own = [6, 7]
-    for omega in np.linspace(0.05, 1.5 / delay, 20):
-        inner = np.linalg.solve(1j * omega * np.eye(2) - rates[np.ix_(own, own)], rates[own, 0])
-        found = rates[1, 0] + rates[1, own] @ inner
-        assert found == pytest.approx(values[0, 0] * np.exp(-1j * omega * delay), rel=0.01)
-
-
 @pytest.fixture
 def cthp_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """For tests of the innovations, which are those of the CTHP."""
@@ -134,15 +120,6 @@ def test_a_limited_acceleration_is_no_linear_response() -> None:
     assert not told.nonnormal
 
 
-@pytest.mark.usefixtures("cthp_alone")
-def test_followers_of_case_i_share_the_forms() -> None:
-    segment = disturbed(Parameters.of([TRUE, TRUE]), 2, Disturbance(), duration=60.0)
-    found = model_forms(segment, "I")
-    for form in found.forms:
-        assert form.parameters[0] == form.parameters[1]
-    assert {one.vehicle for one in found.findings} <= {0}
-
-
 def test_a_window_that_is_too_short_has_no_forms() -> None:
     found = model_forms(driven(duration=15.0))
     assert (found.forms, found.tests, found.findings) == ((), None, ())
@@ -163,15 +140,27 @@ def test_where_nothing_moves_no_form_has_parameters() -> None:
     assert all(np.isnan(form.parameters.values).all() for form in forms)
 
 
-@all_draws
-def test_the_table_has_a_row_a_form_and_each_extra_term_in_its_own_column() -> None:
-    found = where_it_holds()
-    table = model_form_table(recorded().info, found.forms, 0)
-    assert len(table.rows) == len(FORMS)
-    names = [column.title for column in table.columns]
-    for row, form in zip(table.rows, found.forms, strict=True):
-        extras = {name: row[names.index(name)] for name in ("s₀", "λ", "d")}
-        given = [value.value for value in extras.values() if value is not None]
-        assert given == [getattr(form.parameters[0], term) for term in FOLLOWING[form.form].terms]
-        known = form.parameters[0].alpha, form.lower[0].alpha, form.upper[0].alpha
-        assert row[1] == Estimate(*known)
+def test_what_no_follower_shows_may_show_in_all() -> None:
+    """p-values of 0.02 are no reason for doubt; six of them are."""
+    each, none = np.full(6, 0.02), np.ones(6)
+    tests = InnovationTests(none, each, none, np.full(6, np.nan))
+    assert not tests.fails.any()
+    assert tests.united.fails.tolist() == [[False, True, False, False]]
+
+
+def test_terms_that_resemble_each_other_reject_what_is_true_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(0)
+    level = np.sin(np.arange(200) / 9)
+    terms = np.array([np.maximum(level - height, 0) for height in (0, 0.2, 0.5, 0.6)]).T
+    beside = np.array([level, np.ones(200)]).T
+    found = [score_test(terms, beside, errors) for errors in rng.standard_normal((2000, 200))]
+    assert kstest(found, "uniform").pvalue > 0.01
+    assert score_test(terms, beside, rng.standard_normal(200) + 2 * terms[:, 2]) < 1e-3
+
+
+def test_what_is_certain_has_no_chance() -> None:
+    rng = np.random.default_rng(0)
+    terms, beside = rng.standard_normal((50, 3)), np.ones((50, 1))
+    for size in (1e2, 1e5, 1e12, 1e100):
+        assert score_test(terms, beside, size * terms[:, 0]) < 1e-9
+    assert score_test(terms, beside, np.zeros(50)) == 1.0

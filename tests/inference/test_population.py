@@ -121,12 +121,3 @@ def test_an_unusual_window_pulls_little() -> None:
         for one in (windows, windows + away)
     )
     assert abs(moved - usual) < 0.5 * away[0, 0] / len(windows)
-
-
-def test_held_coordinates_leave_those_of_the_others() -> None:
-    part, kept = TAUGHT.of(np.array([True, False, True])), [0, 2]
-    plain = Population(CENTRE[kept], CARS[::2, ::2], WINDOWS[::2, ::2])
-    draws, log_prior = drawn(CENTRE + np.eye(3), 3)
-    values = [sampled_population(draws[..., kept], log_prior, p).value for p in (part, plain)]
-    assert values[0].shape == (12 * population.KEPT, 2)
-    np.testing.assert_array_equal(*values)

@@ -1,11 +1,18 @@
-"""Least squares on finite differences against numpy's; on smoothed signals: exact on cubics."""
+"""Bounded least squares against scipy; on differences, on smoothed signals, and by splines."""
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.interpolate import make_lsq_spline
+from scipy.optimize import nnls
 
 from accpinn.evaluation.closed_loop import surrogate_errors
-from accpinn.methods import least_squares
+from accpinn.methods import least_squares, splines
+from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import Case
+from accpinn.units import FloatArray
 from tests.support.driving import LAW, MIXED, driven, segment_of
 
 
@@ -52,8 +59,64 @@ class TestSmoothed:
         np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=1e-6)
         np.testing.assert_allclose(fit.surrogate.speeds, segment.speeds, rtol=1e-9)
 
-    @pytest.mark.parametrize(("step", "samples"), [(0.1, 21), (0.05, 41), (0.5, 5), (1.0, 5)])
-    def test_window_is_two_seconds_or_five_samples(self, step: float, samples: int) -> None:
-        fit = least_squares.fit_smoothed(driven(duration=100.0, step=step))
-        assert fit.config["window"] == pytest.approx(samples * step)
-        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.02)
+
+entries = st.floats(-10, 10).map(lambda value: round(value, 3))
+problems = st.sampled_from([2, 3]).flatmap(
+    lambda size: st.tuples(
+        arrays(float, (12, size), elements=entries), arrays(float, 12, elements=entries)
+    )
+)
+
+
+def solve(problem: tuple[FloatArray, FloatArray]) -> Solution:
+    x, y = problem
+    return solve_bounded(x.T @ x, x.T @ y)
+
+
+class TestSolveBounded:
+    @given(problems)
+    def test_reaches_the_optimum_that_scipy_finds_and_names_the_bounds_that_hold(
+        self, problem: tuple[FloatArray, FloatArray]
+    ) -> None:
+        x, y = problem
+        assume(np.linalg.cond(x) < 1e4)
+        solution = solve(problem)
+        found, held = solution.theta, solution.active
+        assert (found >= 0).all()
+        reference = nnls(x, y)[1]
+        assert np.linalg.norm(x @ found - y) <= reference * (1 + 1e-8) + 1e-7
+        assert (found[held] == 0).all()
+        # Where a bound holds, lowering the cost would take a step out of bounds.
+        slope, scale = x.T @ (x @ found - y), 1 + np.abs(x.T @ y)
+        assert (slope[held] >= -1e-7 * scale[held]).all()
+        assert (np.abs(slope[~held]) <= 1e-6 * scale[~held]).all()
+        expected = np.linalg.lstsq(x, y)[0]
+        np.testing.assert_allclose(solution.unconstrained, expected, rtol=1e-6, atol=1e-7)
+        assert (solution.unconstrained >= 0).all() == (not held.any())
+
+    def test_survives_collinear_data(self) -> None:
+        # Constant speed: gap, speed and a zero relative speed leave α and ατ inseparable.
+        x = np.tile([30.0, -20.0, 0.0], (50, 1))
+        solution = solve((x, np.zeros(50)))
+        assert np.isfinite(solution.theta).all()
+        assert (solution.theta >= 0).all()
+
+
+class TestSplines:
+    def test_loss_is_that_of_its_trajectories(self) -> None:
+        """A spline through the trajectories has their derivatives."""
+        segment = driven(MIXED, noise=0.05)
+        fit = splines.fit(segment)
+        time = segment.time
+        knots = np.r_[[0.0] * 4, np.linspace(0, 60, 121), [60.0] * 4]
+        speeds, gaps = fit.surrogate.speeds, fit.surrogate.gaps
+        dv = make_lsq_spline(time, speeds, knots, 4).derivative()(time)
+        dp = make_lsq_spline(time, gaps, knots, 4).derivative()(time)
+        relative = speeds[:, :-1] - speeds[:, 1:]
+        alpha, beta, tau = fit.parameters.values.T
+        model = alpha * (gaps - tau * speeds[:, 1:]) + beta * relative
+        physics = ((dp - relative) ** 2).sum() + ((dv[:, 1:] - model) ** 2).sum()
+        assert fit.loss["physics"] == pytest.approx(physics / (segment.samples * 3), rel=1e-6)
+        data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
+        assert fit.loss["data"] == pytest.approx(data / (segment.samples * 3), rel=1e-12)
+        assert fit.loss["total"] == fit.loss["data"] + fit.loss["physics"]

@@ -1,66 +1,96 @@
-"""All methods but the PiNN: the truth recovered, bounds, and bad data."""
+"""What every method owes: the truth recovered, bounds reported, an answer to bad data."""
 
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
+from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import BoundActive, FilterUncertain, Fit, Outcome, WeaklyDetermined
+from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case
+from accpinn.methods.series import measured_of, series_of
+from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
+from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
 from accpinn.study.analysis import Analysis
 from accpinn.study.comparison import compare, results_among
+from accpinn.units import Stretch
+from bench.disturbed import Disturbance, disturbed
 from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
+from tests.support.holes import with_holes
 from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.methods import train
+from tests.support.openacc_files import platoon, recording
 from tests.support.samples import FOLDER, NOISE_FREE, NOISY, PLATOON, VICOLUNGO, sample
 
 Estimator = Callable[[Segment, Case], Fit]
 
 FILTERS = ("particle", "dual-ukf")
-"""They assume a large model error and have tolerances of their own, in their tests."""
-PRECISE = {name: method for name, method in ESTIMATORS.items() if name not in FILTERS}
-
+"""They assume a large model error, so they are less certain than batch methods."""
 DIRECT = ("least-squares", "savitzky-golay", "splines")
 """They find numbers in anything, and say nothing of it."""
+PRESETS = {config.preset: partial(train, config=config) for config in (FAST, CALIBRATED)}
+ALL = ESTIMATORS | PRESETS
+PRECISE = [name for name in ESTIMATORS if name not in FILTERS]
+BATCH = {NOISE_FREE: 1e-3, NOISY: 0.02, PLATOON: 0.03, VICOLUNGO: 0.03}
+STUDIES = {
+    "savitzky-golay": BATCH,
+    "simulation": BATCH,
+    "recursive": BATCH,
+    "dual-ukf": {NOISE_FREE: (0.005, 0.01, 0.001), PLATOON: (0.03, 0.08, 0.015)},
+    "particle": {NOISE_FREE: (0.05, 0.08, 0.005), PLATOON: (0.12, 0.12, 0.015)},
+    "fast": {NOISE_FREE: 0.005, NOISY: 0.03, PLATOON: 0.03},
+    "calibrated": {NOISE_FREE: 0.015, NOISY: 0.015},
+}
+"""Largest relative error of α, β and τ by method and sample recording."""
 
 every_method = pytest.mark.parametrize("estimate", ESTIMATORS.values(), ids=list(ESTIMATORS))
-precise_method = pytest.mark.parametrize("estimate", PRECISE.values(), ids=list(PRECISE))
 
 
 class TestEvery:
-    @precise_method
-    def test_recovers_the_truth(self, estimate: Estimator) -> None:
-        fit = estimate(driven(MIXED, duration=100.0), "II")
+    @pytest.mark.parametrize("key", PRECISE)
+    def test_recovers_the_truth(self, key: str) -> None:
+        fit = ALL[key](driven(MIXED, duration=100.0), "II")
         # Central differences of sines at up to 0.4 rad/s are 3e-4 short.
         np.testing.assert_allclose(fit.parameters.values, MIXED, rtol=2e-3)
 
     @pytest.mark.parametrize(
-        ("name", "tolerance"),
-        [(NOISE_FREE, 1e-3), (NOISY, 0.02), (PLATOON, 0.03), (VICOLUNGO, 0.03)],
+        ("key", "name"), [(key, name) for key, names in STUDIES.items() for name in names]
     )
-    @pytest.mark.parametrize("key", ["savitzky-golay", "simulation", "recursive"])
-    def test_recovers_the_studies(self, key: str, name: str, tolerance: float) -> None:
+    def test_recovers_the_studies(self, key: str, name: str) -> None:
         study = sample(name)
-        found = ESTIMATORS[key](study.segment, "II").parameters.values
-        np.testing.assert_allclose(found, study.truth, rtol=tolerance)
+        fit = ALL[key](study.segment, "II")
+        error = abs(fit.parameters.values / study.truth - 1)
+        assert (error <= STUDIES[key][name]).all(), error.round(4)
+        if key in FILTERS:
+            misses = (fit.track.parameters.values - study.truth) / fit.track.deviation
+            assert (abs(misses[fit.track.time > 60]) < 2).all()
 
-    @precise_method
-    def test_gives_one_set_in_case_i(self, estimate: Estimator) -> None:
-        same = driven((LAW, LAW, LAW))
-        fit = estimate(same, "I")
+    @pytest.mark.parametrize("key", ["least-squares", "savitzky-golay", "splines"])
+    @pytest.mark.parametrize("step", [0.05, 0.5, 1.0])
+    def test_samples_may_stand_at_other_distances(self, key: str, step: float) -> None:
+        fit = ALL[key](driven(step=step, duration=100.0), "II")
+        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=0.05)
+
+    @pytest.mark.parametrize("key", [*ESTIMATORS, "fast"])
+    def test_gives_one_set_in_case_i(self, key: str) -> None:
+        fit = ALL[key](driven((LAW, LAW, LAW)), "I")
         assert len(set(fit.parameters)) == 1
-        np.testing.assert_allclose(fit.parameters.values, [LAW] * 3, rtol=1e-3)
+        tolerance = 0.1 if key in FILTERS else 1e-3
+        np.testing.assert_allclose(fit.parameters.values, [LAW] * 3, rtol=tolerance)
 
-    @precise_method
-    def test_holds_the_bounds_and_reports_them(self, estimate: Estimator) -> None:
-        fit = estimate(driven(((0.08, -0.03, 1.5), LAW)), "II")
+    @pytest.mark.parametrize("key", [*PRECISE, "fast"])
+    def test_holds_the_bounds_and_reports_them(self, key: str) -> None:
+        fit = ALL[key](driven(((0.08, -0.03, 1.5), LAW)), "II")
         assert fit.active_bounds == (("β",), ())
         assert fit.parameters[0].beta == 0
         free = fit.unconstrained[0]
@@ -68,6 +98,11 @@ class TestEvery:
         (found,) = [finding for finding in fit.findings if isinstance(finding, BoundActive)]
         assert (found.vehicle, found.names) == (2, ("β",))
         assert found.unconstrained[2] == free.beta
+
+    @pytest.mark.parametrize("config", [FAST, CALIBRATED, PAPER], ids=lambda one: one.preset)
+    def test_a_network_survives_data_without_motion(self, config: PinnConfig) -> None:
+        fit = train(standing_still(0.0), "II", replace(config, iterations=60))
+        assert np.isfinite(fit.loss["total"])
 
     @every_method
     def test_names_itself_and_its_end_and_is_the_same_every_time(self, estimate: Estimator) -> None:
@@ -133,3 +168,52 @@ def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.Monke
     (row,) = results_among(compare(Analysis.of(recording), recording, (method.key,)))
     assert row.analysis.method == method.key
     np.testing.assert_allclose(row.parameters.values, sample(NOISE_FREE).truth, rtol=0.1)
+
+
+BLOCKS = [Stretch(200, 499), Stretch(900, 1149), Stretch(1700, 2099), Stretch(2600, 3000)]
+"""45 % of 300 s."""
+OWN = {1: BLOCKS, 2: BLOCKS}
+"""The follower's speed and its gap."""
+
+
+@cache
+def complete() -> Segment:
+    return disturbed(Parameters.of([LAW]), 4, Disturbance(0.25, 4.0))
+
+
+def test_the_estimate_stays_and_its_intervals_widen() -> None:
+    segment = with_holes(complete(), OWN)
+    fits = [METHODS["maximum-likelihood"].fit(one) for one in (complete(), segment)]
+    whole, part = (intervals(*pair) for pair in zip((complete(), segment), fits, strict=True))
+    widths, wider = (one.upper.values - one.lower.values for one in (whole, part))
+    shift = np.abs(fits[1].parameters.values - fits[0].parameters.values)
+    assert (shift < 0.5 * widths).all()
+    assert (wider > 1.1 * widths).all()
+    assert ((part.lower.values < LAW) & (part.upper.values > LAW)).all()
+
+
+def test_too_little_that_is_measured_is_refused() -> None:
+    most = [Stretch(0, 2899)]
+    with pytest.raises(SegmentError, match="count and are measured"):
+        series_of([with_holes(complete(), {2: most})], "II")
+
+
+@pytest.mark.parametrize("key", [key for key, one in METHODS.items() if not one.allows_missing])
+def test_every_other_method_refuses_them_in_one_sentence(key: str) -> None:
+    frame = platoon()
+    frame.loc[150:209, ["Speed2", "IVS1", "IVS2"]] = np.nan
+    segment = cut(recording(frame), allow_missing=True)
+    with pytest.raises(SegmentError) as caught:
+        METHODS[key].fit(segment)
+    sentence = str(caught.value)
+    assert sentence.startswith("run.csv: Speed2 is missing at 15–20.9 s")
+    assert sentence.endswith("take a window without it, or choose maximum-likelihood.")
+
+
+def test_bridged_samples_serve_every_method_but_not_the_likelihood() -> None:
+    frame = platoon()
+    frame.loc[150:154, "Speed2"] = np.nan
+    segment = cut(recording(frame))
+    assert METHODS["least-squares"].fit(segment).parameters
+    assert np.isnan(measured_of(segment)[30, 1, 0])
+    assert np.isnan(measured_of(segment)).sum() == 2  # as own speed and as speed ahead

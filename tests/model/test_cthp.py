@@ -15,7 +15,6 @@ from accpinn.model.cthp import (
     TERMS,
     Parameters,
     collides,
-    orbit,
     regressors,
     simulate,
 )
@@ -60,23 +59,9 @@ def test_regressors_times_theta_are_the_acceleration(
     assert row @ one.theta == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("count", [1, 2, 255, 257, 700])
-def test_states_without_a_drive_are_the_powers_of_a_step(count: int) -> None:
-    transition = np.array([[0.99, 0.1, 0.0], [-0.1, 0.98, 0.02], [0.0, 0.05, 0.9]])
-    found = orbit(transition, np.array([1.0, -2.0, 0.5]), count)
-    last = np.linalg.matrix_power(transition, count - 1) @ found[0]
-    np.testing.assert_allclose(found[-1], last, atol=1e-12)
-    np.testing.assert_allclose(found[1:], found[:-1] @ transition.T, atol=1e-13)
-
-
 def test_a_gap_that_ends_at_zero_is_no_collision_and_one_below_it_is() -> None:
     gaps = np.array([2.0, 0.0, -1e-13, -0.05, -1e6, np.nan])
     assert collides(gaps).tolist() == [False, False, False, True, True, False]
-    time = np.arange(0.0, 200.0, 0.1)
-    speed = np.clip(20.0 - time, 0.0, None)
-    stopping = simulate(Parameters([0.5], [1.0], [1.5]), time, speed, [20.0], [30.0]).gaps
-    assert abs(stopping[-1, 0]) < 1e-9
-    assert not collides(stopping).any()
 
 
 ROWS = [

@@ -1,4 +1,4 @@
-"""All that follows from a model's acceleration, for every model of the registry."""
+"""All that follows from an acceleration, for every model; the published parameter sets."""
 
 import re
 
@@ -11,8 +11,17 @@ from accpinn.model import cthp
 from accpinn.model.accelerations import IDM
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
+from accpinn.model.published import (
+    ASTAZERO,
+    CASALE,
+    CASALE_STARTS,
+    PUBLISHED,
+    VICOLUNGO,
+    ParameterSet,
+)
 from accpinn.model.registry import CTHPS, FOLLOWING, JUDGED, following_model
 from accpinn.stability.criteria import response
+from tests.stability.references import TABLE
 from tests.support.command import ROOT
 from tests.support.following import driven
 
@@ -101,3 +110,39 @@ def test_the_further_model_of_the_contributing_guide() -> None:
     windows = [driven(model, theta[None], seed, 0.03)[0] for seed in range(2)]
     (found,) = estimate(model, Drives.of(windows, model), [[0, 1]])
     assert found.theta == pytest.approx(theta, rel=0.15)
+
+
+def test_published_sets_are_those_of_the_paper() -> None:
+    printed = [one for one in TABLE if "average" not in one.name]  # means are of no vehicle
+    shared = [one.vehicle for one in printed if "Table II," in one.name]
+    own = [one.vehicle for one in printed if "Table II," not in one.name]
+    found = [dict.fromkeys(group.parameters) for group in PUBLISHED]
+    alike = [group for group in PUBLISHED if "Case I " in group.title]
+    assert [one for group in found for one in group] == own + shared
+    assert [len({*group.parameters}) for group in alike] == [1, 1]
+    assert [len(group) for group in alike] == [len(ASTAZERO), len(VICOLUNGO)]
+    assert CASALE_STARTS.parameters[0] == CASALE.parameters[0]
+    assert len({group.title for group in PUBLISHED}) == len(PUBLISHED)
+
+
+def test_followers_go_by_a_recordings_numbers_or_their_names() -> None:
+    assert ASTAZERO.labels == ASTAZERO.spoken == ASTAZERO.names
+    assert ASTAZERO.vehicles == (1, 2, 3, 4, 5)
+    assert not ASTAZERO.numbered
+    ours = ParameterSet("run", ("X", "Y"), ASTAZERO.parameters[:2], (3, 4, 5), ("4 X", "5 Y"))
+    assert ours.numbered
+    assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")
+
+
+@pytest.mark.parametrize(
+    ("names", "parameters", "words"),
+    [
+        (("a", "b"), Parameters([0.1], [0.1], [1.0]), "2 names and 1 sets"),
+        ((), Parameters([], [], []), "at least one vehicle"),
+    ],
+)
+def test_names_and_parameters_must_match(
+    names: tuple[str, ...], parameters: Parameters, words: str
+) -> None:
+    with pytest.raises(ParameterError, match=words):
+        ParameterSet("Mine", names, parameters)

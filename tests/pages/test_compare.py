@@ -19,7 +19,14 @@ from accpinn.study.result import Result
 from accpinn.tasks import Status, Task
 from pages.ui.session.resources import FIRST_SAMPLE, sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
-from tests.support.apptest import COMPARE, WAIT, answer, open_page, with_pair
+from tests.support.apptest import (
+    COMPARE,
+    WAIT,
+    answer,
+    open_page,
+    with_pair,
+    with_sample,
+)
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 

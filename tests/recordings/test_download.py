@@ -1,4 +1,4 @@
-"""Downloads from a publisher that breaks off, stalls, refuses, is away or sends something else."""
+"""The catalogue, and downloads from a publisher that breaks off, stalls, refuses or is away."""
 
 import hashlib
 import time
@@ -10,7 +10,7 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.recordings.catalogue import Run, catalogue, find
+from accpinn.recordings.catalogue import Run, catalogue, find, is_known, make_and_model
 from accpinn.recordings.download import Download, DownloadState, Transfer, download
 from accpinn.recordings.openacc import read
 from tests.support.command import Capture, document, refused
@@ -169,3 +169,26 @@ def test_command_lists_downloads_and_counts(
     assert main(["download", "--list", "--to", str(tmp_path)]) == 0
     assert capsys.readouterr().out.startswith("139 runs, ")
     assert "not in the catalogue" in refused(capsys, 2, "download", "x", *options)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Audi(A8)", ("Audi", "A8")),
+        ("AUDI_E_TRON", ("Audi", "e-tron")),
+        ("Peugeot (5008 GT Line)", ("Peugeot", "5008 GT Line")),
+        ("Mercedes(AClass)", ("Mercedes-Benz", "A-Class")),
+        ("VW(GolfE)", ("Volkswagen", "e-Golf")),
+        ("Rexton", ("SsangYong", "Rexton")),
+        ("vw (Tiguan)", ("Volkswagen", "Tiguan")),
+        ("TESLA_ROADSTER_2", ("Tesla", "ROADSTER_2")),
+        ("Lada(Niva)", ("Lada", "Niva")),
+        (" Unimog ", ("Unimog", "")),
+        ("ID 27", ("ID 27", "")),
+        ("", ("", "")),
+    ],
+)
+def test_one_spelling(name: str, expected: tuple[str, str]) -> None:
+    assert make_and_model(name) == expected
+    assert is_known("tesla (model3)")
+    assert not is_known("Lada(Niva)")

@@ -1,30 +1,49 @@
-"""Quality of a segment: figures against known ones, findings where excitation is too small."""
+"""Quality of a segment, its regimes, and the mask that excludes some of their instants."""
 
 from dataclasses import replace
+from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from accpinn.errors import SegmentError
 from accpinn.evaluation.evaluation import part
-from accpinn.model.cthp import Parameters, simulate
+from accpinn.inference.intervals import intervals
+from accpinn.methods.fit import Fit
+from accpinn.methods.pinn.config import FAST
+from accpinn.model.cthp import Case, Parameters, simulate
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import LittleLeaderMotion, Mode, Recording
 from accpinn.results.recording import MEANING, WORDS
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import (
+    CATCHING_UP,
+    FOLLOWING,
+    MANUAL,
+    REGIMES,
+    STANDSTILL,
     GapsNegative,
     Grade,
     LittleCarFollowing,
     NearEquilibrium,
     Question,
     Rating,
+    Regimes,
     assess_quality,
+    exclude_regimes,
+    label_regimes,
     rate,
     worst,
 )
-from accpinn.segment.segment import Segment
-from tests.support.driving import segment_of
+from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
+from accpinn.units import FloatArray
+from tests.support.driving import in_turn, segment_of
+from tests.support.methods import RIVALS as ESTIMATORS
+from tests.support.methods import train
+from tests.support.openacc_files import STEP, csv, metadata
 from tests.support.samples import FOLDER, NOISY
 
 PARAMETERS = Parameters([0.08], [0.12], [1.5])
@@ -177,23 +196,185 @@ def test_each_fault_lowers_the_grade_of_its_own_question_alone(sound: Recording)
     assert grades(still) == {"excited": Grade.POOR, "consistent": Grade.UNKNOWN}
 
 
-def test_a_window_with_a_fifth_in_catching_up_is_not_one_of_car_following(
-    openacc_dir: Path,
-) -> None:
-    recording = read(openacc_dir / "Casale/part7.csv")
-    for start, share, grade in ((0.0, 0.79, Grade.FAIR), (915.0, 0.96, Grade.GOOD)):
-        quality = assess_quality(segment := cut(recording, start, 300.0, (1, 2)))
-        assert quality.car_following[0] == pytest.approx(share, abs=0.01)
-        following = rate(segment, recording, quality)[2]
-        assert (following.question, following.grade) == ("following", grade)
-
-
 def test_a_gap_that_contradicts_the_speeds(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "Vicolungo/JRC-VC_260219_part3.csv")
     for vehicles, grade in (((1, 2, 3, 4), Grade.GOOD), ((4, 5), Grade.POOR)):
         segment = cut(recording, 0.0, 100.0, vehicles)
         *_, consistent = rate(segment, recording, assess_quality(segment))
         assert consistent.grade is grade
+
+
+PLATOON = Parameters([0.08, 0.11], [0.12, 0.30], [1.5, 1.2])
+ANOTHER = Parameters([0.3, 0.3], [0.0, 0.0], [2.5, 2.5])
+"""What both followers obey within `BLOCK`."""
+BLOCK = (60.0, 100.0)
+"""When, in s; what is excluded is two seconds wider, so that no derivative reaches inside."""
+MARGIN = 2.0
+TOLERANCE = {
+    "maximum-likelihood": 0.03,
+    "least-squares": 5e-4,
+    "savitzky-golay": 5e-4,
+    "splines": 2e-3,
+    "simulation": 1e-4,
+    "recursive": 5e-4,
+    "particle": 0.15,
+    "dual-ukf": 0.01,
+    "pinn": 0.01,
+}
+"""Largest relative error of a parameter, some three times or more what is seen; the particle
+filter's is a matter of its 4000 particles."""
+
+
+@cache
+def disturbed(parameters: Parameters = PLATOON) -> Segment:
+    """Without noise; within `BLOCK` both followers obey other parameters. Nothing is excluded."""
+    own, (begin, end) = parameters.values, BLOCK
+    return in_turn((own, begin), (ANOTHER.values, end - begin), (own, 180.0 - end))
+
+
+def without_block(segment: Segment) -> Segment:
+    begin, end = BLOCK
+    outside = (segment.time < begin - MARGIN) | (segment.time > end + MARGIN)
+    mask = np.repeat(outside[:, None], segment.followers, axis=1)
+    return replace(segment, mask=mask, excluded_regimes=("catching up",))
+
+
+def estimate(name: str, segment: Segment, case: Case) -> Fit:
+    if name == "pinn":
+        return train(segment, case, replace(FAST, iterations=150), threads=1)
+    return ESTIMATORS[name](segment, case)
+
+
+def relative_error(estimated: Parameters, truth: Parameters = PLATOON) -> FloatArray:
+    return np.abs(estimated.values / truth.values - 1)
+
+
+class TestMethods:
+    @pytest.mark.parametrize(
+        ("name", "case"), [*product(TOLERANCE, ["II"]), ("least-squares", "I"), ("simulation", "I")]
+    )
+    def test_every_method_learns_from_the_rest_alone(self, name: str, case: Case) -> None:
+        assert set(TOLERANCE) == {"pinn", *ESTIMATORS}
+        truth = PLATOON[[1, 1]] if case == "I" else PLATOON
+        estimated = estimate(name, without_block(disturbed(truth)), case).parameters
+        assert relative_error(estimated, truth).max() < TOLERANCE[name]
+
+    def test_intervals_rest_on_the_rest_alone(self) -> None:
+        segment = without_block(disturbed())
+        fit = ESTIMATORS["least-squares"](segment, "II")
+        assert intervals(segment, fit).centre.values == pytest.approx(PLATOON.values, rel=1e-3)
+        misled = intervals(disturbed(), fit).centre.values
+        assert np.abs(misled / PLATOON.values - 1).max(axis=1).min() > 0.1
+
+    def test_a_simulation_without_a_long_stretch_is_refused(self) -> None:
+        flicker = np.ones((1801, 2), bool)
+        flicker[::20] = False
+        with pytest.raises(SegmentError, match="no stretch of 5 s"):
+            ESTIMATORS["simulation"](replace(disturbed(), mask=flicker), "II")
+
+
+def test_a_mask_goes_with_a_part_and_into_the_description() -> None:
+    segment = without_block(disturbed())
+    assert np.array_equal(part(segment, 500, 1200).mask, segment.mask[500:1200])
+    assert segment.info.excluded_regimes == ("catching up",)
+    assert segment.info.excluded_share == pytest.approx((441 / 1801,) * 2)
+    assert disturbed().info.excluded_share == ()
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Recording:
+    """Two vehicles over 60 s: 2 s by hand, 3 s still, 20 s far behind, the rest in ACC close by."""
+    time = STEP * np.arange(601)
+    columns = {"Time": time, "Speed1": 20 + np.sin(time), "Speed2": np.full(601, 20.0)}
+    columns["IVS1"] = np.where((time > 9.95) & (time < 29.95), 60.0, 39.0)
+    columns["Speed2"][(time > 39.95) & (time < 42.95)] = 1.0
+    path = tmp_path / "made.csv"
+    path.write_bytes(csv(pd.DataFrame(columns), metadata(("Alpha", "Beta"))))
+    mode = np.full((601, 2), Mode.ACC, np.int8)
+    mode[(time > 37.95) & (time < 39.95), 1] = Mode.HUMAN
+    return replace(read(path), mode=mode)
+
+
+class TestLabels:
+    def test_each_instant_has_the_regime_it_was_made_for(self, recording: Recording) -> None:
+        codes = label_regimes(cut(recording, 0, 60), recording).codes[:, 0]
+        counts = [int((codes == code).sum()) for code in range(4)]
+        assert counts == [351, 200, 20, 30]
+        assert set(codes[100:300]) == {CATCHING_UP}
+        assert set(codes[380:400]) == {MANUAL}
+        assert set(codes[400:430]) == {STANDSTILL}
+        regimes = label_regimes(cut(recording, 0, 60), recording)
+        assert regimes.names == REGIMES
+        assert regimes.shares[0] == pytest.approx([count / 601 for count in counts])
+
+    def test_a_driver_comes_first_and_a_window_is_mapped_to_its_samples(
+        self, recording: Recording
+    ) -> None:
+        by_hand = replace(recording, mode=np.full((601, 2), Mode.HUMAN, np.int8))
+        assert set(label_regimes(cut(by_hand, 0, 60), by_hand).codes.ravel()) == {MANUAL}
+        codes = label_regimes(cut(recording, 35.3, 20), recording).codes[:, 0]
+        assert np.flatnonzero(codes == MANUAL).tolist() == list(range(27, 47))
+
+    def test_an_interpolated_instant_is_manual_if_either_of_its_samples_is(
+        self, recording: Recording
+    ) -> None:
+        uneven = replace(recording, time=np.r_[0.0, recording.time[1:] + 0.04])
+        codes = label_regimes(cut(uneven, 0, 60), uneven).codes[:, 0]
+        # Samples 380 to 399 stand at 38.04 to 39.94 s now, next to the instants 38.0 and 40.0 s.
+        assert np.flatnonzero(codes == MANUAL).tolist() == list(range(380, 401))
+
+    def test_unknown_modes_are_known_to_be_and_another_recording_is_refused(
+        self, recording: Recording
+    ) -> None:
+        silent = replace(recording, mode=np.full((601, 2), Mode.UNKNOWN, np.int8))
+        segment = cut(silent, 0, 60)
+        for source in (silent, None):
+            regimes = label_regimes(segment, source)
+            assert regimes.mode_known == (False,)
+            assert MANUAL not in regimes.codes
+        assert label_regimes(segment, recording).mode_known == (True,)
+        with pytest.raises(SegmentError, match="not the recording"):
+            label_regimes(segment, replace(recording, sha256="other"))
+
+
+class TestExcluding:
+    def test_is_a_finding(self, recording: Recording) -> None:
+        segment = cut(recording, 0, 60)
+        regimes = label_regimes(segment, recording)
+        chosen = exclude_regimes(segment, regimes, ["standstill", "catching up"])
+        assert chosen.excluded_regimes == ("catching up", "standstill")
+        assert chosen.findings[-1] == RegimesExcluded(
+            regimes=chosen.excluded_regimes, vehicles=(2,), shares=chosen.info.excluded_share
+        )
+        expected = np.isin(regimes.codes, [FOLLOWING, MANUAL])
+        assert np.array_equal(chosen.mask, expected)
+        assert np.array_equal(chosen.gaps, segment.gaps)
+
+    def test_what_does_not_occur_leaves_the_data_as_they_are(self) -> None:
+        regimes = Regimes(np.full((1801, 2), FOLLOWING, np.uint8), (True, True))
+        asked = exclude_regimes(disturbed(), regimes, ["manual", "catching up"])
+        assert asked.findings == (NothingToExclude(regimes=("catching up", "manual")),)
+        assert asked.mask is None
+        assert exclude_regimes(disturbed(), regimes, ()) is disturbed()
+        assert asked.info.digest == disturbed().info.digest
+
+    def test_twice_excludes_both_and_other_names_are_refused(self, recording: Recording) -> None:
+        segment = cut(recording, 0, 60)
+        regimes = label_regimes(segment, recording)
+        both = exclude_regimes(
+            exclude_regimes(segment, regimes, ["manual"]), regimes, ["standstill"]
+        )
+        assert both.excluded_regimes == ("manual", "standstill")
+        assert (~both.mask).sum() == 50
+        for name in ("car-following", "asleep"):
+            with pytest.raises(SegmentError, match=f'"{name}" cannot be excluded; choose from'):
+                exclude_regimes(segment, regimes, [name])
+
+    def test_too_little_left_is_refused(self) -> None:
+        codes = np.full((1801, 2), FOLLOWING, np.uint8)
+        codes[95:, 1] = CATCHING_UP
+        with pytest.raises(SegmentError, match=r"only 9\.5 s of 3 Car 3 remain"):
+            exclude_regimes(disturbed(), Regimes(codes, (True, True)), ["catching up"])
 
 
 def test_windows_together_are_worth_what_the_worst_of_them_is() -> None:

@@ -1,4 +1,4 @@
-"""The question: equal ones have one key, and whatever determines the answer is part of it."""
+"""From a question to its answer: its key; by the method, from the store, of windows."""
 
 import json
 from dataclasses import replace
@@ -11,15 +11,27 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import accpinn
-from accpinn.errors import AccpinnError
+from accpinn.errors import AccpinnError, SegmentError
+from accpinn.evaluation.evaluation import part
+from accpinn.methods import TaskContext
+from accpinn.methods.fit import CacheProblem, Continued, Outcome, ParameterTrack
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
+from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Window
+from accpinn.recordings.recording import Recording, Window
+from accpinn.segment.segment import Segment
 from accpinn.serial import dump, flatten, restore
+from accpinn.study import result as module
 from accpinn.study.analysis import Analysis, differences
+from accpinn.study.result import TRACK_INSTANTS, Result
+from accpinn.study.run import fit_windows, run
+from accpinn.study.snapshot import SCHEMA
+from accpinn.study.store import Store
+from bench.disturbed import Disturbance, disturbed
+from tests.support.driving import MIXED, driven
 from tests.support.samples import FOLDER, NOISY
-from tests.support.snapshots import platoon, put
+from tests.support.snapshots import bits, platoon, put, resealed, small, whole
 
 ASKED = Analysis.of(platoon(), [Window(0, 60)], "1-3", excluded=["catching up", "manual"])
 
@@ -95,20 +107,13 @@ def test_differences_name_what_was_asked_otherwise() -> None:
     ("asked", "words"),
     [
         ({"recording": None}, "recording"),
-        ({"recording": 5}, "recording"),
-        ({"method": "guess"}, "guess"),
         ({"case": "III"}, "choose I or II"),
         ({"start": "0"}, "start"),
-        ({"start": None}, "start"),
         ({"duration": True}, "duration"),
         ({"method": "pinn", "seed": "a"}, "seed"),
         ({"seed": 1.5}, "seed"),
-        ({"method": "pinn", "preset": "slow"}, "slow"),
         ({"vehicles": (1.0, 2.0)}, "vehicles"),
-        ({"vehicles": "all"}, "1-5"),
         ({"exclude": "lunch"}, "catching-up"),
-        ({"exclude": ["lunch"]}, "catching-up"),
-        ({"windows": "noon"}, "0-300"),
         ({"windows": "0-60,60-120", "method": "pinn", "preset": "fast"}, "takes one window"),
         ({"windows": "0-60,60-120", "method": "splines"}, "choose one of them"),
         ({"model": "gipps"}, "cthp-s0-delay"),
@@ -124,3 +129,200 @@ def test_an_argument_out_of_range_is_named(asked: dict[str, Any], words: str) ->
         accpinn.fit(**{"recording": FOLDER / f"{NOISY}.csv", "method": "splines"} | asked)
     assert str(fault.value).endswith(".")
     assert "\n" not in str(fault.value)
+
+
+ONE_THREAD = TaskContext(threads=1)
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return read(FOLDER / f"{NOISY}.csv")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(tmp_path / "cache")
+
+
+def asked(recording: Recording, method: str = "splines", **changes: object) -> Analysis:
+    return Analysis.of(recording, [Window(0.0, 60.0)], method=method, **changes)
+
+
+def problems(result: Result) -> list[str]:
+    return [one.problem for one in result.fit.findings if isinstance(one, CacheProblem)]
+
+
+class TestRun:
+    def test_the_answer_is_the_methods_own(self, recording: Recording) -> None:
+        analysis = asked(recording)
+        result = run(analysis, recording)
+        fit = METHODS["splines"].fit(analysis.segments(recording)[0])
+        assert result.parameters == fit.parameters
+        assert (result.analysis, result.recording) == (analysis, recording)
+        assert result.info == result.segment.info
+        assert result.facts["samples"] == recording.samples
+
+    def test_the_second_time_it_comes_from_the_store_with_its_parts(
+        self, recording: Recording, store: Store, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        first = run(asked(recording), recording, store=store)
+        store.keep(first.without_data())
+        failing = replace(METHODS["splines"], run=None)
+        monkeypatch.setitem(METHODS, "splines", failing)
+        monkeypatch.setattr(module, "intervals", None)
+        again = run(asked(recording), recording, store=store)
+        assert (first.fit.cached, again.fit.cached) == (False, True)
+        assert bits(replace(again.fit, cached=False)) == bits(first.fit)
+        assert bits(again.uncertainty) == bits(first.uncertainty)
+        assert again.quality.leader_deviation == first.quality.leader_deviation
+        assert again.recording is recording
+        assert problems(again) == []
+
+    @pytest.mark.parametrize("content", ["damaged", "truncated", "foreign", "newer", "another"])
+    def test_a_file_that_cannot_be_used_is_said_once_and_computed_again(
+        self, recording: Recording, store: Store, content: str
+    ) -> None:
+        first = run(asked(recording), recording, store=store)
+        path = store.path(first.analysis.fit_key)
+        data = path.read_bytes()
+        other = run(asked(recording, "least-squares"), recording, store=store)
+        path.write_bytes({
+            "damaged": data[:500] + bytes([data[500] ^ 255]) + data[501:],
+            "truncated": data[:300],
+            "foreign": b"Time,Speed1\n",
+            "newer": resealed(lambda *_: None, data, SCHEMA + 1),
+            "another": store.path(other.analysis.fit_key).read_bytes(),
+        }[content])  # fmt: skip
+        again = run(asked(recording), recording, store=store)
+        (said,) = problems(again)
+        assert path.name in said
+        assert "\n" not in said
+        assert again.parameters == first.parameters
+        assert problems(run(asked(recording), recording, store=store)) == []
+
+    def test_a_training_that_was_stopped_goes_on_as_if_it_had_not(
+        self, recording: Recording, store: Store
+    ) -> None:
+        analysis = asked(recording, "pinn", settings=preset("paper", iterations=30))
+        at_once = run(analysis, recording, context=ONE_THREAD)
+        moments = iter([False] * 3 + [True] * 9)
+        stopping = replace(ONE_THREAD, should_stop=lambda: next(moments))
+        stopped = run(analysis, recording, store=store, context=stopping)
+        assert stopped.fit.outcome is Outcome.STOPPED
+        assert not store.has(analysis.fit_key), "an unfinished answer is none"
+        at = store.stopped_at(analysis)
+        assert at == stopped.fit.iterations
+        assert 0 < at < 30
+        done = run(analysis, recording, store=store, context=ONE_THREAD)
+        assert Continued(at) in done.fit.findings
+        assert done.parameters == at_once.parameters
+        np.testing.assert_array_equal(done.fit.surrogate.speeds, at_once.fit.surrogate.speeds)
+        assert store.stopped_at(analysis) is None
+
+    def test_several_windows_share_one_likelihood(self, recording: Recording, store: Store) -> None:
+        windows = [Window(0.0, 60.0), Window(60.0, 120.0)]
+        analysis = Analysis.of(recording, windows, method="maximum-likelihood")
+        joint = run(analysis, recording, store=store)
+        assert [fit.parameters == joint.parameters for fit in joint.fits] == [True, True]
+        for window, result in zip(windows, joint.windows, strict=True):
+            alone = run(replace(analysis, windows=(window,)), recording)
+            assert result.parameters == alone.parameters
+        again = run(analysis, recording, store=store)
+        assert again.fit.cached
+        assert [one.segment.start for one in again.windows] == [0.0, 60.0]
+        assert again.windows[1].quality.condition == joint.windows[1].quality.condition
+        assert again.evaluation.closed_loop is not None
+
+
+class TestResult:
+    def test_without_the_data_what_is_missing_is_a_sentence(self, recording: Recording) -> None:
+        bare = replace(run(asked(recording), recording), segments=(), recording=None)
+        for name in ("quality", "uncertainty", "evaluation", "adequacy"):
+            with pytest.raises(SegmentError, match="the data are not at hand"):
+                getattr(bare, name)
+        assert (bare.segment, bare.simulated) == (None, None)
+        whole = bare.with_data(recording)
+        assert whole.uncertainty.lower.tau[0] < whole.parameters.tau[0]
+        assert bare.found_in(recording).segment is not None
+
+    def test_data_of_another_recording_or_window_are_refused(self, recording: Recording) -> None:
+        result = run(asked(recording), recording)
+        with pytest.raises(SegmentError, match="not the recording"):
+            whole().with_data(recording)
+        with pytest.raises(SegmentError, match="the window cut from it differs"):
+            result.with_data(replace(recording, gap=recording.gap + 1.0))
+        for other in (None, recording):
+            assert whole().found_in(other) is whole()
+
+    def test_a_row_has_no_curves_and_a_thinned_track(self) -> None:
+        time = np.arange(3000.0)
+        track = ParameterTrack(time, Parameters.of(np.ones((3000, 4, 3))), None)
+        row = replace(whole(), fits=(replace(whole().fit, track=track),)).as_row()
+        assert (row.fit.surrogate, row.fit.history, row.fit.arrays) == (None, None, {})
+        assert len(row.fit.track.time) == TRACK_INSTANTS
+        assert row.fit.track.time[-1] == 2999.0
+        assert (row.segments, row.compared) == ((), ())
+        assert row.uncertainty is whole().uncertainty
+
+    def test_what_follows_from_the_parameters_needs_no_data(self) -> None:
+        result = replace(small(), segments=())
+        (vehicle,) = result.stability.vehicles
+        (transfer,) = result.transfer_function()
+        assert abs(transfer(1j * vehicle.peak.omega)) == pytest.approx(vehicle.peak.gain)
+        lost = replace(result.fit, parameters=Parameters([0.1], [0.1], [np.nan]))
+        assert replace(result, fits=(lost,)).stability is None
+
+
+TRUTH = Parameters([0.08], [0.2], [1.3])
+
+
+@pytest.fixture(scope="module")
+def same() -> Result:
+    """Four recordings, so that no two share samples."""
+    windows = [disturbed(TRUTH, seed, Disturbance(), duration=150.0) for seed in range(4)]
+    return fit_windows(windows)
+
+
+class TestJointFit:
+    def test_windows_together_say_more_than_one_alone(self, same: Result) -> None:
+        def off(parameters: Parameters) -> float:
+            return float(np.abs(np.log(parameters[0].values / TRUTH[0].values)).mean())
+
+        assert off(same.parameters) < 0.7 * np.mean([off(o.fit.parameters) for o in same.windows])
+        widths = [one.uncertainty.upper.values / one.uncertainty.lower.values
+                  for one in (same, *same.windows)]  # fmt: skip
+        assert (widths[0] < np.min(widths[1:], axis=0)).all()
+        assert same.uncertainty.inside.all()
+        assert all(fit.parameters == same.parameters for fit in same.fits)
+        assert same.answer.findings == ()
+
+    def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
+        whole = driven(((0.10, -0.04, 1.8),), duration=100.0, noise=0.05)
+        windows = part(whole, 0, 501), part(whole, 501, whole.samples)
+        found = fit_windows(windows)
+        assert found.parameters.beta[0] == 0.0
+        one, other = (fit.unconstrained.values[0] for fit in found.fits)
+        np.testing.assert_array_equal(one, other)
+        assert one[1] == pytest.approx(-0.04, abs=0.02)
+
+
+def recorded(start: float, **changes: object) -> Segment:
+    """A window of one recording; short, as it is to be refused."""
+    return replace(driven(), start=start, sha256="one file", **changes)
+
+
+@pytest.mark.parametrize(
+    ("segments", "words"),
+    [
+        ([], "at least two"),
+        ([recorded(0.0)], "at least two"),
+        ([recorded(0.0), recorded(59.0)], "0–60 s and 59–119 s overlap"),
+        ([driven(), driven()], "0–60 s and 0–60 s overlap"),
+        ([recorded(0.0), driven(MIXED[:2])], "2 followers"),
+        ([recorded(0.0), driven(step=0.4)], "0.4 s apart"),
+        ([recorded(0.0), driven(duration=15.0)], "too short"),
+    ],
+)
+def test_segments_that_cannot_share_a_likelihood(segments: list[Segment], words: str) -> None:
+    with pytest.raises(AccpinnError, match=words):
+        fit_windows(segments)

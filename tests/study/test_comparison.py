@@ -11,7 +11,7 @@ from accpinn.cli import main
 from accpinn.errors import SegmentError
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.methods import TaskContext
-from accpinn.methods.pinn.config import STARTS, preset
+from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings.openacc import read
@@ -26,18 +26,15 @@ from accpinn.study.comparison import (
     COMPARED,
     SensitivityResult,
     SpreadUndetermined,
-    TrainingSpread,
     compare,
     results_among,
     sensitivity,
     spread_of,
-    starts,
 )
 from accpinn.study.result import Result
-from accpinn.study.run import estimate
 from tests.support.command import STUDY, THREE, Capture, document, refused
 from tests.support.driving import MIXED, driven
-from tests.support.snapshots import asked_of, result_for
+from tests.support.snapshots import result_for
 
 QUICK = ("least-squares", "splines", "recursive")
 SHORT = ("compare", str(THREE), "--duration", "60", "--vehicles", "1,2", "--methods")
@@ -105,19 +102,6 @@ def test_the_command_names_the_method_that_refused(capsys: Capture, refusing: st
 
 
 # Initial values
-
-
-def test_the_paper_preset_depends_on_its_start() -> None:
-    segment = driven()
-    asked = list(starts(asked_of(segment, "pinn", preset("paper", iterations=30))))
-    assert [analysis.config.initial for analysis in asked] == list(STARTS)
-    context = TaskContext(threads=1)
-    results = [estimate(analysis, (segment,), context=context) for analysis in asked]
-    alphas = np.array([result.parameters.alpha[0] for result in results])
-    spread = spread_of(results)
-    assert spread.percent[0, 0] == pytest.approx(100 * np.ptp(alphas) / alphas.mean())
-    assert spread.percent[0, 0] > 50.0
-    assert spread.findings == (TrainingSpread(5, spread.percent.max(), True, 5),)
 
 
 @pytest.mark.parametrize("case", ["I", "II"])

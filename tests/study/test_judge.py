@@ -35,7 +35,7 @@ def subject(key: str, noise: float = 0.05) -> Subject:
     """A simulated car in four windows."""
     model, theta = FOLLOWING[key], np.array([TRUTHS[key]])
     windows = tuple(driven(model, theta, seed, noise, 60.0)[0] for seed in range(4))
-    return Subject(windows, driven(model, theta, 9, noise, seconds=400.0)[:1])
+    return Subject(windows, driven(model, theta, 9, noise, seconds=250.0)[:1])
 
 
 @pytest.mark.parametrize("truth", TRUTHS)

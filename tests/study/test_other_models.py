@@ -158,7 +158,6 @@ def test_the_network_learns_it_where_a_preset_is_named(capsys: Capture, folder: 
     np.testing.assert_allclose(kept.fit.history.parameters.own[0, 0], start)
     assert kept.fit.history.parameters[-1] == kept.parameters
     assert [found["parameters"][0][name] for name in names] == pytest.approx(kept.parameters.own[0])
-    assert accpinn.verify(out, path).ok
     assert set(names) <= {picture.name for picture in training_pictures(kept)}
 
 
@@ -171,7 +170,7 @@ def test_starts_train_the_papers_model_where_there_is_no_other_alpha() -> None:
 @cache
 def shifted() -> Segment:
     """A vehicle of the paper's study whose gaps are 6 m longer."""
-    run = cut(read(STUDY), 0, 150, (1, 2))
+    run = cut(read(STUDY), 0, 100, (1, 2))
     return replace(run, gaps=run.gaps + 6.0)
 
 

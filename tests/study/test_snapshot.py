@@ -4,6 +4,7 @@ import io
 import json
 import os
 import platform as machine
+import random
 import re
 import subprocess
 import sys
@@ -45,13 +46,14 @@ from accpinn.study.snapshot import (
 )
 from accpinn.study.verification import verify
 from accpinn.units import Stretch
+from tests.fuzz.campaign import attempt
+from tests.fuzz.kinds import Kind
 from tests.support.command import ROOT
 from tests.support.driving import MIXED, driven, standing_still
 from tests.support.holes import with_holes
 from tests.support.snapshots import (
     arrays_of,
     bits,
-    delayed,
     members,
     put,
     resealed,
@@ -131,10 +133,6 @@ class TestRoundTrip:
         for method, settings in asked:
             before = named(result_for(driven(MIXED[:2], 30.0), method, settings, "I"))
             assert bits(replace(load(to_bytes(before)), digest="")) == bits(before), method
-
-    def test_forms_of_the_model_are_kept(self) -> None:
-        parts = replace(small().parts, adequacy=delayed())
-        assert bits(load(to_bytes(replace(small(), parts=parts))).adequacy) == bits(delayed())
 
     def test_it_opens_in_a_fresh_process_without_torch(self, tmp_path: Path) -> None:
         path = save(whole(), tmp_path / "whole.accpinn.zip")
@@ -273,72 +271,38 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
        for text in (b"[]", b"{}", b'{"format":"other"}', b"x", b"[" * 100_000)},
 }  # fmt: skip
 
-MEASURED = """
-import sys, time
-from pathlib import Path
-from accpinn.study.snapshot import load
-from accpinn.errors import SnapshotError
-def peak():
-    [line] = [line for line in open("/proc/self/status") if line.startswith("VmHWM")]
-    return int(line.split()[1]) / 1024
-before = peak()
-for path in sorted(Path(sys.argv[1]).iterdir()):
-    started = time.process_time()
-    try:
-        load(path)
-        print(path.name, "was loaded")
-    except SnapshotError as fault:
-        if len(str(fault).replace(str(path), "")) > 250 or not str(fault).endswith("."):
-            print(path.name, fault)
-    if time.process_time() - started > 1.0:
-        print(path.name, "took long")
-if peak() - before > 300:
-    print(peak() - before, "MB")
-"""
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_file_is_refused_quickly_and_cheaply(name: str) -> None:
+    found = attempt(Kind(name, random.Random.randbytes, is_loaded, ""), HOSTILE[name]())
+    assert (found.answer, found.why) == ("refused", "")
+    assert found.seconds < 1.0
+    assert found.memory < 300e6
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read as Linux has them")
-def test_hostile_files_are_refused_quickly_and_cheaply(tmp_path: Path) -> None:
-    for k, make in enumerate(HOSTILE.values()):
-        (tmp_path / f"{k}.zip").write_bytes(make())
-    done = subprocess.run(
-        [sys.executable, "-c", MEASURED, str(tmp_path)],
-        cwd=ROOT, capture_output=True, text=True, check=True, timeout=60,
-    )  # fmt: skip
-    assert done.stdout == ""
+def is_loaded(content: bytes, _: Path) -> bool:
+    return bool(load(content))
 
 
 LONG = "x" * 500_000
 FORGED: list[tuple[str, Any]] = [
     ("name", LONG),
-    ("note", LONG),
     ("created", 5),
-    ("name", 5),
     ("analysis.case", "III"),
     ("analysis.method", "magic"),
     ("analysis.vehicles", [2, 3]),
     ("analysis.windows", []),
-    ("infos.0.source", LONG),
     ("infos.0.names.0", LONG),
     ("infos.0.vehicles", [1, 3]),
-    ("infos.0.vehicles", [0, 1]),
-    ("infos.0.vehicles", [1]),
-    ("infos.0.samples", 2**70),
     ("infos.0.window.end", "inf"),
     ("infos.0.excluded_share", [0.0, 2.0]),
     ("facts", {"acc_flag": []}),
-    ("facts", {"campaign": 5}),
     ("fits", []),
     ("fits.0.method", "magic"),
     ("fits.0.iterations", -1),
-    ("fits.0.iterations", 1.5),
-    ("fits.0.seconds", None),
     ("fits.0.findings", [{"type": "Other"}]),
-    ("fits.0.findings", [{"type": "WeaklyDetermined"}]),
     ("fits.0.parameters", [[0.1], [0.1, 0.2]]),
-    ("fits.0.parameters", {}),
     ("fits.0.outcome", "__class__"),
-    ("fits.0.parameters", [[0.1, 0.1, 1.0]] * 2),
     *((f"fits.0.parameters.0.{k}", bad) for k in range(3)
       for bad in ("inf", -0.1, None, "x", [], 1e300)),
     ("fits.0.arrays", {"disturbance": [[0.0]] * 3}),
@@ -347,15 +311,10 @@ FORGED: list[tuple[str, Any]] = [
     ("parts.uncertainty.lower", [[0.1, 0.1, 1.0]] * 2),
     ("parts.uncertainty.peak_gain.lower", []),
     ("parts.uncertainty.draws", "segments.0.speeds"),
-    ("parts.uncertainty", None),
     ("parts.quality.leader_deviation", 1e300),
-    ("parts.quality.mean_time_gap", [1.0, 1.0]),
     ("parts.evaluation.closed_loop.gap_mae", []),
-    ("parts.evaluation.closed_loop.speed_mae", [1.0]),
     ("segments.0.speeds", [[20.0, 20.0]] * 3),
-    ("segments.0.start", 1.0),
     ("recording", {}),
-    ("windows", [1]),
 ]  # fmt: skip
 
 

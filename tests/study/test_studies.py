@@ -1,4 +1,4 @@
-"""The file of a study: nothing is lost, one order, and what is no study ends in one sentence."""
+"""The file of a study and groups of its rows: nothing lost, the truth recovered."""
 
 import os
 import sqlite3
@@ -9,9 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import beta, binom
 
+from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.study.groups import read_study
+from accpinn.inference.answer import car_of
+from accpinn.inference.posterior import AT_SPEED
+from accpinn.model.registry import BEST
+from accpinn.results.database import group_table
+from accpinn.study.groups import POSTERIOR, group, read_study, share
 from accpinn.study.studies import (
     FAILURES,
     FILE,
@@ -27,7 +33,8 @@ from accpinn.study.studies import (
     study_path,
     written,
 )
-from tests.support.studies import REQUEST, analysis, row, write_study
+from tests.support.command import Capture, document, refused
+from tests.support.studies import REQUEST, S0, analysis, row, rows, write_study
 
 
 def test_answers_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_place(
@@ -153,3 +160,134 @@ def test_studies_are_listed_the_latest_first(
         os.utime(file, (1e9 - age, 1e9 - age))
     (tmp_path / "no study").mkdir()
     assert studies() == ("Meine Läufe (2)", "old")
+
+
+def test_the_answer_of_a_vehicle_is_that_of_its_windows() -> None:
+    rng = np.random.default_rng(1)
+    taus = 1.5 * np.exp(0.1 * rng.standard_normal(30))
+    given = rows(*(row("A", tau=float(tau)) for tau in taus), row("B", tau=1.2))
+    many, single = group(given, ("make",)).groups
+    assert (many.values, many.windows, many.vehicles) == (("A",), 30, 1)
+    alone = car_of(np.array(given[POSTERIOR].tolist()[:30]), BEST)
+    np.testing.assert_array_equal(many.drawn.middle, alone.middle)
+    tau = many.span("tau")
+    assert tau.lower < 1.5 < tau.upper
+    assert tau.further_upper - tau.further_lower > 3 * (tau.upper - tau.lower)
+    between = many.between_windows["time_gap"]
+    assert between.lower < 0.1 * 1.5 / 1.68 < between.upper, "of τ + s₀/v"
+    assert many.between_vehicles == {}
+    # One window says nothing of how windows differ; what other cars taught widens its interval.
+    assert single.between_windows == {}
+    assert single.span("tau").upper - single.span("tau").lower > 0.2
+
+
+def test_vehicles_of_a_group_differ_as_windows_do_one_level_below() -> None:
+    rng = np.random.default_rng(2)
+    gaps = 1.4 * np.exp(0.3 * rng.standard_normal(24))
+    given = rows(*(row("A", name=f"A{k}", tau=float(g)) for k, g in enumerate(gaps) for _ in "ab"))
+    [many] = group(given, ("make",)).groups
+    assert (many.windows, many.vehicles, len(many.cars)) == (48, 24, 24)
+    mean = float(np.exp(np.log(gaps).mean()))
+    assert many.span("tau").lower < mean < many.span("tau").upper
+    between = many.between_vehicles["time_gap"]
+    expected = np.log(gaps + S0 / AT_SPEED).std()
+    assert between.value == pytest.approx(expected, rel=0.3), "a t is fitted to what is normal"
+    assert many.between_windows["time_gap"].value < between.value / 2
+    further = many.span("tau")
+    inside = (gaps > further.further_lower) & (gaps < further.further_upper)
+    assert inside.mean() > 0.75
+
+
+def test_what_is_unknown_counts_as_a_window_only() -> None:
+    unknown = row("A", tau=None)
+    [found] = group(rows(row("A"), row("A"), unknown), ("make",)).groups
+    assert (found.windows, len(found.cars)) == (3, 1)
+    [none] = group(rows(unknown), ("make",)).groups
+    assert np.isnan([none.span("tau").value, none.l2_stable.value]).all()
+    assert "nan" not in group_table(group(rows(unknown))).to_text()
+    spoilt = rows(row("A"), row("A"))
+    for wrong in (
+        np.full((400, 5), 1e9),
+        np.zeros((3, 5)),
+        np.zeros((9, 4)),
+        np.full((9, 5), np.nan),
+    ):
+        spoilt.at[1, POSTERIOR] = wrong
+        [found] = group(spoilt, ("make",)).groups
+        assert np.isfinite(found.span("tau").value)
+
+
+def test_a_share_of_certain_followers_is_jeffreys_interval() -> None:
+    found = share(np.array([1.0] * 7 + [0.0] * 3))
+    expected = beta(7.5, 3.5).ppf([0.05, 0.95])
+    assert found.value == pytest.approx(0.7)
+    np.testing.assert_allclose([found.lower, found.upper], expected, atol=1e-6)
+    doubtful = share(np.full(10, 0.7))
+    assert doubtful.lower < found.lower < found.upper < doubtful.upper
+    assert share(np.zeros(3)).lower == 0
+
+
+def test_the_share_of_thousands_is_that_of_the_whole_mixture() -> None:
+    count, p = 3000, 0.3
+    found, stable = share(np.full(count, p)), np.arange(count + 1)
+    for end, tail in ((found.lower, 0.05), (found.upper, 0.95)):
+        below = beta(stable + 0.5, count - stable + 0.5).cdf(end)
+        assert binom(count, p).pmf(stable) @ below == pytest.approx(tail, abs=1e-6)
+
+
+def test_what_counts_as_a_group_a_window_and_a_vehicle() -> None:
+    found = group(rows(row("B"), row(None), row("A"), row("B", campaign="Y")), ("make", "campaign"))
+    values = [one.values for one in found.groups]
+    assert values == [("", "X"), ("A", "X"), ("B", "X"), ("B", "Y")]
+    # Rows of several methods are one window.
+    given = rows(row("A", start=0.0), row("A", start=0.0, method="splines"), row("A", start=60.0))
+    [everything] = group(given, ()).groups
+    assert (everything.windows, everything.vehicles) == (2, 1)
+    # Vehicles without a name are different ones in each recording.
+    nameless = [row("", name="Vehicle 2", sha256=sha256) for sha256 in "aab"]
+    named = [row("A", sha256=sha256) for sha256 in "ab"]
+    assert [one.vehicles for one in group(rows(*nameless, *named), ("make",)).groups] == [2, 1]
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    several = (row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3))
+    return write_study(
+        tmp_path,
+        *several,
+        *(
+            row("C", model="Outlander PHEV, longest", method=key)
+            for key in ("least-squares", "splines")
+        ),
+    )
+
+
+def test_command_prints_every_format(capsys: Capture, study: Path) -> None:
+    found = document(capsys, "table", study, "--by", "make")
+    assert [one["make"] for one in found["groups"]] == ["C", "Ä & B"]
+    assert (found["model"], found["groups"][1]["windows"]) == (BEST, 3)
+    for one in found["groups"]:
+        assert one["parameters"].keys() == one["intervals"].keys() == one["further_window"].keys()
+        for name, (low, high) in one["intervals"].items():
+            assert low < one["parameters"][name] < high
+    assert found["groups"][0]["l2_stable"]["value"] < 0.5
+    for kind, sign in (("text", "Ä & B"), ("csv", "alpha_low"), ("latex", r"Ä \& B")):
+        assert main(["table", str(study), "--format", kind]) == 0
+        assert sign in capsys.readouterr().out
+    assert main(["table", str(study)]) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 100
+    assert main(["table", str(study), "--wide"]) == 0
+    assert "Further window" in capsys.readouterr().out
+
+
+def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) -> None:
+    assert "colour is not known" in refused(capsys, 2, "table", study, "--by", "colour")
+    assert "level" in refused(capsys, 2, "table", study, "--level", 1)
+    assert "no batch is there" in refused(capsys, 1, "table", tmp_path / "none")
+
+
+def test_a_number_that_is_no_probability_is_unknown(tmp_path: Path) -> None:
+    study = write_study(tmp_path / "s", row("A", p_linf_stable=2**62), row("A"))
+    found = read_study(study)
+    assert found["p_linf_stable"].isna().tolist() == [True, False]
+    assert not found["p_l2_stable"].isna().any()

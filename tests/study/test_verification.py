@@ -26,7 +26,7 @@ from accpinn.study.result import Parts, Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import DOCUMENT, load, named, to_bytes
 from accpinn.study.verification import HOWEVER_LONG, QUICK, Check, Verification, verify
-from tests.support.driving import driven, standing_still
+from tests.support.driving import driven
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import (
     arrays_of,
@@ -118,11 +118,6 @@ class TestHonest:
         found = verify(replace(whole(), fits=(fit,), compared=()), refit_within=HOWEVER_LONG)
         assert found.ok
         assert states(found)["fit", ""] == "not checked"
-
-    def test_what_has_no_headway_can_be_kept(self) -> None:
-        still = named(result_for(standing_still()), with_data=True)
-        assert np.isnan(still.parameters.tau[0])
-        assert verify(load(to_bytes(still))).ok
 
     @pytest.mark.parametrize(("factor", "ok"), [(1.0 + 1e-5, True), (1.2, False)])
     def test_draws_of_another_processor_pass_and_others_do_not(

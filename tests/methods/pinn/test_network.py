@@ -1,5 +1,6 @@
-"""The network of all presets: features, derivatives, first weights, Adam, curves drawn again."""
+"""The network of all presets: features, derivatives, first weights, Adam, and its memory."""
 
+import re
 from dataclasses import replace
 from typing import get_args
 
@@ -7,11 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.methods import Law
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
+from accpinn.methods.pinn.training import require_memory
 from accpinn.methods.registry import METHODS
+from accpinn.segment.segment import Segment
+from tests.support.driving import segment_of
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample
 
@@ -53,20 +58,6 @@ def test_tangents_are_automatic_differentiations_time_derivatives(
         torch.testing.assert_close(tangent, expected, rtol=1e-11, atol=1e-12)
 
 
-@BOTH
-def test_gradient_through_the_tangent_is_that_through_nested_differentiation(
-    config: PinnConfig,
-) -> None:
-    network = Network(2, config, 20.0).learnable()
-    time = torch.linspace(0, 20, 40, dtype=torch.float64, requires_grad=True)
-    # The output layer's bias moves no rate.
-    weights = [*network.weights()][:-1]
-    ours = torch.autograd.grad((network(time)[1] ** 2).sum(), weights)
-    theirs = torch.autograd.grad((nested_rates(network(time)[0], time) ** 2).sum(), weights)
-    for mine, nested in zip(ours, theirs, strict=True):
-        torch.testing.assert_close(mine, nested, rtol=1e-9, atol=1e-11)
-
-
 def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_zero() -> None:
     assert [Network(m, PAPER, 300.0).size for m in (1, 3, 4)] == [7623, 7867, 7989]
     network = Network(4, PAPER, 300.0)
@@ -80,30 +71,6 @@ def test_first_weights_are_as_many_as_the_paper_says_xavier_uniform_and_biases_z
         torch.nn.init.xavier_uniform_(expected, generator=by_torch)
         np.testing.assert_allclose(layer.weight, expected.numpy(), rtol=0, atol=1e-15)
         assert not layer.bias.any()
-
-
-@BOTH
-def test_tensors_share_the_arrays_and_give_the_same_curves(config: PinnConfig) -> None:
-    network, time = Network(2, config, 20.0), np.linspace(0, 20, 7)
-    learnable = network.learnable()
-    before = network(time)
-    with torch.no_grad():
-        for weights in learnable.weights():
-            weights += 0.1
-    assert np.abs(network(time)[0] - before[0]).max() > 0.01
-    for ours, theirs in zip(network(time), learnable(torch.from_numpy(time)), strict=True):
-        np.testing.assert_allclose(ours, theirs.detach().numpy(), rtol=1e-12, atol=1e-14)
-
-
-def test_weights_of_another_network_are_refused() -> None:
-    mine = Network(1, FOURIER, 20.0)
-    for other in (Network(1, replace(FOURIER, layers=2), 20.0).arrays(), {}):
-        with pytest.raises(ValueError, match="another network"):
-            mine.load_arrays(other)
-    fresh = Network(1, replace(FOURIER, seed=4), 20.0)
-    fresh.load_arrays(mine.arrays() | {"unknowns": np.zeros(9)})
-    time = np.linspace(0, 20, 7)
-    np.testing.assert_array_equal(fresh(time)[0], mine(time)[0])
 
 
 def quartic(values: torch.Tensor, step: int) -> torch.Tensor:
@@ -150,3 +117,36 @@ def test_layers_and_width_shape_the_network_and_its_curves_can_be_drawn_again(
         preset(name, layers=7)
     with pytest.raises(ConfigError):
         preset(name, width=4)
+
+
+def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segment:
+    """A segment of nothing in particular."""
+    time = step * np.arange(round(duration / step) + 1)
+    segment = segment_of(time, np.zeros((len(time), 2)), np.ones((len(time), 1)))
+    mask = np.zeros((len(time), 1), bool) if masked else None
+    return replace(segment, mask=mask)
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize(
+    "config",
+    [preset("fast"), preset("fast", highest_frequency=2.0), preset("calibrated"), preset("paper")],
+)
+@pytest.mark.parametrize("model", ["cthp", "idm", "idm-delay"])
+def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, model: str) -> None:
+    step = 0.5 if masked else 0.1
+    with pytest.raises(SegmentError, match="GB of memory") as caught:
+        require_memory(of_length(200_000, step, masked), config, model)
+    (longest,) = re.findall(r"at most ([\d,]+) s", str(caught.value))
+    seconds = float(longest.replace(",", ""))
+    require_memory(of_length(seconds, step, masked), config, model)
+    with pytest.raises(SegmentError):
+        require_memory(of_length(1.05 * seconds, step, masked), config, model)
+
+
+def test_a_training_is_refused_before_its_work() -> None:
+    with pytest.raises(SegmentError, match="take at most"):
+        train(of_length(15_000))
+    require_memory(of_length(2_000), FAST)
+    with pytest.raises(SegmentError, match="take at most"):
+        METHODS["pinn"].fit(of_length(2_000), settings=FAST, law=Law("idm"))

@@ -13,14 +13,14 @@ PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0}
 
 
 def test_the_forest_has_every_value_with_its_interval_sorted_by_time_gap() -> None:
-    given = (row("Long", tau=2.0), row("<b>Short</b>", tau=1.0), row("Unknown", tau=None))
+    given = (row("Long", tau=2.0), row("Short", tau=1.0), row("Unknown", tau=None))
     found = group(rows(*given), ("make",))
     figure = figures.forest(found)
-    assert list(figure.layout.yaxis.ticktext) == ["Unknown", "Long", "&lt;b&gt;Short&lt;/b&gt;"]
+    assert list(figure.layout.yaxis.ticktext) == ["Unknown", "Long", "Short"]
     spans = {one.values[0]: one.time_gap(100 / 3.6) for one in found.groups}
     gaps, long = named(figure, "time gap"), spans["Long"]
     np.testing.assert_array_equal(
-        gaps.x, [spans[name].value for name in ("Unknown", "Long", "<b>Short</b>")]
+        gaps.x, [spans[name].value for name in ("Unknown", "Long", "Short")]
     )
     lines = [trace for trace in figure.data if trace.mode == "lines" and trace.xaxis == gaps.xaxis]
     further, typical = (np.asarray(line.x, float)[3:5] for line in lines)
@@ -78,4 +78,3 @@ def test_time_gaps_are_drawn_by_group_and_few_have_a_colour() -> None:
     assert set(names(figure)) == {*labels[:20], figures.OTHERS}
     assert sorted(np.concatenate([trace.customdata for trace in figure.data])) == [*range(22)]
     assert list(named(figure, "M3").x) == [6.0, 7.0]
-    assert len({(t.marker.color, t.marker.symbol) for t in figure.data}) == len(figure.data)

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 import pytest
 
 from accpinn.model.published import ASTAZERO, ParameterSet
@@ -34,10 +33,6 @@ def collision() -> PlatoonRun:
     return run
 
 
-def size(figure: go.Figure) -> int:
-    return len(figure.to_json())
-
-
 def ends(run: PlatoonRun) -> Any:
     """The last instant of each vehicle."""
     return run.trajectories.time[run.meaningful - 1]
@@ -46,11 +41,7 @@ def ends(run: PlatoonRun) -> Any:
 def test_a_cast_has_the_vehicles_colours_and_labels() -> None:
     assert (ALL.colours, ALL.labels) == ((LEADER, *FOLLOWERS[:4]), ("Leader", *ASTAZERO.labels))
     assert EIGHT.labels[1:3] == ("Follower 1: Mercedes A-Class", "Follower 2: Mercedes A-Class")
-    brightness = [sum(int(c[i : i + 2], 16) for i in (1, 3, 5)) for c in EIGHT.colours[1:]]
-    assert brightness == sorted({*brightness}, reverse=True), "shades from light to dark"
-    both = figures.cast_of(ASTAZERO, [1, 0, 1]).colours
-    assert both[2] == FOLLOWERS[0]
-    assert both[1] != both[3]
+    assert len({*EIGHT.colours}) == 9, "repeated vehicles have shades of one colour"
     recorded = ParameterSet("run", ("X", "<Y>"), row(CALM, CALM), (3, 4, 5), ("4 X", "<Y>"))
     cast = figures.cast_of(recorded, [0, 1])
     assert (cast.colours, cast.labels) == ((LEADER, *FOLLOWERS[2:4]), ("Leader", "4 X", "<Y>"))
@@ -61,13 +52,10 @@ def test_a_cast_has_the_vehicles_colours_and_labels() -> None:
 def test_profiles_draw_every_speed_and_gap_within_few_points(sinusoid: PlatoonRun) -> None:
     figure = figures.profiles(sinusoid, EIGHT)
     speeds = [trace for trace in figure.data if trace.yaxis == "y"]
-    assert (len(speeds), len(figure.data), len(legend(figure))) == (9, 17, 9)
-    assert speeds[-1].name == "Leader", "on top of the others"
+    assert len(legend(figure)) == len(speeds) == 9
     largest = dict(zip(EIGHT.labels, sinusoid.trajectories.speeds.max(axis=0), strict=True))
     for trace in speeds:
-        assert len(trace.x) <= 1500
         assert max(trace.y) == pytest.approx(largest[trace.name], abs=1e-4)
-    assert size(figure) <= 400_000
     span = figures.close_up(sinusoid)
     assert span[1] - span[0] == pytest.approx(3 * 2 * np.pi / 0.25)
     for trace in figures.profiles(sinusoid, EIGHT, span).data:
@@ -83,8 +71,6 @@ def test_a_collision_ends_lines_with_a_cross(collision: PlatoonRun) -> None:
     crosses, gaps = (trace for trace in figure.data if trace.name == "ends with a collision")
     np.testing.assert_array_equal(crosses.x, last[5:])
     assert min(gaps.y) == pytest.approx(0, abs=1)
-    (note,) = figure.layout.annotations
-    assert (note.text, note.yanchor) == ("collision", "top"), "a legend stands above the axes"
     ended = named(figures.time_space(collision, AUDIS), "ends with a collision")
     assert len(ended.x) == 4
     assert max(ended.x) <= collision.contacts[-1].time
@@ -120,14 +106,6 @@ def test_positions_and_speeds_over_time_are_those_of_the_run(
     apart = -np.diff(places.astype(float), axis=0) - figures.CAR_LENGTH
     np.testing.assert_allclose(apart.T, run.gaps[rows], atol=1e-2)
     assert places[0, -1] - places[0, 0] == pytest.approx(way, abs=10)
-    (labels,) = (trace for trace in figure.data if trace.mode == "text")
-    assert [text.strip() for text in labels.text] == list("012345678")
-    coloured = [trace for trace in figure.data if trace.line.width == 3]
-    drawn = np.concatenate([trace.y for trace in coloured])
-    assert np.isfinite(drawn).sum() >= count * (len(rows) - 1)
-    assert len(coloured[0].y), "the last vehicle swings most, and has the strongest colours"
-    assert len(coloured[-1].y)
-    assert size(figure) <= 120_000
 
 
 def test_amplitudes_stand_on_the_predicted_line(sinusoid: PlatoonRun) -> None:
@@ -137,7 +115,6 @@ def test_amplitudes_stand_on_the_predicted_line(sinusoid: PlatoonRun) -> None:
     np.testing.assert_allclose(named(figure, "Simulated").y, wave.measured)
     levels = named(in_db, "Predicted by |H(jω)|").y
     np.testing.assert_allclose(levels, 20 * np.log10(wave.predicted), atol=1e-9)
-    assert "dB" in in_db.layout.yaxis.title.text
 
 
 def test_amplitudes_of_other_disturbances_are_the_largest_deviations(
@@ -163,7 +140,6 @@ def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(
     (stripes,) = figures.speed_map(sinusoid, EIGHT).data
     assert np.shape(stripes.z) == (9, len(stripes.x))
     assert stripes.zmin == -stripes.zmax
-    assert len(stripes.x) <= figures.COLUMNS
     # The leader's wave, from before its start on.
     expected = np.where(stripes.x < 20, 0, np.sin(0.25 * (np.asarray(stripes.x) - 20)))
     np.testing.assert_allclose(stripes.z[0], expected, atol=1e-5)
@@ -184,7 +160,6 @@ def test_the_animation_moves_the_cars_as_simulated(leader: Leader) -> None:
     figure = animation(run, ALL)
     names = {frame.name for frame in figure.frames}
     assert 2 <= len(names) == len(figure.frames) == len(figure.layout.sliders[0].steps) <= 60
-    assert size(figure) <= 80_000
     for frame in figure.frames[:: len(figure.frames) // 3]:
         at = int(np.argmin(abs(run.trajectories.time - float(frame.name))))
         gaps = -np.diff(frame.data[0].x) - figures.CAR_LENGTH
@@ -206,10 +181,9 @@ def test_animated_vehicles_vanish_with_a_collision_and_are_named(collision: Plat
 def test_the_papers_panels_grow_and_fade_as_the_response_predicts() -> None:
     panels = figures.paper_panels()
     assert [title[:3] for title, _ in panels] == ["(a)", "(c)", "(b)", "(d)"]
-    for (title, figure), (k, omega) in zip(panels, figures.PANELS, strict=True):
+    for (title, _), (k, omega) in zip(panels, figures.PANELS, strict=True):
         last = abs(response(ASTAZERO.parameters[[k]], np.array([omega]))[0, 0]) ** 8
         assert ("grows" in title) == (last > 1)
         assert float(title.split(" to ")[1].split()[0]) == pytest.approx(last, rel=0.01)
-        assert size(figure) <= 80_000
     ranges = [figure.layout.yaxis.range for _, figure in panels]
     assert ranges[0] == ranges[1] != ranges[2] == ranges[3]

@@ -21,7 +21,6 @@ def test_overview_draws_all_vehicles_and_the_window() -> None:
     assert (shape.x0, shape.x1) == (5.0, 25.0)
     both = figures.overview(recording(), (1, 2), WINDOW, several=(Window(0, 10), Window(20, 30)))
     assert [(shape.x0, shape.x1) for shape in both.layout.shapes] == [(0, 10), (20, 30)]
-    assert (figure.layout.dragmode, figure.layout.selectdirection) == ("select", "h")
     again = figures.overview(recording(), (2, 3), Window(0, 20)).layout.uirevision
     other = figures.overview(recording(names="XYZ"), (1, 2), Window(0, 20)).layout.uirevision
     assert figure.layout.uirevision == again != other, "the zoom is kept until another recording"
@@ -67,15 +66,3 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     assert figure.layout.yaxis4.categoryarray == ("3", "2")
     assert "missing" in dict(figures.regime_key(regimes))
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
-
-
-def test_small_pictures_have_every_vehicle_and_names_are_not_read_as_html() -> None:
-    run = recording(names=["<script>", "B<b>", "C"])
-    segment = cut(run, 5.0, 30.0)
-    figure = figures.motion(segment.info, segment.measured)
-    assert {(trace.x[0], trace.x[-1]) for trace in figure.data} == {(5.0, 35.0)}, "its own time"
-    assert names(figure)[1:] == ["2 B&lt;b&gt;", "2 B&lt;b&gt;", "3 C", "3 C"]
-    assert "<" not in "".join(names(figure) + names(figures.overview(run, (1, 2), WINDOW)))
-    figure = figures.speeds_thumbnail(segment)
-    assert len(figure.data) == 3
-    assert [axis.visible for axis in (figure.layout.xaxis, figure.layout.yaxis)] == [False, False]

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from plotly.subplots import make_subplots
 
-from accpinn.channels import GAP, SPEED
 from accpinn.results.figures import style
 
 THEME = tomllib.loads(
@@ -136,24 +134,3 @@ def lab(colour: str, vision: str) -> np.ndarray:
     )
     f = np.cbrt(to_xyz @ seen / [0.9505, 1.0, 1.089])
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-
-def test_a_stack_has_the_panels_of_plotly_with_titles_and_lines() -> None:
-    expected = make_subplots(rows=3, cols=1, shared_xaxes=True, row_heights=(3, 1, 1))
-    expected.add_scatter(x=[1.0], y=[2.0], row=2, col=1)
-    expected.add_hline(y=0.5, row=2, col=1)
-    chart = style.Chart("x", 100, style.stack(3, 1, 1, spacing=0.1), (GAP, SPEED, GAP))
-    chart.add([1.0], [2.0], panel=2)
-    chart.level("y2", 0.5, {})
-    chart.axis("y3", "Mine")
-    chart.axis("y*", dtick=1)
-    figure = chart.figure()
-    assert figure.data == expected.data
-    (mine,), (theirs,) = (one.layout.shapes for one in (figure, expected))
-    assert mine.to_plotly_json() | {"layer": None} == theirs.to_plotly_json() | {"layer": None}
-    for axis in ("xaxis", "xaxis2", "xaxis3", "yaxis", "yaxis2", "yaxis3"):
-        for kept in ("domain", "anchor", "matches", "showticklabels"):
-            assert figure.layout[axis][kept] == expected.layout[axis][kept]
-    titles = [figure.layout[axis].title.text for axis in ("yaxis", "yaxis2", "yaxis3", "xaxis3")]
-    assert titles == ["Space-gap [m]", "Speed [m/s]", "Mine", "Time [s]"]
-    assert figure.layout.yaxis2.dtick == 1

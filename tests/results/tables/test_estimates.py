@@ -140,18 +140,6 @@ def test_followers_that_share_their_parameters_have_one_row_for_them(
     assert len(comparison_table(INFO, {"PiNN": LEARNED}, "I").rows) == 1
 
 
-def test_excluded_regimes_stand_in_every_title() -> None:
-    """So that they also stand in an exported table."""
-    without = replace(SEGMENT, excluded_regimes=("catching up", "manual")).info
-    for table in (
-        parameter_table(result(info=without), with_intervals=False),
-        comparison_table(without, {"PiNN": LEARNED}),
-        quality_table(without, QUALITY, FIT),
-    ):
-        assert "without catching up, manual" in table.caption
-    assert "without" not in comparison_table(INFO, {"PiNN": LEARNED}).caption
-
-
 def test_preview_of_the_window() -> None:
     table = quality_table(INFO, QUALITY, FIT)
     shares = np.multiply(100, QUALITY.car_following)

@@ -1,0 +1,168 @@
+"""Every figure: finite numbers on axes with titles and units, few points, and no HTML of a name."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, get_type_hints
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from accpinn.evaluation.whiteness import residual_correlations
+from accpinn.inference import identifiability
+from accpinn.inference.answer import answer
+from accpinn.inference.intervals import intervals
+from accpinn.methods import recursive, splines
+from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.registry import FOLLOWING
+from accpinn.platoon import simulate_platoon
+from accpinn.platoon.leader import Sinusoid, SpeedStep
+from accpinn.recordings.recording import Window
+from accpinn.results import figures
+from accpinn.results.figures import animation, comparison, database, platoon
+from accpinn.results.figures import answer as on_answer
+from accpinn.results.figures import recording as on_recording
+from accpinn.results.figures import stability as on_stability
+from accpinn.results.figures import training as on_training
+from accpinn.segment.quality import label_regimes
+from accpinn.stability.measured_gain import measured_gain
+from accpinn.stability.report import stability_report
+from accpinn.study.groups import group
+from tests.results.figures.test_training import history
+from tests.support.openacc_files import recording
+from tests.support.samples import PLATOON, sample
+from tests.support.studies import row, rows
+
+NAME = "<i>A</i>"
+"""Of every vehicle: plotly reads a little HTML."""
+COLOUR = "#0c7eae"
+SEGMENT = replace(sample(PLATOON, 60.0).segment, names=(NAME,) * 5)
+RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0))
+WITHOUT_UNIT = {"Iteration", "Loss", "Log evidence", "Gain", "Coherence"}
+WITHOUT_TITLE = ("comparison.residual",)
+"""Correlations of what the other axes name."""
+
+
+@cache
+def fitted() -> Any:
+    """A fit, its uncertainty, its vehicles and their stability."""
+    fit = splines.fit(SEGMENT)
+    vehicles = ParameterSet(NAME, SEGMENT.names[1:], fit.parameters)
+    report = stability_report(fit.parameters)
+    return SimpleNamespace(
+        fit=fit, known=intervals(SEGMENT, fit), vehicles=vehicles, report=report
+    )  # fmt: skip
+
+
+@cache
+def simulated(collides: bool) -> Any:
+    """A run of eight Audis and its cast."""
+    named = replace(ASTAZERO, names=(NAME,) * 4, labels=(NAME,) * 4)
+    leader = Sinusoid(0.214) if collides else SpeedStep()
+    return simulate_platoon(ASTAZERO.parameters[[0] * 8], leader), platoon.cast_of(named, [0] * 8)
+
+
+def judged() -> Any:
+    score = SimpleNamespace(model=FOLLOWING["idm"], theta=None, rmse=np.array([1.0, 2.0]))
+    return SimpleNamespace(scores=[score], windows=MADE)
+
+
+def grouped() -> Any:
+    return group(rows(row(NAME), row("B"), row("C", tau=None)), ("make",))
+
+
+PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2_stable": True}
+IDM = FOLLOWING["idm"]
+FIGURES: dict[str, Callable[[], go.Figure]] = {
+    "animation.animation": lambda: animation.animation(*simulated(True)),
+    "answer.forest": lambda: on_answer.forest([SEGMENT.info], answer((SEGMENT,)), 0, COLOUR),
+    "answer.joint": lambda: on_answer.joint(answer((SEGMENT,)), 0, COLOUR),
+    "comparison.estimates": lambda: comparison.estimates(
+        [comparison.NamedEstimate(NAME, fitted().fit.parameters.values[0])], COLOUR,
+        fitted().known, 0,
+    ),
+    "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit(SEGMENT).track)], 0),
+    "comparison.residual": lambda: comparison.residual(
+        residual_correlations(SEGMENT, fitted().fit, 0), COLOUR
+    ),
+    "comparison.profiles": lambda: comparison.profiles(
+        identifiability.profiles(SEGMENT)[0], COLOUR, np.array([0.0, 0.02, np.nan]),
+        np.array([0.3, np.inf, np.nan]),
+    ),
+    "database.forest": lambda: database.forest(grouped()),
+    "database.plane": lambda: database.plane(rows(row(NAME, **PLACE))),
+    "database.gap_against_speed": lambda: database.gap_against_speed(
+        rows(row(NAME, **PLACE)), [NAME]
+    ),
+    "comparison.errors_by_window": lambda: comparison.errors_by_window(judged()),
+    "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
+        [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
+    ),
+    "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
+    "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
+    "platoon.amplitude_by_vehicle": lambda: platoon.amplitude_by_vehicle(*simulated(True), False),
+    "platoon.speed_map": lambda: platoon.speed_map(*simulated(False)),
+    "recording.overview": lambda: on_recording.overview(
+        RUN, (1, 2), MADE[0], [on_recording.regime_ribbons(SEGMENT, label_regimes(SEGMENT))]
+    ),
+    "recording.motion": lambda: on_recording.motion(SEGMENT.info, SEGMENT.measured),
+    "recording.speeds_thumbnail": lambda: on_recording.speeds_thumbnail(SEGMENT),
+    "stability.bode": lambda: on_stability.bode(
+        fitted().vehicles, fitted().report, fitted().known
+    ),
+    "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(
+        fitted().vehicles, fitted().report
+    ),
+    "stability.stability_map": lambda: on_stability.stability_map(
+        fitted().vehicles, fitted().report, 0, "beta", fitted().known
+    ),
+    "stability.gains_thumbnail": lambda: on_stability.gains_thumbnail(fitted().vehicles),
+    "stability.measured_bode": lambda: on_stability.measured_bode(
+        measured_gain(sample(PLATOON).segment, 0), NAME, COLOUR
+    ),
+    "training.loss_history": lambda: on_training.loss_history(history()),
+    "training.parameter_history": lambda: on_training.parameter_history(history(), 0, RUN_INFO),
+    "training.tracking": lambda: on_training.tracking(
+        SEGMENT, 1, fitted().fit.surrogate, None, NAME, with_error=True
+    ),
+}  # fmt: skip
+RUN_INFO = replace(SEGMENT.info, names=(NAME,) * 3, vehicles=(1, 2, 3))
+
+
+def test_every_figure_is_here() -> None:
+    made = set()
+    for found in pkgutil.iter_modules(figures.__path__):
+        module = importlib.import_module(f"{figures.__name__}.{found.name}")
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            own = function.__module__ == module.__name__ and found.name != "style"
+            if own and get_type_hints(function).get("return") is go.Figure:
+                made.add(f"{found.name}.{name}")
+    assert made == FIGURES.keys()
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_numbers_are_finite_axes_titled_points_few_and_names_literal(name: str) -> None:
+    figure = FIGURES[name]()
+    assert NAME not in figure.to_json()
+    assert len(figure.to_json()) < 600_000
+    drawn = 0
+    for trace in figure.data:
+        values = np.asarray(trace.z if trace.type == "heatmap" else trace.y)
+        if trace.type != "heatmap":
+            assert len(trace.x) == len(values)
+        if values.dtype.kind == "f":
+            assert not np.isinf(values).any()
+        drawn += values.size
+    assert 0 < drawn < 60_000
+    for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
+        is_shown = axis.visible is not False and axis.showticklabels is not False
+        has_names = axis.type == "category" or axis.categoryarray or axis.tickvals is not None
+        title = axis.title.text or ""
+        if is_shown and not has_names and (title or name not in WITHOUT_TITLE):
+            assert re.search(r"\[.+\]", title) or title in WITHOUT_UNIT, axis
