@@ -53,6 +53,7 @@ from tests.support.apptest import (
     with_sample,
 )
 from tests.support.openacc_files import csv, metadata, platoon, recording
+from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -723,6 +724,14 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     for _ in range(len(session.steps)):
         page.press("data_undo")
     assert page.button(key="data_undo").disabled
+
+
+def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -> None:
+    session = with_sample()
+    session.choose(vehicles=(4, 5))
+    assert session.steps
+    session.restore(whole())
+    assert session.steps == ()
     assert session.vehicles == (1, 2, 3, 4, 5), "as the recording was opened"
 
 

@@ -318,7 +318,7 @@ class Workspace:
         self.segment, self.vehicles, self.case = result.segment, asked.vehicles, asked.case
         self.window, self.excluded, self.fault, self.refusal = asked.window, asked.excluded, "", ""
         self.choose_source("fit")
-        self.restored = result
+        self.restored, self.steps = result, ()
         self.take_settings(asked)
 
     def take_settings(self, asked: Analysis) -> None:
