@@ -177,10 +177,10 @@ def _about_estimates(result: Result) -> str:
         said += f": **{escape_markdown(label)}**"
     if not result.is_finished:
         return f"{said}. The training did not converge, so they have no intervals or probabilities."
+    outside = "" if result.uncertainty.inside.all() else "; an estimate with \\* lies outside"
     return (
         f"{said}. In brackets: the {100 * result.uncertainty.level:.0f} % interval, the values"
-        " consistent with the data; an estimate with \\* lies outside. Probability: the share of"
-        " them that is string stable."
+        f" consistent with the data{outside}. Probability: the share of them that is string stable."
     )
 
 
@@ -210,7 +210,7 @@ def _show_checks(result: Result) -> None:
         on_checks.TITLES[group[0].name].lower() for group, answer in pairs if answer is False
     ]
     colour, icon = MARKS[False if failing else True]
-    said = f"Checks failed: {', '.join(failing)}" if failing else "All checks passed"
+    said = f"Not passed: {', '.join(failing)}" if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for group, answer in zip(groups, worst, strict=True):
             colour, icon = MARKS[answer]
