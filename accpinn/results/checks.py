@@ -17,7 +17,7 @@ from accpinn.study.result import Result
 
 SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 CheckName = Literal["converged", "inside", "identified", "collision-free", "explained"]
-TITLES: Mapping[CheckName, str] = {
+QUESTIONS: Mapping[CheckName, str] = {
     "converged": "Converged",
     "inside": "Inside the interval",
     "identified": "Identified",
@@ -76,7 +76,7 @@ class Check:
 
 def label_of(group: Sequence[Check]) -> str:
     """Title and answers of the checks of one name: "Identified: α no, β yes, τ yes"."""
-    return f"{TITLES[group[0].name]}: {', '.join(check.answer for check in group)}"
+    return f"{QUESTIONS[group[0].name]}: {', '.join(check.answer for check in group)}"
 
 
 def checks(result: Result) -> tuple[Check, ...]:

@@ -391,7 +391,7 @@ def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
     assert label_of(answers[2:5]).endswith(": α no, β yes, τ yes")
     assert INFO.label(4) in answers[5].reason(INFO)
     assert answers[0].reason(INFO) == ""
-    assert {check.name for check in answers} == set(of_fit.TITLES) == set(MEANING)
+    assert {check.name for check in answers} == set(of_fit.QUESTIONS) == set(MEANING)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.STOPPED, Outcome.DIVERGED, Outcome.FINISHED])

@@ -18,8 +18,7 @@ from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import CTHPS, TITLES
-from accpinn.results import checks as on_checks
-from accpinn.results.checks import MEANING, CheckName, checks, label_of
+from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks, label_of
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
 from accpinn.results.figures.recording import motion
@@ -205,10 +204,8 @@ def _show_checks(result: Result) -> None:
     }
     groups = [[*group] for _, group in groupby(checks(result), lambda check: check.name)]
     worst = [next(a for a in (False, None, True) if a in {c.passed for c in g}) for g in groups]
-    pairs = zip(groups, worst, strict=True)
-    failing = [
-        on_checks.TITLES[group[0].name].lower() for group, answer in pairs if answer is False
-    ]
+    answers = {group[0].name: answer for group, answer in zip(groups, worst, strict=True)}
+    failing = [QUESTIONS[name].lower() for name, answer in answers.items() if answer is False]
     colour, icon = MARKS[False if failing else True]
     said = f"Not passed: {', '.join(failing)}" if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
