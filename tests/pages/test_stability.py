@@ -101,7 +101,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert assumption(session.result.answer) in page.plain()
     page.choose("stability_uncertainty", False)
     assert "Shaded" not in page.plain()
-    assert "In brackets: 90 % intervals" in page.plain(), "with and without the bands"
+    assert "90 % intervals" in page.plain(), "with and without the bands"
     page.choose("stability_source", "published")
     assert "Audi A6" in page.plain()
     assert "In brackets" not in page.plain()

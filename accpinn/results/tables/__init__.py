@@ -110,7 +110,7 @@ class Column:
     """Its name in CSV files; by default from group, title and unit."""
     is_brief: bool = False
     """Whether of an estimate the value alone is shown, with the digits that its interval supports;
-    CSV files have all of it."""
+    that is in CSV files, and on a web page where one points at the value."""
 
     @classmethod
     def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
@@ -149,7 +149,7 @@ class Column:
             return f"{self.shown(cell.cell)}*"
         if isinstance(cell, Estimate):
             value, ends = self._estimate(cell)
-            return f"{value} ({ends})" if ends else value
+            return value if self.is_brief else f"{value} ({ends})"
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
         if isinstance(cell, str):
@@ -168,15 +168,15 @@ class Column:
         if isinstance(cell, Marked):
             why, cell = cell.why, cell.cell
         value, ends = self._estimate(cell) if isinstance(cell, Estimate) else (self.shown(cell), "")
+        if self.is_brief and ends:
+            return Markup('<abbr title="{}">{}</abbr>').format(ends, value)
         mark = Markup('<b title="{}">*</b>').format(why) if why else ""
         interval = Markup(" <span>({})</span>").format(ends) if ends else ""
         return Markup("{}{}{}").format(value, mark, interval)
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
-        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; the second is empty if brief."""
+        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"."""
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
-        if self.is_brief:
-            return column.shown(cell.value), ""
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
 
