@@ -206,15 +206,15 @@ def read_columns(
     parts: dict[str, list[FloatArray]] = {name: [] for name in numbers}
     texts: dict[str, list[str]] = {name: [] for name in words}
     for first, rows in _blocks(source_file, layout):
-        values = {name: _numbers([row[positions[name]] for row in rows], layout) for name in parts}
+        cells = [*zip(*rows, strict=True)]  # by column
+        values = {name: _numbers(cells[positions[name]], layout) for name in parts}
         if any(isinstance(column, int) for column in values.values()):
             raise _not_a_number(source_file, layout, first, rows, positions, values)
         for name in parts:
             parts[name].append(np.array(values[name]))
         for name, column in texts.items():
-            cells = [row[positions[name]] for row in rows]
-            meanings = {cell: _word(cell) for cell in set(cells)}
-            column.extend(meanings[cell] for cell in cells)
+            meanings = {word: _word(word) for word in set(cells[positions[name]])}
+            column.extend(map(meanings.__getitem__, cells[positions[name]]))
     columns = {name: np.concatenate(blocks) for name, blocks in parts.items()}
     return Columns(source_file, layout, np.arange(first + len(rows)), columns, texts)
 
@@ -291,10 +291,12 @@ def _unreadable(source_file: SourceFile, layout: Layout) -> RecordingError:
     return source_file.refusal("the rows cannot be read as numbers", cure)
 
 
-def _numbers(cells: list[str], layout: Layout) -> list[float] | int:
+def _numbers(cells: Sequence[str], layout: Layout) -> list[float] | int:
     """The numbers of a column, or which of its cells is the first that is none."""
     if layout.decimal == "." and "_" not in "".join(cells):  # float would take 1_0 for 10
         try:
+            if "" not in cells:
+                return [*map(float, cells)]
             return [float(cell) if cell else np.nan for cell in cells]
         except ValueError:
             pass
