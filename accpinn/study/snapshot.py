@@ -435,8 +435,8 @@ def _check_parts(result: Result, is_complete: bool) -> None:
     needed = (parts.quality, parts.uncertainty, parts.evaluation)
     _require(not is_complete or None not in needed, "a part of it is missing")
     _check_shapes(parts, info)
-    if parts.uncertainty:
-        _require(0 < parts.uncertainty.level < 1, "the intervals' level is not between 0 and 1")
+    levels = [known.level for known in (parts.uncertainty, parts.answer) if known]
+    _require(all(0 < level < 1 for level in levels), "a level is not between 0 and 1")
     if parts.answer:
         _check_answer(parts.answer)
     for judged in parts.judgements or ():

@@ -248,6 +248,9 @@ def get_ready() -> None:
     What is imported stays for good, and a search of it for garbage would hold up all threads, so it
     is kept from the collector. Linear algebra takes one thread each.
     """
+    # Whole before PyTorch: it looks into what another thread has half imported, and a page fails.
+    import scipy.stats  # noqa: F401
+
     from accpinn.methods.pinn import calibrated, fast  # noqa: F401  (with PyTorch)
 
     gc.collect()

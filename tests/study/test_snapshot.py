@@ -308,6 +308,7 @@ FORGED: list[tuple[str, Any]] = [
     ("fits.0.arrays", {"disturbance": [[0.0]] * 3}),
     ("fits.0.track", {"time": [0.0], "parameters": [[[1, 1, 1]] * 2], "deviation": None}),
     ("parts.uncertainty.level", 1.5),
+    ("parts.answer.level", 1.5),
     ("parts.uncertainty.lower", [[0.1, 0.1, 1.0]] * 2),
     ("parts.uncertainty.peak_gain.lower", []),
     ("parts.uncertainty.draws", "segments.0.speeds"),
