@@ -319,9 +319,8 @@ class _Search:
         """Errors (K+1, 2, B, W), their derivatives (.., n), and N and m of each row."""
         drives, used = self._drives[self._index[owner]], self._used[owner]
         count = z.shape[1]
-        at = z[:, None, :] + 1j * COMPLEX_STEP * np.eye(
-            count
-        )  # (B, n, n): one perturbed copy a parameter
+        # (B, n, n): one perturbed copy a parameter
+        at = z[:, None, :] + 1j * COMPLEX_STEP * np.eye(count)
         theta = np.array([p.value(at[..., k]) for k, p in enumerate(self._model.parameters)])
         starts = drives.gaps[:1, ..., None], drives.speeds[:1, ..., None]
         moved = self._model.integrate(
@@ -329,9 +328,11 @@ class _Search:
         )[:, :, 0]  # (K+1, 2, B, W, n)
         counts = drives.counts & used
         measured = np.stack([drives.gaps, drives.speeds], axis=1)
-        diverged = ~np.isfinite(moved).all(axis=(0, 1, 3, 4))
         errors = (moved[..., 0].real - measured) * counts[:, None]
-        slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
+        with np.errstate(over="ignore"):  # what diverges, or its derivatives, is set below
+            slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
+        known = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
+        diverged = ~known.all(axis=(0, 2))
         errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
         samples = counts.sum(axis=(0, 2))
         return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
