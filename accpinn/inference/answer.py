@@ -98,7 +98,7 @@ class Trust(Finding, frozen=True):
     """Whether a simulated gap ends at the vehicle ahead while the measured one does not."""
 
     @property
-    def is_doubtful(self) -> bool:
+    def is_contradicted(self) -> bool:
         """Whether the drive is not reproduced, or half of several windows say something else."""
         differs = self.windows > 1 and 2 * self.same <= self.windows
         return differs or not self.is_reproduced

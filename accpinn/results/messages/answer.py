@@ -43,7 +43,7 @@ class Card(NamedTuple):
     """The answer: time gap, gains, what becomes of disturbances."""
     trust: str
     """How far to trust it, by its own windows."""
-    is_doubtful: bool
+    is_contradicted: bool
     """Whether what `trust` says is against it."""
 
 
@@ -53,9 +53,9 @@ def cards(info: SegmentInfo, answer: Answer, subject: KnownVehicles) -> tuple[Ca
     for k, trust in enumerate(answer.trust):
         lead = _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k)
         parts = (lead, *_gains(answer, k), *_disturbances(subject, k))
-        doubts = (*_extrapolated(answer, k), *_against(subject, k))
-        is_doubtful = trust.is_doubtful or bool(doubts)
-        said.append(Card(" ".join(parts), " ".join((trust.in_words, *doubts)), is_doubtful))
+        against = (*_extrapolated(answer, k), *_against(subject, k))
+        is_contradicted = trust.is_contradicted or bool(against)
+        said.append(Card(" ".join(parts), " ".join((trust.in_words, *against)), is_contradicted))
     return tuple(said)
 
 

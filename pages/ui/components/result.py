@@ -117,8 +117,8 @@ def _show_cards(result: Result) -> None:
     with st.container(border=True, gap="xxsmall"):
         for card in said:
             lead, trust = (escape_markdown(text) for text in (card.lead, card.trust))
-            doubt = ":orange[:material/warning:] " if card.is_doubtful else ""
-            st.markdown(f"**{lead}**  \n{doubt}:small[{trust}]")
+            mark = ":orange[:material/warning:] " if card.is_contradicted else ""
+            st.markdown(f"**{lead}**  \n{mark}:small[{trust}]")
 
 
 def show_answer(
