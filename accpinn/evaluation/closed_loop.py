@@ -127,11 +127,11 @@ def surrogate_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
 
 
 def closed_loop(segment: Segment, fit: Fit) -> Trajectories | None:
-    """The closed-loop simulation of a fit; see `driven`."""
-    return driven(segment, fit.model, fit.parameters)
+    """The closed-loop simulation of a fit; see `simulated`."""
+    return simulated(segment, fit.model, fit.parameters)
 
 
-def driven(segment: Segment, model: str, parameters: Parameters) -> Trajectories | None:
+def simulated(segment: Segment, model: str, parameters: Parameters) -> Trajectories | None:
     """The closed-loop simulation of a model with parameters (M,) behind the measured leader.
 
     Returns:

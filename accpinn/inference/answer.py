@@ -27,7 +27,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import simulable
+from accpinn.evaluation.closed_loop import simulable, simulated
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.intervals import (
     LEVEL,
@@ -48,7 +48,7 @@ from accpinn.inference.window_posterior import (
 from accpinn.methods import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters, collides
-from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, simulate, time_gap, value_of
+from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
 from accpinn.segment.segment import Segment, median_speeds
 from accpinn.units import Estimate, FloatArray, Metres, MetresPerSecond, Seconds
 
@@ -446,16 +446,9 @@ def trust(
 
 def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, bool]:
     """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
-    errors, collided = [np.empty(0)], False
-    if not np.isfinite(answer.everything).all():
-        return errors[0], collided
-    for piece in simulable(pair):
-        rows, measured = piece.rows, pair.measured_gaps[piece.rows, 0]
-        start = pair.speeds[piece.first, 1:], pair.gaps[piece.first]
-        with np.errstate(over="ignore", invalid="ignore"):  # what diverges counts as `FAR`
-            times, ahead = pair.time[rows], pair.speeds[rows, 0]
-            driven = simulate(model, answer[None], times, ahead, *start)
-        gaps = np.nan_to_num(driven.gaps[:, 0], nan=FAR)
-        errors.append(gaps - measured)
-        collided |= bool((collides(gaps) & (measured > 0)).any())
-    return np.concatenate(errors), collided
+    motion = simulated(pair, model, answer[None])
+    if motion is None:
+        return np.empty(0), False
+    rows = np.concatenate([np.arange(pair.samples)[piece.rows] for piece in simulable(pair)])
+    gaps, measured = np.nan_to_num(motion.gaps[rows, 0], nan=FAR), pair.measured_gaps[rows, 0]
+    return gaps - measured, bool((collides(gaps) & (measured > 0)).any())

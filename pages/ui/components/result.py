@@ -9,7 +9,7 @@ from pathlib import Path
 
 import streamlit as st
 
-from accpinn.evaluation.closed_loop import driven
+from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.intervals import Uncertainty
@@ -307,7 +307,7 @@ def _answered(result: Result, follower: int) -> Trajectories | None:
     answer, segment = result.known_answer, result.segment
     if answer is None or segment is None:
         return None
-    return driven(segment.pair(follower), answer.model, answer.parameters[[follower]])
+    return simulated(segment.pair(follower), answer.model, answer.parameters[[follower]])
 
 
 def _band(result: Result) -> GapBand | None:

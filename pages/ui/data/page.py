@@ -339,7 +339,7 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
                 with st.popover(f":{colour}[:material/{icon}:] {label}"):
                     st.markdown(escape_markdown(MEANING[rating.question]))
                     if len(windows) > 1:
-                        st.caption(f"Of the {len(windows)} windows, this is the worst.")
+                        st.caption(f"This is the worst of the {len(windows)} windows.")
                     if reasons := messages(rating.findings, segment):
                         st.markdown(show.bullets(reasons))
         show.not_acc(segment)
