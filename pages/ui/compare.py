@@ -28,7 +28,12 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import papers_estimate
-from accpinn.results.messages.summary import about_curves, conditional, outside_intervals
+from accpinn.results.messages.summary import (
+    about_curves,
+    agreement,
+    conditional,
+    outside_intervals,
+)
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment.quality import LARGE_CONDITION
@@ -175,6 +180,8 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     with first:
         with st.spinner("The answer takes some seconds."):
             known = shown.answer
+        if said := agreement(rows):
+            st.markdown(f"**{escape_markdown(said)}**")
         show_answer(segment.info, known, workspace.case)
         st.caption(_about_methods(rows))
     tabs(workspace, "compare_tabs", {

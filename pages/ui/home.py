@@ -131,8 +131,8 @@ def _ways_in(workspace: Workspace) -> None:
         _button(
             workspace, "Train a sample now", frame.TRAIN, "train", width="stretch", type="primary",
             icon="play_arrow", act=lambda: _train_sample(workspace, FIRST_SAMPLE, CALIBRATED),
-            help="Opens the first sample below and trains on its first 300 s by the calibrated"
-            " preset, which disturbances do not bias.",
+            help="Opens the first sample below and trains on its windows in car-following by the"
+            " calibrated preset, which disturbances do not bias.",
         )  # fmt: skip
         st.caption("The AstaZero-like platoon of four followers; the result comes within seconds.")
         _button(

@@ -49,7 +49,7 @@ SPEED_SCALE = [[0.0, SLOWER], [0.5, "rgba(140, 150, 162, 0.25)"], [1.0, FASTER]]
 TRACK_SCALE = [[0.0, SLOWER], [0.5, "#9aa2ac"], [1.0, FASTER]]
 """The same on lines, which must be seen at any speed."""
 END = {"symbol": "x", "size": 9, "color": style.MODEL}
-"""Where a vehicle's motion ends with a collision."""
+"""Where a vehicle collides with the one ahead."""
 ENDS = "ends with a collision"
 MEASURED_OPACITY = 0.65
 LIGHTEST, DARKEST = 0.70, 0.42
@@ -200,16 +200,19 @@ def _draw(
 
 
 def _draw_collisions(chart: style.Chart, run: PlatoonRun, span: Span | None) -> None:
-    """Draw a cross where a vehicle's motion ends; nothing where none ends in sight."""
+    """Draw a cross where a vehicle collides; nothing where none does in sight.
+
+    The lines of those behind it end there without one.
+    """
     driven = run.valid
     start, end = span or (-np.inf, np.inf)
-    ended = np.flatnonzero(run.meaningful < len(driven.time))
-    at = run.meaningful[ended] - 1
+    hitting = _colliding(run)
+    at = run.meaningful[hitting] - 1
     shown = (driven.time[at] >= start) & (driven.time[at] <= end)
-    ended, at = ended[shown], at[shown]
-    if not len(ended):
+    hitting, at = hitting[shown], at[shown]
+    if not len(hitting):
         return
-    for panel, values in ((1, driven.speeds[at, ended]), (2, driven.gaps[at, ended - 1])):
+    for panel, values in ((1, driven.speeds[at, hitting]), (2, driven.gaps[at, hitting - 1])):
         chart.dots(driven.time[at], values, ENDS, panel, ENDS, marker=END, legendrank=90)
     first = run.contacts[0].time
     for axis in ("x", "x2"):
@@ -217,6 +220,11 @@ def _draw_collisions(chart: style.Chart, run: PlatoonRun, span: Span | None) -> 
     # Within the axes, where no legend above them can be in the way.
     side = "left" if first < 0.8 * min(end, driven.time[-1]) else "right"
     chart.words("collision", first, 1, xref="x", xanchor=side)
+
+
+def _colliding(run: PlatoonRun) -> NDArray[np.intp]:
+    """The vehicles that collide with the one ahead before any further ahead has done so."""
+    return np.array([hit.follower for hit in run.contacts], np.intp)
 
 
 def time_space(
@@ -245,7 +253,7 @@ def time_space(
     limit = float(np.nanmax(np.abs(speeds - middle))) or 1.0
     last = [int(np.flatnonzero(np.isfinite(column))[-1]) for column in places.T]
     final = [places[at, k] for k, at in enumerate(last)]
-    collided = [k for k, at in enumerate(last) if at < len(rows) - 1]
+    collided = [k for k in _colliding(run) if last[k] < len(rows) - 1]
     chart = style.Chart(
         f"platoon-time-space-{view}", height, hovermode="closest",
         coloraxis={

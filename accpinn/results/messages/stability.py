@@ -255,16 +255,23 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
         if total == 1:
             return f"{_capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
         return f"None of the vehicles amplifies any frequency.{peaks}"
-    worst = max(amplifying, key=lambda k: report.vehicles[k].peak.gain)
-    peak, name = report.vehicles[worst].peak, chosen.spoken[worst]
-    extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
-    most = extent + (f" at {peak.omega:.3g} rad/s" if peak.omega > 0 else "")
+    name, most = _most(chosen, report, amplifying)
     if total == 1:
         return f"{_capital(name)} amplifies disturbances {most}."
     if count == 1:
         return f"One of {_number(total)} vehicles amplifies disturbances: {name}, {most}."
     start = f"All {_number(total)}" if count == total else f"{_number(count)} of {_number(total)}"
     return f"{_capital(start)} vehicles amplify disturbances, {name} the most: {most}."
+
+
+def _most(
+    chosen: ParameterSet, report: StabilityReport, amplifying: Sequence[int]
+) -> tuple[str, str]:
+    """Which of some vehicles amplifies most, and how much."""
+    worst = max(amplifying, key=lambda k: report.vehicles[k].peak.gain)
+    peak = report.vehicles[worst].peak
+    extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
+    return chosen.spoken[worst], extent + (f" at {peak.omega:.3g} rad/s" if peak.omega > 0 else "")
 
 
 def headline(
@@ -277,7 +284,10 @@ def headline(
 
     A verdict that the measured gain contradicts is called the model's.
     """
-    said = _verdict(chosen, uncertainty, checks) if uncertainty else amplification(chosen, report)
+    if uncertainty:
+        said = _verdict(chosen, report, uncertainty, checks)
+    else:
+        said = amplification(chosen, report)
     return f"{said} {not_acc(chosen)}".rstrip()
 
 
@@ -292,25 +302,33 @@ def not_acc(chosen: ParameterSet) -> str:
 
 
 def _verdict(
-    chosen: ParameterSet, uncertainty: Uncertainty, checks: Sequence[GainCheck] = ()
+    chosen: ParameterSet,
+    report: StabilityReport,
+    uncertainty: Uncertainty,
+    checks: Sequence[GainCheck],
 ) -> str:
     stable = uncertainty.probability_l2
     against = _contradicted(chosen, checks)
     end = f"{' by the model' if against else ''}{_odds(stable)}{against}."
+    assessed = [assessment(probability) for probability in stable]
+    amplifying = [k for k, said in enumerate(assessed) if said == "unstable"]
+    name, most = _most(chosen, report, amplifying) if amplifying else ("", "")
     if len(chosen) == 1:
-        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessment(stable[0])][0]}{end}"
-    counts = Counter(map(assessment, stable))
+        extent = f" {most}" if most else ""
+        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessed[0]][0]}{extent}{end}"
+    counts = Counter(assessed)
     total = _number(len(chosen))
+    worst = f" {_capital(name)} amplifies the most: {most}." if most else ""
     if len(counts) == 1:
         (only,) = counts
-        return f"All {total} vehicles {_ASSESSED[only][1]}{end}"
+        return f"All {total} vehicles {_ASSESSED[only][1]}{end}{worst}"
     parts = [
         f"{_number(counts[kind])} {verbs[counts[kind] > 1]}"
         for kind, verbs in _ASSESSED.items()
         if counts[kind]
     ]
     by = " by the model" if against else ""
-    return f"Of {total} vehicles {joined(parts)}{by}{against}."
+    return f"Of {total} vehicles {joined(parts)}{by}{against}.{worst}"
 
 
 def _contradicted(chosen: ParameterSet, checks: Sequence[GainCheck]) -> str:
@@ -411,10 +429,11 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         if others:
             later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
             end += f", then {joined(later)}"
-        if not moved[0] > 0:
+        worst = int(moved.argmax())
+        if not (worst and moved[0] > 0):
             return f"{_capital(end)}."
-        ratio = moved.max() / moved[0]
-        return f"Speeds deviate up to {ratio:.3g} times as much as the leader's; {end}."
+        most = f"up to {moved[worst] / moved[0]:.3g} times as much as the leader's"
+        return f"Speeds deviate {most}, at {places.spoken(worst)}; {end}."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."

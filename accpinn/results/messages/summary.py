@@ -10,7 +10,7 @@ from accpinn.inference.identifiability import narrower_intervals, weakly_identif
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
@@ -111,6 +111,23 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
         )
     labels = [who(better.vehicle, about) for better in adequacy.better]
     return f"{assumption} Another form of the model describes the data better: {joined(labels)}."
+
+
+def agreement(rows: Sequence[Result]) -> str:
+    """How many methods agree with maximum likelihood, and which do not; empty if none can."""
+    followers, others = range(rows[0].info.followers), [r for r in rows if r.analysis.method != KEY]
+    differing = [
+        name_of(row.fit)
+        for row in others
+        if any(_is_outside(row, follower, which) for follower in followers for which in range(3))
+    ]
+    if not others or np.isnan(rows[0].uncertainty.lower.values).all():
+        return ""
+    count, total = len(others) - len(differing), len(others)
+    alike = f"{count} of {total} methods agree" if differing else f"All {total} methods agree"
+    whole = f"all their estimates lie within its {percent(rows[0].uncertainty.level)} intervals"
+    other = f" Some estimates lie outside by {joined(differing)}." if differing else ""
+    return f"{alike} with maximum likelihood: {whole}.{other}"
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:
