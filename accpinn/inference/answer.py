@@ -18,7 +18,7 @@ variance.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple, Self
@@ -203,11 +203,11 @@ class Answer:
 
     def span(self, name: str, follower: int) -> Span:
         """One parameter of one follower, by its name."""
-        return self._span([self.values(part, name) for part in self._parts], follower)
+        return self._span((name,), follower, lambda sets: self.values(sets, name))
 
     def gain(self, name: str, follower: int) -> Span:
         """The α or β of one follower; of a model that is no CTHP at its median speed."""
-        return self._span([getattr(part, name) for part in self._parts], follower)
+        return self._span(("gain", name), follower, lambda sets: getattr(sets, name))
 
     def values(self, sets: Parameters, name: str) -> FloatArray:
         """(..) one parameter by its name, of some of the answer's sets (..)."""
@@ -215,8 +215,7 @@ class Answer:
 
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
         """The time gap of one follower in equilibrium at a speed, in s."""
-        gaps = [time_gap(self.model, part, speed) for part in self._parts]
-        return self._span(gaps, follower)
+        return self._span((speed,), follower, lambda sets: time_gap(self.model, sets, speed))
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
@@ -236,12 +235,19 @@ class Answer:
         typical, further = ends
         return replace(self, typical=typical, further=further)
 
-    @property
-    def _parts(self) -> tuple[Parameters, Parameters, Parameters]:
-        return self.parameters, self.typical, self.further
+    @cached_property
+    def _spans(self) -> dict[tuple[object, ...], Span]:
+        """Those asked for so far: pages ask for the same again and again."""
+        return {}
 
-    def _span(self, parts: Sequence[FloatArray], follower: int) -> Span:
-        return Span.of([part[..., follower] for part in parts], self.level)
+    def _span(
+        self, what: tuple[object, ...], follower: int, of: Callable[[Parameters], FloatArray]
+    ) -> Span:
+        key = (*what, follower)
+        if key not in self._spans:
+            parts = self.parameters, self.typical, self.further
+            self._spans[key] = Span.of([of(sets)[..., follower] for sets in parts], self.level)
+        return self._spans[key]
 
 
 def answer(

@@ -46,8 +46,8 @@ MOST_STEPS = 20_000
 CHUNK = 256
 """Number of steps whose noise is drawn at once."""
 TOO_FEW = 0.75
-"""Share within a 90 % band below which the model is doubtful: in 40 recordings of 300 s simulated
-with the published parameters the share was 0.84 to 0.95."""
+"""Share within a 90 % band below which the model is not adequate: in 40 recordings of 300 s
+simulated with the published parameters the share was 0.84 to 0.95."""
 
 
 class BandCoverage(Finding, frozen=True):
@@ -90,7 +90,7 @@ class GapBand:
     """One finding for each follower with a band."""
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=64)  # one for each of many users at a time
 def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand | None:
     """Compute the bands at the level of the intervals; takes some tenths of a second.
 

@@ -14,6 +14,7 @@ neighbours. The error is estimated by leaving out every second state.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -65,6 +66,7 @@ class Gains:
     """(M,): estimated error, the change of the sum when every second state is left out."""
 
 
+@lru_cache(maxsize=64)  # pages ask for the same again and again
 def head_to_tail_peaks(parameters: Parameters) -> Peak:
     """The largest |H_1 .. H_k| over all frequencies, for k = 1 .. M."""
     parameters = checked(parameters)

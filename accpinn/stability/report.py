@@ -9,6 +9,7 @@ The sentences about them are in `results.messages.stability`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 from math import isnan
 from typing import Literal
 
@@ -150,6 +151,7 @@ class StabilityReport:
     platoon: PlatoonStability
 
 
+@lru_cache(maxsize=64)  # pages ask for the same again and again
 def stability_report(parameters: Parameters) -> StabilityReport:
     """Numbers and verdicts for each vehicle and for the platoon they form in this order.
 

@@ -26,6 +26,7 @@ from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.model_adequacy import Adequacy
+from accpinn.inference.prediction import gap_band
 from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.fit import History, Outcome, Progress, Recorder
 from accpinn.methods.pinn.config import STARTS
@@ -373,7 +374,9 @@ def training_task(
 
     def answer(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
-        _ = result.answer, result.quality, result.uncertainty, result.evaluation
+        _ = result.answer, result.quality, result.evaluation, result.gain_checks
+        if result.segment:
+            gap_band(result.segment, result.uncertainty, result.fit.case)
         if store and result.is_finished:
             store.record_shown(owner, result)
         return result

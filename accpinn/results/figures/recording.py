@@ -94,7 +94,7 @@ def overview(
         margin={"l": MARGIN, "r": MARGIN_RIGHT, "t": 6, "b": 44},
     )  # fmt: skip
     chart.axis("x*", range=[0, recording.duration])
-    chart.axis("y*", fixedrange=True, title_standoff=6)
+    chart.axis("y*", fixedrange=True, standoff=6)
     for part in several or (window,):
         chart.shape(
             {"type": "rect", "xref": "x", "yref": "paper", "x0": part.start, "x1": part.end,

@@ -4,6 +4,7 @@ import html
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from accpinn.stability.criteria import (
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.stability.report import StabilityReport
 from accpinn.study.result import Result
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, RadiansPerSecond
 
 Plane = Literal["beta", "alpha"]
 """The parameter on a map's horizontal axis; τ is on the vertical one."""
@@ -116,7 +117,7 @@ def bode(
     """
     omega, paints = _frequencies(report), colours(vehicles)
     gains = np.abs(response(vehicles.parameters, omega))
-    bands = _bands(uncertainty, omega) if uncertainty else {}
+    bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
     tops = [*(vehicle.peak.db for vehicle in report.vehicles), report.platoon.peaks[-1].db, 1.0]
     tops += [float(decibels(m.gain.upper[compared(m.gain)]).max(initial=1.0)) for m in measured]
     tops += [float(upper.max()) for _, upper in bands.values()]
@@ -193,9 +194,12 @@ def _draw_clickable(
     )  # fmt: skip
 
 
-def _bands(uncertainty: Uncertainty, omega: FloatArray) -> dict[int, tuple[FloatArray, FloatArray]]:
+@lru_cache(maxsize=64)
+def _bands(
+    uncertainty: Uncertainty, first: RadiansPerSecond, last: RadiansPerSecond
+) -> dict[int, tuple[FloatArray, FloatArray]]:
     """The interval of |H| in dB at the uncertainty's level, of each vehicle that has one."""
-    omega = np.geomspace(omega[0], omega[-1], BAND_POINTS)
+    omega = np.geomspace(first, last, BAND_POINTS)
     bands = dict[int, tuple[FloatArray, FloatArray]]()
     for k in range(uncertainty.draws.alpha.shape[1]):
         gain = gain_band(uncertainty, k, omega)
