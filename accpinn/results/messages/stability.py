@@ -433,7 +433,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         if not (worst and moved[0] > 0):
             return f"{_capital(end)}."
         most = f"up to {moved[worst] / moved[0]:.3g} times as much as the leader's"
-        return f"Speeds deviate {most}, at {places.spoken(worst)}; {end}."
+        return f"Speeds deviate {most} ({places.spoken(worst)}); {end}."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."

@@ -126,7 +126,8 @@ def agreement(rows: Sequence[Result]) -> str:
     count, total = len(others) - len(differing), len(others)
     alike = f"{count} of {total} methods agree" if differing else f"All {total} methods agree"
     whole = f"all their estimates lie within its {percent(rows[0].uncertainty.level)} intervals"
-    other = f" Some estimates lie outside by {joined(differing)}." if differing else ""
+    verb = "does" if len(differing) == 1 else "do"
+    other = f" {joined(differing)} {verb} not." if differing else ""
     return f"{alike} with maximum likelihood: {whole}.{other}"
 
 
