@@ -25,8 +25,8 @@ from accpinn.results.recording import (
     suggestion_reasons,
 )
 from accpinn.results.reproduction import RUNS, PrintedRun
-from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains, cut
-from accpinn.segment.quality import Grade, Regimes, label_regimes
+from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
+from accpinn.segment.quality import Grade, Regimes
 from accpinn.segment.segment import Segment
 from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
@@ -36,7 +36,7 @@ from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.resources import rated, windows_in_car_following
+from pages.ui.session.resources import rated, whole_drive, windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, Workspace
 
 CASES: Mapping[Case, str] = {
@@ -83,10 +83,9 @@ def show_page() -> None:
     with other:
         _choose_another(workspace)
     banner(workspace)
-    whole = cut(recording, 0.0, recording.duration, workspace.vehicles, allow_missing=True)
-    regimes = label_regimes(whole, recording)
+    whole, regimes, information = whole_drive(recording, workspace.vehicles)
     with st.container(key="later_1_data"):
-        _controls(workspace, recording, Information.of(whole, regimes))
+        _controls(workspace, recording, information)
     _show_overview(workspace, recording, whole, regimes)
     _answer(workspace, recording)
     drawn = {

@@ -1,8 +1,11 @@
 """What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
 
+from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary, ref
 
 import streamlit as st
 
@@ -10,8 +13,10 @@ from accpinn.errors import RecordingError, SegmentError
 from accpinn.recordings import files
 from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
-from accpinn.segment.quality import Rating, assess_quality, rate, worst
+from accpinn.segment.cut import cut
+from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate, worst
 from accpinn.segment.segment import Segment
+from accpinn.segment.suggestion import Information
 from accpinn.storage import folder, variable
 from accpinn.study.analysis import Analysis
 from accpinn.study.judge import Subject, subjects_of
@@ -21,10 +26,12 @@ from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
 from accpinn.tasks import TaskQueue
 
+Chosen = ParamSpec("Chosen")
+Known = TypeVar("Known")
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-KEPT_RECORDINGS = 4
-"""Recordings whose windows are kept at once."""
+KEPT_CHOICES = 4
+"""The latest choices of vehicles and window for which is kept what follows for a recording."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
@@ -143,7 +150,42 @@ def listed() -> list[Path]:
     return list(inside)
 
 
-@lru_cache(maxsize=KEPT_RECORDINGS)
+# What follows for a recording that is open, computed once
+
+
+def _of_recording(
+    function: Callable[Concatenate[Recording, Chosen], Known],
+) -> Callable[Concatenate[Recording, Chosen], Known]:
+    """The function with a memory, which forgets a recording that no session has open any more."""
+    kept = WeakKeyDictionary[Recording, Callable[..., Known]]()
+
+    @wraps(function)
+    def known(recording: Recording, /, *chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
+        if recording not in kept:
+            weak = ref(recording)
+
+            def compute(*chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
+                asked = weak()
+                assert asked  # whoever asks has it open
+                return function(asked, *chosen, **named)
+
+            kept[recording] = lru_cache(maxsize=KEPT_CHOICES)(compute)
+        return kept[recording](*chosen, **named)
+
+    return known
+
+
+@_of_recording
+def whole_drive(
+    recording: Recording, vehicles: tuple[int, ...]
+) -> tuple[Segment, Regimes, Information]:
+    """All of a recording, holes included: its data, its regimes, and what its windows tell."""
+    whole = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
+    regimes = label_regimes(whole, recording)
+    return whole, regimes, Information.of(whole, regimes)
+
+
+@_of_recording
 def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
     """The windows in which all followers are in car-following; empty for fewer than two."""
     with suppress(SegmentError):
@@ -152,7 +194,7 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
     return ()
 
 
-@lru_cache(maxsize=KEPT_RECORDINGS)
+@_of_recording
 def first_segment(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
@@ -161,7 +203,7 @@ def first_segment(
     return segment
 
 
-@lru_cache(maxsize=KEPT_RECORDINGS)
+@_of_recording
 def rated(
     recording: Recording,
     windows: tuple[Window, ...],
@@ -174,7 +216,7 @@ def rated(
     return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
 
 
-@lru_cache(maxsize=KEPT_RECORDINGS)
+@_of_recording
 def judged_subjects(
     recording: Recording, vehicles: tuple[int, ...], window: Window
 ) -> tuple[Subject, ...]:

@@ -33,7 +33,6 @@ from accpinn.tasks import (
 )
 from accpinn.units import Seconds
 from pages.ui.session.resources import (
-    KEPT_RECORDINGS,
     first_segment,
     judged_subjects,
     store,
@@ -56,6 +55,8 @@ WINDOWS_OFF = "windows_off"
 """The starts of those that are left out."""
 MODEL = "train_model"
 """The choice of the answer's model."""
+KEPT_RECORDINGS = 4
+"""Recordings that a session keeps open."""
 KEPT_EARLIER = 3 * len(METHODS)
 """Results of three comparisons, and as many changes of the segment that can be undone."""
 Step = tuple[tuple[tuple[int, ...], Window, Case, tuple[str, ...]], dict[str, Any], Result | None]
