@@ -125,10 +125,10 @@ def agreement(rows: Sequence[Result]) -> str:
         return ""
     count, total = len(others) - len(differing), len(others)
     alike = f"{count} of {total} methods agree" if differing else f"All {total} methods agree"
-    whole = f"all their estimates lie within its {percent(rows[0].uncertainty.level)} intervals"
+    within = f"within its {percent(rows[0].uncertainty.level)} intervals"
     verb = "does" if len(differing) == 1 else "do"
-    other = f" {joined(differing)} {verb} not." if differing else ""
-    return f"{alike} with maximum likelihood: {whole}.{other}"
+    other = f"; {joined(differing)} {verb} not" if differing else ""
+    return f"{alike} with maximum likelihood {within}{other}."
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:
