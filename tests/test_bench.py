@@ -38,7 +38,7 @@ class TestCoverage:
         assert few["α covered"].within
         assert not few["β covered"].within, "100 % are too many"
         # Of normal widths the median's error is 1.25 deviations over the root of their number.
-        name = "median width of τ"
+        name = "median width of time gap"
         expected = 1.25 * 200 * half[:, 2].std() / 10
         assert few[name].error == pytest.approx(expected, rel=0.3)
         assert many[name].error == pytest.approx(expected / 4, rel=0.3)
@@ -49,8 +49,8 @@ class TestCoverage:
         found = by_name(coverage.bias(truth, estimates))
         assert found["mean error of α, maximum-likelihood"].value == pytest.approx(5.0)
         assert not found["mean error of α, maximum-likelihood"].within
-        assert found["mean error of τ, splines"].value == pytest.approx(-20.0)
-        assert found["mean error of τ, splines"].within
+        assert found["mean error of time gap, splines"].value == pytest.approx(-20.0)
+        assert found["mean error of time gap, splines"].within
 
     def test_prints_a_line_a_figure_and_exits_by_the_limits(
         self, capsys: Capture, monkeypatch: pytest.MonkeyPatch
