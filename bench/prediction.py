@@ -34,7 +34,6 @@ from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods.least_squares import fit as least_squares
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, PAPER
 from accpinn.segment.segment import Segment
@@ -82,8 +81,7 @@ def rmse(parameters: Parameters, segment: Segment) -> Metres:
 def estimate(segments: Sequence[Segment], model: str) -> tuple[Parameters, Maximum]:
     """The parameters of greatest likelihood in all of some windows together."""
     (maximum,) = joint_maxima(tuple(segments), "II", model)
-    values = np.append(maximum.theta, maximum.values[3:])
-    return Parameters.of(complete(model, values)[None]), maximum
+    return Parameters.of(maximum.complete[None]), maximum
 
 
 def score(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> Scored:

@@ -1,22 +1,18 @@
 """The recordings of the benchmarks are what they say, and figures are counted right."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
-from accpinn.methods.pinn.config import PRESETS
-from accpinn.methods.pinn.loss import Motion, loss_terms, output_columns
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.synthetic import LeaderProfile
 from bench import __main__ as command_line
 from bench import coverage
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Figures, Measurement
-from bench.paper_protocol import PaperProtocol
 from tests.support.command import Capture
-from tests.support.driving import MIXED, driven
 
 
 def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
@@ -85,24 +81,6 @@ class TestDisturbedRecordings:
         assert acceleration.max() == pytest.approx(0.3, abs=0.01)
 
 
-def test_the_papers_protocol_has_the_loss_of_the_package() -> None:
-    training = PaperProtocol(driven(MIXED))
-    time = training.time.detach()
-    surrogate, rates = torch.func.jvp(training.network, (time,), (torch.ones_like(time),))
-    measured = torch.cat([training.speeds, training.gaps], dim=1)
-    speeds, gaps = output_columns(training.followers)
-    order = np.argsort([*speeds, *gaps])
-    terms = loss_terms(
-        Motion(surrogate[:, order], rates[:, order]),
-        measured[:, order],
-        torch.tensor(Parameters.of(training.parameters.detach()).theta),
-        PRESETS["paper"],
-    )
-    ours, theirs = terms.total.item(), training.loss().item()
-    assert theirs == pytest.approx(ours, rel=1e-12)
-
-
 def test_the_figures_of_the_release_are_readable_and_of_parts_that_there_are() -> None:
     parts = {part.name for part in Figures.released().parts}
-    jobs = command_line._jobs(set(command_line.PARTS), 1)
-    assert parts <= {name for name, _ in jobs}
+    assert parts <= set(command_line.jobs(Path(), ""))
