@@ -130,7 +130,7 @@ def table(now: Figures, before: Figures) -> str:
     earlier = {part.name: part for part in before.parts}
     lines = [f"accpinn {now.version}, {now.date}: {now.machine}"]
     lines.append(f"released {before.version}, {before.date}: {before.machine}")
-    lines.append(f"{'':42}{'now':>14}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
+    lines.append(f"{'':44}{'now':>14}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
     for part in now.parts:
         lines.append(part.name)
         then = earlier.get(part.name, Part(part.name, part.fixed, []))
@@ -151,7 +151,7 @@ def _line(figure: Measurement, before: float | None) -> str:
     value = _text(figure.value, unit) if error is None else f"{figure.value:.1f} ± {error:.1f} %"
     ratio = f"{figure.value / before:.2f}" if before else ""
     row = (
-        f"  {figure.name:40}{value:>14}{_text(figure.processor, 's'):>12}{limit:>14}"
+        f"  {figure.name:42}{value:>14}{_text(figure.processor, 's'):>12}{limit:>14}"
         f"{_text(before, unit):>12}{ratio:>7}"
     )
     return row if figure.within else f"{row}  beyond its limit"

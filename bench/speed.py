@@ -66,13 +66,13 @@ CASES = (
 def training(case: BenchCase, folder: Path) -> Iterator[Measurement]:
     """Time the fast preset, and measure its distance from the limit of the loss."""
     segment = case.segment(folder)
+    limit = splines.fit(segment, case.case).parameters.values
     fits: list[Fit] = []
     once = partial(spent_on, lambda: fits.append(METHODS["pinn"].fit(segment, case.case, FAST)))
     yield timed("first call", once, rounds=1)
     yield timed("fast preset", once, case.fast_limit)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     in_megabytes = 1e6 if sys.platform == "darwin" else 1e3
-    limit = splines.fit(segment, case.case).parameters.values
     distance = 100 * np.abs(fits[0].parameters.values / limit - 1).max(0)
     for quantity, percent in zip(PARAMETERS, distance, strict=True):
         name = f"{quantity.symbol}, from the limit of the loss"
