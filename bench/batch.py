@@ -73,9 +73,9 @@ def measure() -> Iterator[Measurement]:
         recordings = copies(Path(folder))
         for workers in (1, 2):
             few, many = (run(recordings[:count], workers) for count in (FEW, MANY))
-            followers, seconds, megabytes = many - few
+            followers, seconds, megabytes = (many - few).tolist()
             name = f"follower-windows by pinn, workers: {workers}"
             yield Measurement(name=name, value=60 * followers / seconds, unit="1/min")
     growth = megabytes / (MANY - FEW)
-    yield Measurement(name="peak memory", value=many[2], unit="MB")
+    yield Measurement(name="peak memory", value=float(many[2]), unit="MB")
     yield Measurement(name="memory a recording more", value=growth, unit="MB", at_most=GROWTH_MB)
