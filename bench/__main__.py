@@ -7,83 +7,65 @@ if a limit is not kept. OPENACC_DIR names the real recordings; page switches nee
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 from bench import batch, pages, results, speed, start
-from bench.measurement import Figures, Measurement, Part, measured
+from bench.measurement import Figures, Measurement, measured
 from tests.browser.running import installed
 
-PARTS = ("start", "results", "batch", "methods", "training", "pages")
+PARTS = "start", "results", "batch", "methods", "training", "pages"
 RECORDED = PARTS[3:]
 """Parts that need real recordings."""
-ITERATIONS, FEW = 20, 5
-"""Iterations of the paper's protocol in each round."""
-Job = tuple[str, Callable[[], Iterable[Measurement]]]
+Measure = Callable[[], Iterable[Measurement]]
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure the chosen parts and print them."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--only", action="append", choices=PARTS, help="this part (all)")
-    parser.add_argument("--without", action="append", choices=PARTS, default=[], help="this part")
-    parser.add_argument("--quick", action="store_true", help="fewer of the paper's iterations")
-    parser.add_argument("--json", action="store_true", help="one JSON document")
     parser.add_argument(
         "--release", action="store_true", help="keep all figures as those of the release"
     )
     options = parser.parse_args(arguments)
-    chosen = [name for name in options.only or PARTS if name not in options.without]
-    missing = {name: why for name, why in _missing().items() if name in chosen}
-    if options.release and (options.quick or missing or set(chosen) != set(PARTS)):
+    folder, chromium = os.environ.get("OPENACC_DIR", ""), installed()
+    missing = [*(() if folder else RECORDED), *(() if chromium else PARTS[-1:])]
+    if options.release and (options.only or missing):
         parser.error("--release: it takes all parts, OPENACC_DIR and Chromium")
-    for name, why in missing.items():
-        print(f"{name}: left out, as {why}", file=sys.stderr)
-    parts = []
-    for name, measure in _jobs(set(chosen) - set(missing), FEW if options.quick else ITERATIONS):
-        print(f"{name} ...", file=sys.stderr, flush=True)
-        parts.append(_in_a_fresh_process(name, measure))
-    figures = Figures.now(parts)
+    done = []
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as fresh:
+        for name, measure in jobs(Path(folder), chromium).items():
+            part = name.partition(",")[0]
+            if part in missing:
+                print(f"{name}: left out without OPENACC_DIR or Chromium", file=sys.stderr)
+            elif part in (options.only or PARTS):
+                print(f"{name} ...", file=sys.stderr, flush=True)
+                done.append(fresh.submit(measured, name, measure).result())
+    figures = Figures.now(done)
     if options.release:
         figures.release()
-    return figures.show(options.json)
+    return figures.show()
 
 
-def _missing() -> dict[str, str]:
-    """Return why parts cannot be measured, by part."""
-    reasons = {}
-    if not installed():
-        reasons["pages"] = "Chromium was not found (CHROMIUM)"
-    if not os.environ.get("OPENACC_DIR"):
-        reasons |= dict.fromkeys(RECORDED, "OPENACC_DIR does not name the recordings")
-    return reasons
-
-
-def _jobs(parts: set[str], iterations: int) -> Iterator[Job]:
-    folder = Path(os.environ.get("OPENACC_DIR", ""))
-    if "start" in parts:
-        yield "start", start.measure
-    if "results" in parts:
-        yield "results", results.measure
-    if "batch" in parts:
-        yield "batch", batch.measure
-    if "methods" in parts:
-        for case in speed.CASES:
-            if case.method_limits:
-                yield f"methods, {case.name}", partial(speed.methods, case, folder)
-    if "training" in parts:
-        for case in speed.CASES:
-            yield f"training, {case.name}", partial(speed.training, case, folder, iterations)
-    if "pages" in parts:
-        yield "switches of pages", partial(pages.measure, folder, installed())
-
-
-def _in_a_fresh_process(name: str, measure: Callable[[], Iterable[Measurement]]) -> Part:
-    with ProcessPoolExecutor(1, get_context("spawn")) as process:
-        return process.submit(measured, name, measure).result()
+def jobs(folder: Path, chromium: str) -> dict[str, Measure]:
+    """Return what is measured by name, a part or its name and what it is measured on."""
+    everyday: dict[str, Measure] = {
+        "start": start.measure,
+        "results": results.measure,
+        "batch": batch.measure,
+    }
+    methods = {
+        f"methods, {case.name}": partial(speed.methods, case, folder)
+        for case in speed.CASES
+        if case.method_limits
+    }
+    training = {
+        f"training, {case.name}": partial(speed.training, case, folder) for case in speed.CASES
+    }
+    return everyday | methods | training | {"pages": partial(pages.measure, folder, chromium)}
 
 
 if __name__ == "__main__":

@@ -6,19 +6,18 @@ later than the one before it, so that no two have the same contents.
 """
 
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import cycle, islice
+from itertools import cycle
 from pathlib import Path
+from subprocess import DEVNULL, PIPE
 from tempfile import TemporaryDirectory
-from typing import Any
 
+import numpy as np
 import psutil
 
-from accpinn.units import Seconds
+from accpinn.units import FloatArray, Seconds
 from bench.measurement import Measurement
 from tests.support.server import ROOT
 
@@ -32,17 +31,6 @@ GROWTH_MB = 3.0
 WATCHED_EVERY: Seconds = 0.05
 
 
-@dataclass(frozen=True)
-class Run:
-    """One batch."""
-
-    followers: int
-    """Number of follower-windows."""
-    seconds: Seconds
-    peak: float
-    """Largest memory of the calling process, without its workers, in MB."""
-
-
 def shortened(recording: Path, skipped: int) -> bytes:
     """Return a recording without its first samples."""
     lines = recording.read_bytes().splitlines(keepends=True)
@@ -50,44 +38,44 @@ def shortened(recording: Path, skipped: int) -> bytes:
     return b"".join([*lines[:header], *lines[header + skipped :]])
 
 
-def copies(folder: Path, count: int) -> None:
-    """Write that many recordings with different contents."""
-    folder.mkdir(parents=True)
-    for k, source in enumerate(islice(cycle(SAMPLES), count)):
-        content = shortened(source, SHIFT * (k // len(SAMPLES)))
-        (folder / f"{k:04d}_{source.name}").write_bytes(content)
+def copies(folder: Path) -> list[str]:
+    """Write `MANY` recordings with different contents, and return their paths."""
+    paths = [folder / f"{k:04d}.csv" for k in range(MANY)]
+    for k, (path, source) in enumerate(zip(paths, cycle(SAMPLES), strict=False)):
+        path.write_bytes(shortened(source, SHIFT * (k // len(SAMPLES))))
+    return [str(path) for path in paths]
 
 
-def run(folder: Path, method: str, workers: int) -> Run:
-    """Run one batch of a folder by the command line."""
+def run(recordings: list[str], workers: int) -> FloatArray:
+    """Run one batch by the command line.
+
+    Returns:
+        Number of follower-windows, seconds, and the largest memory of the calling process, without
+        its workers, in MB.
+    """
     with TemporaryDirectory() as study:
         command = (
-            sys.executable, "-m", "accpinn", "batch", str(folder), "--out", study,
-            "--methods", method, "--workers", str(workers), "--json",
+            sys.executable, "-m", "accpinn", "batch", *recordings, "--out", study,
+            "--methods", "pinn", "--workers", str(workers), "--json",
         )  # fmt: skip
-        with subprocess.Popen(
-            command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        ) as process:
-            watched, peak = psutil.Process(process.pid), 0
+        with psutil.Popen(command, cwd=ROOT, stdout=PIPE, stderr=DEVNULL) as process:
+            peak = 0
             while process.poll() is None:
-                peak = max(peak, watched.memory_info().rss)
+                peak = max(peak, process.memory_info().rss)
                 time.sleep(WATCHED_EVERY)
-            assert process.stdout
-            summary: dict[str, Any] = json.loads(process.stdout.read())
-    return Run(summary["followers"], summary["seconds"], peak / 1e6)
+            summary = json.load(process.stdout)
+    return np.array([summary["followers"], summary["seconds"], peak / 1e6])
 
 
 def measure() -> Iterator[Measurement]:
     """Measure throughput and memory."""
-    with TemporaryDirectory() as place:
-        folders = Path(place) / "few", Path(place) / "many"
-        for folder, count in zip(folders, (FEW, MANY), strict=True):
-            copies(folder, count)
+    with TemporaryDirectory() as folder:
+        recordings = copies(Path(folder))
         for workers in (1, 2):
-            few, many = (run(folder, "pinn", workers) for folder in folders)
-            rate = 60 * (many.followers - few.followers) / (many.seconds - few.seconds)
+            few, many = (run(recordings[:count], workers) for count in (FEW, MANY))
+            followers, seconds, megabytes = (many - few).tolist()
             name = f"follower-windows by pinn, workers: {workers}"
-            yield Measurement(name=name, value=rate, unit="1/min")
-    growth = (many.peak - few.peak) / (MANY - FEW)
-    yield Measurement(name="peak memory", value=many.peak, unit="MB")
+            yield Measurement(name=name, value=60 * followers / seconds, unit="1/min")
+    growth = megabytes / (MANY - FEW)
+    yield Measurement(name="peak memory", value=float(many[2]), unit="MB")
     yield Measurement(name="memory a recording more", value=growth, unit="MB", at_most=GROWTH_MB)

@@ -25,6 +25,8 @@ PATIENCE: Seconds = 600.0
 """Longest wait for one answer of a server that many use."""
 Value = float | str | bool | tuple[str, ...]
 """Value of a field, a toggle or a row of segments."""
+FIELDS = {bool: "bool_value", str: "string_value"}
+"""Where a widget's state has values of a type; numbers are in `double_value`."""
 XSRF = "_streamlit_xsrf"
 
 
@@ -156,14 +158,10 @@ class Browser:
 
     def _type(self, key: str, value: Value) -> None:
         state = WidgetState(id=self.widget(key).id)
-        if isinstance(value, bool):
-            state.bool_value = value
-        elif isinstance(value, str):
-            state.string_value = value
-        elif isinstance(value, tuple):
+        if isinstance(value, tuple):
             state.string_array_value.data.extend(value)
         else:
-            state.double_value = value
+            setattr(state, FIELDS.get(type(value), "double_value"), value)
         self._states[state.id] = state
 
     def _message(self) -> BackMsg:

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise, leader_speed, record
+from accpinn.recordings import synthetic
+from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds
-
-MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+from tests.support.driving import segment_of
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def disturbed(
     parameters: Iterable[Parameters],
     seed: int,
     disturbance: Disturbance,
-    driving: LeaderProfile = MOTORWAY,
+    driving: LeaderProfile = synthetic.MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
 ) -> Segment:
@@ -62,36 +61,20 @@ def disturbed(
         duration: length in s.
         noise: errors of the receivers; None for none.
     """
-    count = round(duration / SIMULATION_STEP) + 1
-    time = SIMULATION_STEP * np.arange(count)
-    ahead = leader_speed(driving, time, np.random.default_rng(seed))
+    time = SIMULATION_STEP * np.arange(round(duration / SIMULATION_STEP) + 1)
+    ahead = synthetic.leader_speed(driving, time, np.random.default_rng(seed))
     rng = np.random.default_rng([seed, 2])
     speeds, gaps = [ahead], []
     for follower in parameters:
-        gap, ahead = _follow(follower, ahead, _wander(disturbance, count, rng), disturbance)
+        wander = disturbance.deviation * synthetic.gauss_markov(
+            time.shape, SIMULATION_STEP, disturbance.memory, rng
+        )
+        gap, ahead = _follow(follower, ahead, wander, disturbance)
         speeds.append(ahead)
         gaps.append(gap)
     true = Trajectories(time, np.column_stack(speeds), np.column_stack(gaps))
-    recorded = record(true, noise, seed)
-    numbers = tuple(range(1, len(speeds) + 1))
-    return Segment(
-        time=recorded.time,
-        speeds=recorded.speeds,
-        gaps=recorded.gaps,
-        vehicles=numbers,
-        names=tuple(f"Car {number}" for number in numbers),
-        start=0.0,
-        source="disturbed",
-        sha256="",
-    )
-
-
-def _wander(disturbance: Disturbance, count: int, rng: np.random.Generator) -> FloatArray:
-    """Draw w (count,), stationary."""
-    kept = np.exp(-SIMULATION_STEP / disturbance.memory)
-    steps = rng.standard_normal(count)
-    steps[1:] *= np.sqrt(1.0 - kept**2)
-    return np.asarray(disturbance.deviation * lfilter([1.0], [1.0, -kept], steps))
+    recorded = synthetic.record(true, noise, seed)
+    return segment_of(recorded.time, recorded.speeds, recorded.gaps)
 
 
 def _follow(

@@ -3,17 +3,15 @@
 All users upload a recording at the same time, choose a window and a seed, train, look at the pages
 that show the result, and save a snapshot, by the messages that a browser sends. Measured are the
 times of the pages and the server's memory, threads and open files. Each saved result is compared
-with that of the same request without the app, to the last digit. With `--journeys 10` each user
-begins anew ten times, with another window each time, and memory is measured after each round.
+with that of the same request without the app, to the last digit.
 """
 
 import argparse
 import asyncio
-import statistics
 import sys
 import tempfile
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +29,6 @@ from accpinn.study.snapshot_library import Library
 from accpinn.units import Seconds
 from bench.batch import SAMPLES, shortened
 from bench.browsing import Browser, visit
-from bench.coverage import positive
 from bench.measurement import Figures, Measurement, measured
 from tests.support.server import Server, running
 
@@ -67,16 +64,11 @@ class Request:
         analysis = Analysis.of(
             recording, single_window(self.start, LENGTH), settings=replace(FAST, seed=self.seed)
         )
-        expected = run(analysis, recording)
-        ends = [
-            (result.uncertainty.lower.values, result.uncertainty.upper.values)
-            for result in (saved, expected)
+        found = [
+            (result.infos, result.parameters, result.uncertainty.lower, result.uncertainty.upper)
+            for result in (saved, run(analysis, recording))
         ]
-        return (
-            saved.infos == expected.infos
-            and saved.parameters == expected.parameters
-            and np.array_equal(*ends, equal_nan=True)
-        )
+        return found[0] == found[1]
 
 
 class Load:
@@ -87,8 +79,8 @@ class Load:
         self.server = server
         self.taken: dict[str, list[Seconds]] = defaultdict(list)
         """Seconds by page; the names of light views begin with a capital letter."""
-        self.memory: list[float] = []
-        """Memory of the server after each round, while all users are still there, in MB."""
+        self.memory = 0.0
+        """Memory of the server while all users of the last round are still there, in MB."""
         self.faults: list[str] = []
 
     async def journeys(self, users: int, journey: int = 0) -> None:
@@ -104,7 +96,7 @@ class Load:
         )
         outcomes = await asyncio.gather(*work, return_exceptions=True)
         self.faults += [f"{type(fault).__name__}: {fault}" for fault in outcomes if fault]
-        self.memory.append(psutil.Process(self.server.process.pid).memory_info().rss / 1e6)
+        self.memory = psutil.Process(self.server.process.pid).memory_info().rss / 1e6
         for browser in browsers:
             await browser.close()
 
@@ -136,64 +128,46 @@ class Load:
     def _note(self, what: str, seconds: Seconds) -> None:
         self.taken[what].append(seconds)
 
-    def measurements(self, users: int) -> Iterator[Measurement]:
-        """Return times and memory."""
-        for what, taken in self.taken.items():
-            yield Measurement(name=f"{what}, median", value=statistics.median(taken))
-            yield Measurement(name=f"{what}, 95 %", value=percentile(taken))
+    def times(self) -> Iterator[Measurement]:
+        """Return how long pages took."""
         light = [t for what, taken in self.taken.items() if what[0].isupper() for t in taken]
-        yield Measurement(name="light page views, 95 %", value=percentile(light), at_most=LIGHT)
-        before, *rounds = self.memory
-        for k, megabytes in enumerate(rounds, 1):
-            yield Measurement(name=f"memory after round {k}", value=megabytes, unit="MB")
-        yield Measurement(
-            name="memory a user", value=(rounds[0] - before) / users, unit="MB",
-            at_most=LARGEST_MEGABYTES,
-        )  # fmt: skip
-
-
-def percentile(values: list[Seconds]) -> Seconds:
-    """Return the 95th percentile."""
-    return float(np.percentile(values, 95))
-
-
-def all_requests(users: int, journeys: int) -> list[Request]:
-    """Return the requests of all users on all their journeys."""
-    return [Request.of(user, journey) for journey in range(journeys) for user in range(users)]
+        for what, taken, most in [
+            *((what, taken, None) for what, taken in self.taken.items()),
+            ("light page views", light, LIGHT),
+        ]:
+            middle, slow = np.percentile(taken, (50, 95)).tolist()
+            yield Measurement(name=f"{what}, median", value=middle)
+            yield Measurement(name=f"{what}, 95 %", value=slow, at_most=most)
 
 
 def wrong_results(folder: Path, requests: list[Request]) -> list[str]:
     """Return which saved results are missing, there twice, or different from the request's."""
     library = Library(folder)
-    saved = defaultdict(list)
-    for entry in library.entries():
-        saved[entry.name].append(entry)
-    faults = []
+    saved = {entry.name: entry.id for entry in library.entries()}
+    counts = Counter(entry.name for entry in library.entries())
+    counts.subtract(request.name for request in requests)
+    faults = [f"{name}: {n:+d} snapshots too many" for name, n in counts.items() if n]
     for request in requests:
-        entries = saved.pop(request.name, [])
-        if len(entries) != 1:
-            faults.append(f"{request.name}: saved {len(entries)} times")
-        elif not request.agrees(library.read(entries[0].id)):
+        if request.name in saved and not request.agrees(library.read(saved[request.name])):
             faults.append(f"{request.name}: not as without the app")
-    return faults + [f"{name}: nobody asked for it" for name in saved]
+    return faults
 
 
-def measure(place: Path, users: int, journeys: int) -> Iterator[Measurement]:
+def measure(place: Path, users: int) -> Iterator[Measurement]:
     """Run a server in a folder, send the users through it and check what they saved."""
     log = place / "log"
     with running(place / "cache", log) as server:
-        first = Load(server)
+        first, load = Load(server), Load(server)
         asyncio.run(visit(server.address))
-        asyncio.run(first.journeys(1, journeys))
-        load = Load(server)
-        load.memory = first.memory
-        for journey in range(journeys):
-            asyncio.run(load.journeys(users, journey))
-        yield from load.measurements(users)
+        asyncio.run(first.journeys(1, 1))
+        asyncio.run(load.journeys(users))
+        yield from load.times()
+        each = (load.memory - first.memory) / users
+        yield Measurement(name="memory a user", value=each, unit="MB", at_most=LARGEST_MEGABYTES)
         process = psutil.Process(server.process.pid)
         yield Measurement(name="threads", value=process.num_threads(), unit="")
         yield Measurement(name="open files", value=process.num_fds(), unit="")
-    requests = [*all_requests(users, journeys), Request.of(0, journeys)]
+    requests = [*map(Request.of, range(users)), Request.of(0, 1)]
     crashes = [line for line in log.read_text().splitlines() if "Error" in line]
     wrong = wrong_results(place / "snapshots", requests)
     faults = [*wrong, *first.faults, *load.faults, *crashes]
@@ -209,14 +183,11 @@ def main(arguments: list[str] | None = None) -> int:
         1 if a result is wrong or missing, pages were too slow, or users took too much memory.
     """
     parser = argparse.ArgumentParser(prog="python -m bench.load", description=__doc__)
-    parser.add_argument("--users", type=positive, default=20, help="at the same time (20)")
-    parser.add_argument("--journeys", type=positive, default=1, help="of each, in turn (1)")
-    parser.add_argument("--json", action="store_true", help="one JSON document")
-    options = parser.parse_args(arguments)
+    parser.add_argument("--users", type=int, default=20, help="at the same time (20)")
+    users = parser.parse_args(arguments).users
     with tempfile.TemporaryDirectory() as place:
-        study = partial(measure, Path(place), options.users, options.journeys)
-        part = measured(f"users: {options.users}, journeys: {options.journeys}", study)
-    return Figures.now([part]).show(options.json)
+        part = measured(f"users: {users}", partial(measure, Path(place), users))
+    return Figures.now([part]).show()
 
 
 if __name__ == "__main__":

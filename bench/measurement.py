@@ -17,7 +17,6 @@ from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
-from msgspec.structs import replace
 
 import accpinn
 from accpinn.units import Seconds
@@ -71,39 +70,29 @@ class Figures(msgspec.Struct, frozen=True):
     @classmethod
     def now(cls, parts: list[Part]) -> "Figures":
         """Return the figures of this version, today, on this machine."""
-        return cls(accpinn.__version__, datetime.now(UTC).date().isoformat(), _machine(), parts)
+        processor = platform.processor() or platform.machine()
+        packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
+        machine = f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}"
+        today = datetime.now(UTC).date().isoformat()
+        return cls(accpinn.__version__, today, f"{machine}, {packages}", parts)
 
     @classmethod
-    def released(cls, path: Path = RELEASED) -> "Figures | None":
-        """Read the figures of the last release; None if there are none."""
-        return msgspec.json.decode(path.read_bytes(), type=cls) if path.exists() else None
+    def released(cls) -> "Figures":
+        """Read the figures of the last release."""
+        return msgspec.json.decode(RELEASED.read_bytes(), type=cls)
 
-    def release(self, path: Path = RELEASED) -> None:
-        """Keep the figures as those of the release, without limits, which the code states."""
-        bare = [
-            replace(part, measurements=[replace(m, at_most=None, at_least=None)
-                                        for m in part.measurements])
-            for part in self.parts
-        ]  # fmt: skip
-        path.write_bytes(replace(self, parts=bare).to_json())
+    def release(self) -> None:
+        """Keep the figures as those of the release."""
+        RELEASED.write_bytes(msgspec.json.format(msgspec.json.encode(self)) + b"\n")
 
-    def to_json(self) -> bytes:
-        """Return indented JSON."""
-        return msgspec.json.format(msgspec.json.encode(self)) + b"\n"
-
-    @property
-    def within(self) -> bool:
-        """Whether all limits are kept."""
-        return all(figure.within for part in self.parts for figure in part.measurements)
-
-    def show(self, as_json: bool = False) -> int:
+    def show(self) -> int:
         """Print the figures beside those of the last release.
 
         Returns:
             The exit status: 1 if a limit is not kept.
         """
-        print(self.to_json().decode() if as_json else table(self, Figures.released()))
-        return int(not self.within)
+        print(table(self, Figures.released()))
+        return int(not all(figure.within for part in self.parts for figure in part.measurements))
 
 
 def spent_on(work: Callable[[], object]) -> Spent:
@@ -136,34 +125,20 @@ def _fixed_calculation() -> list[Seconds]:
         return [once()[0] for _ in range(ROUNDS)]
 
 
-def _machine() -> str:
-    processor = platform.processor() or platform.machine()
-    packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
-    return f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}, {packages}"
-
-
-def table(now: Figures, before: Figures | None) -> str:
+def table(now: Figures, before: Figures) -> str:
     """Return a line a measurement, beside the released one, and a note on a busy machine."""
-    earlier = {part.name: part for part in before.parts} if before else {}
+    earlier = {part.name: part for part in before.parts}
     lines = [f"accpinn {now.version}, {now.date}: {now.machine}"]
-    if before:
-        lines.append(f"released {before.version}, {before.date}: {before.machine}")
-    lines.append(f"{'':42}{'now':>14}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
-    slow = {}
+    lines.append(f"released {before.version}, {before.date}: {before.machine}")
+    lines.append(f"{'':44}{'now':>14}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
     for part in now.parts:
         lines.append(part.name)
-        then = earlier.get(part.name)
-        values = {figure.name: figure.value for figure in then.measurements} if then else {}
+        then = earlier.get(part.name, Part(part.name, part.fixed, []))
+        values = {figure.name: figure.value for figure in then.measurements}
         lines += [_line(figure, values.get(figure.name)) for figure in part.measurements]
-        if then and part.fixed > BUSY * then.fixed:
-            slow[part.name] = part.fixed / then.fixed
-    lines += [
-        f"Busy or slow machine during {name}: a fixed calculation took {ratio:.2f} times as long"
-        " as at the release."
-        for name, ratio in slow.items()
-    ]
-    if not slow and any(part.name in earlier for part in now.parts):
-        lines.append("The machine was as fast as at the release.")
+        if part.fixed > BUSY * then.fixed:
+            ratio = f"{part.fixed / then.fixed:.2f} times as long as at the release"
+            lines.append(f"  Busy or slow machine: a fixed calculation took {ratio}.")
     return "\n".join(lines)
 
 
@@ -174,14 +149,11 @@ def _line(figure: Measurement, before: float | None) -> str:
     if low is not None and high is not None:
         limit = f"{low:g} to {high:g} {unit}"
     value = _text(figure.value, unit) if error is None else f"{figure.value:.1f} ± {error:.1f} %"
-    cells = [
-        (value, 14),
-        (_text(figure.processor, "s"), 12),
-        (limit, 14),
-        (_text(before, unit), 12),
-        (f"{figure.value / before:.2f}" if before else "", 7),
-    ]
-    row = f"  {figure.name:40}" + "".join(f"{text:>{width}}" for text, width in cells)
+    ratio = f"{figure.value / before:.2f}" if before else ""
+    row = (
+        f"  {figure.name:42}{value:>14}{_text(figure.processor, 's'):>12}{limit:>14}"
+        f"{_text(before, unit):>12}{ratio:>7}"
+    )
     return row if figure.within else f"{row}  beyond its limit"
 
 

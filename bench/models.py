@@ -7,42 +7,29 @@ cars of the difference of ln RMSE to the first model's, with its standard error.
 
 import sys
 from collections import defaultdict
-from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
+from scipy.stats import sem
 
-from accpinn.errors import AccpinnError
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Window
 from accpinn.study.judge import Judgement, difference, judge, subjects_of, wins
-from accpinn.study.plan import files_of, plan
 from accpinn.units import FloatArray
+from bench.population import Car, windows_of
 
-LONGEST = 150.0
 LEAST = 2
 """Windows that a follower needs."""
 
 
-def judgements(folder: str, models: tuple[str, ...]) -> dict[tuple[str, str], list[Judgement]]:
+def judgements(folder: str, models: tuple[str, ...]) -> dict[Car, list[Judgement]]:
     """The judgements of each car: campaign and name."""
-    found = defaultdict[tuple[str, str], list[Judgement]](list)
-    for path in files_of(folder):
-        with suppress(AccpinnError):
-            recording = read(path)
-            windows = defaultdict[tuple[int, ...], list[Window]](list)
-            for planned in plan(recording, LONGEST):
-                for pair in zip(planned.vehicles[:-1], planned.vehicles[1:], strict=True):
-                    if planned.window.duration >= 100.0:
-                        windows[pair].append(planned.window)
-            for pair, parts in windows.items():
-                if len(parts) < LEAST:
-                    continue
-                subjects = subjects_of(recording, pair)
-                *_, (judged,) = judge(subjects, models)
-                name = judged.info.labels[1].split(" ", 1)[-1]
-                found[path.parent.name, name].append(judged)
-                print(path.name, judged.info.labels[1], len(judged.windows), flush=True)
+    found = defaultdict[Car, list[Judgement]](list)
+    for (campaign, name, path, _), windows in windows_of(folder).items():
+        if len(windows) >= LEAST:
+            *_, (judged,) = judge(subjects_of(read(path), windows[0].vehicles), models)
+            found[campaign, name].append(judged)
+            print(Path(path).name, judged.info.labels[1], len(judged.windows), flush=True)
     return found
 
 
@@ -53,10 +40,8 @@ def main() -> None:
     every = [judged for judged_ones in cars.values() for judged in judged_ones]
     count = sum(len(one.windows) for one in every)
     print(f"\n{count} windows of {len(cars)} cars\n")
-    print(
-        "| model | median [m] | geometric mean [m] | best in | collides in | |H| off [dB] |", end=""
-    )
-    print(f" ln RMSE - that of {models[0]} |")
+    columns = "median [m]", "geometric mean [m]", "best in", "collides in", "|H| off [dB]"
+    print("| model |", " | ".join(columns), f"| ln RMSE - that of {models[0]} |")
     share = wins(every)
     for k, key in enumerate(models):
         scores = [one.scores[k] for one in every]
@@ -67,12 +52,11 @@ def main() -> None:
             np.mean([difference([one.scores[k]], [one.scores[0]])[0] for one in ones])
             for ones in cars.values()
         ]
-        error = np.std(more, ddof=1) / len(more) ** 0.5
         mean = np.exp(np.log(errors).mean())
         print(
             f"| {FOLLOWING[key].title} | {np.median(errors):.2f} | {mean:.2f}"
             f" | {100 * share[k]:.0f} % | {100 * hit.mean():.0f} % | {gain:.1f}"
-            f" | {np.mean(more):+.2f} ± {error:.2f} |"
+            f" | {np.mean(more):+.2f} ± {sem(more):.2f} |"
         )
 
 

@@ -9,7 +9,9 @@ of those named: `python -m bench.population FOLDER idm fvdm`.
 """
 
 import sys
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -37,20 +39,17 @@ START_OTHERS = 0.5
 def windows_of(
     folder: str, longest: Seconds = LONGEST, shortest: Seconds = SHORTEST
 ) -> dict[Car, list[Segment]]:
-    """The windows of each follower of each recording: campaign, vehicle's name, file, number."""
-    windows: dict[Car, list[Segment]] = {}
+    """The windows of each follower of each recording: campaign, vehicle's name, path, number."""
+    windows = defaultdict[Car, list[Segment]](list)
     for path in files_of(folder):
-        try:
+        with suppress(AccpinnError):  # a file that cannot be read has no windows
             recording = read(path)
-        except AccpinnError:
-            continue
-        for planned in plan(recording, longest):
-            start, duration = planned.window.start, planned.window.duration
-            for pair in pairwise(planned.vehicles) if duration >= shortest else ():
-                segment = cut(recording, start, duration, pair)
-                name = segment.labels[1].split(" ", 1)[-1]
-                car = (path.parent.name, name, path.name, str(pair[1]))
-                windows.setdefault(car, []).append(segment)
+            for planned in plan(recording, longest):
+                start, duration = planned.window.start, planned.window.duration
+                for pair in pairwise(planned.vehicles) if duration >= shortest else ():
+                    segment = cut(recording, start, duration, pair)
+                    name = segment.labels[1].split(" ", 1)[-1]
+                    windows[path.parent.name, name, str(path), str(pair[1])].append(segment)
     return windows
 
 
@@ -77,19 +76,18 @@ def learn(cars: Sequence[FloatArray], model: str, rounds: int = ROUNDS) -> Popul
 
 def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, FloatArray]:
     """(K, n, p) posterior draws of the K windows of each car over all its runs in a campaign."""
-    together: dict[Car, list[FloatArray]] = {}
+    together = defaultdict[Car, list[FloatArray]](list)
     for car, segments in windows.items():
         drawn = [window_posterior(segment, "II", model).drawn[0] for segment in segments]
-        known = [rows for rows in drawn if np.isfinite(rows).all()]
-        together.setdefault(car[:2], []).extend(known)
-    return {car: np.array(drawn) for car, drawn in together.items()}
+        together[car[:2]] += [rows for rows in drawn if np.isfinite(rows).all()]
+    return {car: np.array(drawn) for car, drawn in together.items() if drawn}
 
 
 def main() -> None:
     """Print the population of each model."""
     windows = windows_of(sys.argv[1])
     for model in sys.argv[2:] or FOLLOWING:
-        cars = [drawn for drawn in cars_of(windows, model).values() if len(drawn)]
+        cars = list(cars_of(windows, model).values())
         population = learn(cars, model)
         for part in PARTS:
             for row in np.atleast_2d(getattr(population, part)).round(4).tolist():

@@ -7,7 +7,7 @@ recording drive it in closed loop from its first instant on; the error is the RM
 Differences of ln RMSE are means over cars, with their standard error.
 
 Measured gain: in stretches of 250 to 700 s the model's |H| is compared with Welch's estimate, at
-frequencies up to 1 rad/s with a coherence of at least 0.8.
+the frequencies of `accpinn.inference.gain_check`.
 
 Further windows: the share of left-out windows whose own maximum-likelihood estimate lies in the
 90 % interval for a further window; the population is learned without the car. That interval is of
@@ -23,8 +23,10 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import sem
 
 from accpinn.inference.answer import answer
+from accpinn.inference.gain_check import LEAST, compared, decibels
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import regularised, sampled_population
 from accpinn.inference.posterior import AT_SPEED, log_prior_of_features
@@ -32,7 +34,6 @@ from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods.least_squares import fit as least_squares
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
-from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, PAPER
 from accpinn.segment.segment import Segment
@@ -44,10 +45,8 @@ from bench.population import Car, learn, windows_of
 JOINT: tuple[str, ...] = ("cthp", "cthp-s0", "cthp-s0-lag", "cthp-s0-delay")
 ANSWERS: tuple[str, ...] = ("cthp", "cthp-s0", "cthp-s0-delay")
 ONE, ANSWER = f"{PAPER}, one other window", f"answer, {BEST}"
-FASTEST, COHERENT, LEAST = 1.0, 0.8, 5
 ROUNDS, WORKERS = 5, 2
-"""Highest frequency in rad/s, least coherence, least number of such frequencies; rounds in which a
-population without one car is learned, and processes."""
+"""Rounds in which a population without one car is learned, and processes."""
 Rows = Mapping[str, list[FloatArray]]
 
 
@@ -82,8 +81,7 @@ def rmse(parameters: Parameters, segment: Segment) -> Metres:
 def estimate(segments: Sequence[Segment], model: str) -> tuple[Parameters, Maximum]:
     """The parameters of greatest likelihood in all of some windows together."""
     (maximum,) = joint_maxima(tuple(segments), "II", model)
-    values = np.append(maximum.theta, maximum.values[3:])
-    return Parameters.of(complete(model, values)[None]), maximum
+    return Parameters.of(maximum.complete[None]), maximum
 
 
 def score(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> Scored:
@@ -122,21 +120,21 @@ def _errors(left_out: Segment, others: list[Segment]) -> Iterator[tuple[str, lis
 def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, FloatArray]]:
     """Rows of the second table, where the gain is measured at enough frequencies."""
     measured = measured_gain(stretch, 0)
-    kept = (measured.omega <= FASTEST) & (measured.coherence >= COHERENT)
-    reference = 20.0 * np.log10(measured.gain[kept])
-    if len(reference) < LEAST or not within:
+    kept = compared(measured)
+    omega, reference = measured.omega[kept], decibels(measured.gain[kept])
+    if len(omega) < LEAST or not within:
         return
 
-    def compared(parameters: Parameters, likelihood: float = np.nan) -> FloatArray:
-        gain = 20.0 * np.log10(np.abs(frequency_response(parameters, measured.omega[kept])[0]))
+    def figures(parameters: Parameters, likelihood: float = np.nan) -> FloatArray:
+        gain = decibels(np.abs(frequency_response(parameters, omega)[0]))
         return np.array([rms(gain - reference), gain.max() - reference.max(), likelihood])
 
-    yield "least squares", compared(least_squares(stretch).parameters)
+    yield "least squares", figures(least_squares(stretch).parameters)
+    cthp = estimate([stretch], PAPER)[1]
     for model in CTHPS:
         parameters, maximum = estimate([stretch], model)
-        cthp = estimate([stretch], PAPER)[1]
-        yield model, compared(parameters, maximum.log_likelihood - cthp.log_likelihood)
-    yield ANSWER, compared(answer(within, "II", BEST).parameters)
+        yield model, figures(parameters, maximum.log_likelihood - cthp.log_likelihood)
+    yield ANSWER, figures(answer(within, "II", BEST).parameters)
 
 
 def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[tuple[Metres, FloatArray]]:
@@ -186,7 +184,7 @@ def print_prediction(errors: Rows, cars: Sequence[tuple[str, ...]]) -> None:
         more = means[row] - means[ANSWER]
         of_cars = [more[[car == other for other in cars]].mean() for car in dict.fromkeys(cars)]
         print(f"| {row} | {median:.2f} | {mean:.2f} | {median / reference:.2f} |", end="")
-        print(f" {np.mean(of_cars):+.2f} ± {np.std(of_cars, ddof=1) / len(of_cars) ** 0.5:.2f} |")
+        print(f" {np.mean(of_cars):+.2f} ± {sem(of_cars):.2f} |")
 
 
 def main() -> None:

@@ -7,7 +7,6 @@ Vicolungo's three, the first three of them twice; the report is that of a sample
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from accpinn.api import fit, report
@@ -16,7 +15,6 @@ from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.stability.report import stability_report
-from accpinn.study.result import Result
 from accpinn.units import Seconds
 from bench.measurement import Measurement, Spent, spent_on, timed
 from bench.start import SAMPLE
@@ -41,24 +39,14 @@ def measure() -> Iterator[Measurement]:
     }
     for name, call in work.items():
         yield timed(name, partial(spent_on, call), LIMIT, CALLS)
-    with TemporaryDirectory() as folder:
-        yield report_time(Path(folder))
-
-
-def report_time(folder: Path) -> Measurement:
-    """Time the report of a sample with four followers, in another window each round."""
     starts = count()
-
-    def once() -> Spent:
-        result = _result(float(next(starts)))
-        return spent_on(lambda: report(result, folder / "report.html"))
-
-    return timed("report of a result written", once, REPORT)
+    yield timed("report of a result written", lambda: _report(float(next(starts))), REPORT)
 
 
-def _result(start: Seconds) -> Result:
-    """Fit a window, with everything computed that is known once a result is shown."""
+def _report(start: Seconds) -> Spent:
+    """Time the report of a window of four followers, of which all is known that pages show."""
     result = fit(SAMPLE, start, DURATION)
     assert result.uncertainty
     assert result.evaluation
-    return result
+    with TemporaryDirectory() as folder:
+        return spent_on(lambda: report(result, f"{folder}/report.html"))

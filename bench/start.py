@@ -10,13 +10,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import psutil
 
 from accpinn.units import Seconds
 from bench.browsing import visit
-from bench.measurement import ROUNDS, Measurement, Spent, timed
+from bench.measurement import Measurement, Spent, timed
 from tests.support.server import ROOT, running
 
 SAMPLE = ROOT / "sample_data" / "synthetic_astazero_like.csv"
@@ -32,21 +33,15 @@ FIRST_PAGE: Seconds = 3.0
 def measure() -> Iterator[Measurement]:
     """Time all of them."""
     for name, arguments, limit in COMMANDS:
-        yield command(name, arguments, limit)
+        yield timed(name, partial(command, arguments), limit)
     yield timed("first page of the app", first_page, FIRST_PAGE)
 
 
-def command(
-    name: str, arguments: tuple[str, ...], limit: Seconds, rounds: int = ROUNDS
-) -> Measurement:
-    """Time some calls of the interpreter."""
-
-    def once() -> Spent:
-        began, spent = time.perf_counter(), _processor_of_children()
-        subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True)
-        return time.perf_counter() - began, _processor_of_children() - spent
-
-    return timed(name, once, limit, rounds)
+def command(arguments: tuple[str, ...]) -> Spent:
+    """Time one call of the interpreter."""
+    began, spent = time.perf_counter(), _processor_of_children()
+    subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True)
+    return time.perf_counter() - began, _processor_of_children() - spent
 
 
 def first_page() -> Spent:

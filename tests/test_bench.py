@@ -1,22 +1,18 @@
 """The recordings of the benchmarks are what they say, and figures are counted right."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
-from accpinn.methods.pinn.config import PRESETS
-from accpinn.methods.pinn.loss import Motion, loss_terms, output_columns
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.synthetic import LeaderProfile
 from bench import __main__ as command_line
 from bench import coverage
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Figures, Measurement
-from bench.paper_protocol import PaperProtocol
 from tests.support.command import Capture
-from tests.support.driving import MIXED, driven
 
 
 def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
@@ -38,7 +34,7 @@ class TestCoverage:
         assert few["α covered"].within
         assert not few["β covered"].within, "100 % are too many"
         # Of normal widths the median's error is 1.25 deviations over the root of their number.
-        name = "median width of τ"
+        name = "median width of time gap"
         expected = 1.25 * 200 * half[:, 2].std() / 10
         assert few[name].error == pytest.approx(expected, rel=0.3)
         assert many[name].error == pytest.approx(expected / 4, rel=0.3)
@@ -49,8 +45,8 @@ class TestCoverage:
         found = by_name(coverage.bias(truth, estimates))
         assert found["mean error of α, maximum-likelihood"].value == pytest.approx(5.0)
         assert not found["mean error of α, maximum-likelihood"].within
-        assert found["mean error of τ, splines"].value == pytest.approx(-20.0)
-        assert found["mean error of τ, splines"].within
+        assert found["mean error of time gap, splines"].value == pytest.approx(-20.0)
+        assert found["mean error of time gap, splines"].within
 
     def test_prints_a_line_a_figure_and_exits_by_the_limits(
         self, capsys: Capture, monkeypatch: pytest.MonkeyPatch
@@ -85,24 +81,6 @@ class TestDisturbedRecordings:
         assert acceleration.max() == pytest.approx(0.3, abs=0.01)
 
 
-def test_the_papers_protocol_has_the_loss_of_the_package() -> None:
-    training = PaperProtocol(driven(MIXED))
-    time = training.time.detach()
-    surrogate, rates = torch.func.jvp(training.network, (time,), (torch.ones_like(time),))
-    measured = torch.cat([training.speeds, training.gaps], dim=1)
-    speeds, gaps = output_columns(training.followers)
-    order = np.argsort([*speeds, *gaps])
-    terms = loss_terms(
-        Motion(surrogate[:, order], rates[:, order]),
-        measured[:, order],
-        torch.tensor(Parameters.of(training.parameters.detach()).theta),
-        PRESETS["paper"],
-    )
-    ours, theirs = terms.total.item(), training.loss().item()
-    assert theirs == pytest.approx(ours, rel=1e-12)
-
-
 def test_the_figures_of_the_release_are_readable_and_of_parts_that_there_are() -> None:
     parts = {part.name for part in Figures.released().parts}
-    jobs = command_line._jobs(set(command_line.PARTS), 1)
-    assert parts <= {name for name, _ in jobs}
+    assert parts <= set(command_line.jobs(Path(), ""))

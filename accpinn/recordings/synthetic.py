@@ -140,7 +140,7 @@ def _entries(parameters: Parameters) -> list[dict[str, float]]:
     return [by_key(row) for row in parameters.values.tolist()]
 
 
-_MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 _CASALE = LeaderProfile(21.2, 18.0, 32.0, (8.0, 25.0), (0.4, 1.2), 0.15)
 _TRACK = LeaderProfile(22.0, 17.0, 27.0, (15.0, 35.0), (0.5, 1.1), 0.03)
 
@@ -199,7 +199,7 @@ _VICOLUNGO = Scenario(
         "KIA(Niro-like)",
     ),
     parameters=VICOLUNGO.parameters,
-    leader=_MOTORWAY,
+    leader=MOTORWAY,
     noise=Noise(),
     seed=2,
 )
@@ -255,21 +255,30 @@ def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
     # Apart from the leader's draws, so that the noise may change while the motion stays.
     rng = np.random.default_rng([seed, 1])
     shape = true.speeds[reported].shape
-    positions = noise.position * rng.standard_normal(shape) + _drift(noise, shape, rng)
+    positions = noise.position * rng.standard_normal(shape)
+    positions += noise.drift * gauss_markov(shape, REPORT_TIME, noise.drift_time, rng)
     speeds = true.speeds[reported] + noise.speed * rng.standard_normal(shape)
     gaps = true.gaps[reported] + positions[:, :-1] - positions[:, 1:]
     return Trajectories(time, CubicSpline(reports, speeds)(time), CubicSpline(reports, gaps)(time))
 
 
-def _drift(noise: Noise, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """A stationary first-order Gauss-Markov process for each column."""
+def gauss_markov(
+    shape: tuple[int, ...], step: Seconds, memory: Seconds, rng: np.random.Generator
+) -> FloatArray:
+    """Draw a stationary first-order Gauss-Markov process of deviation 1 along the first axis.
+
+    Args:
+        shape: (N, ..)
+        step: between its samples.
+        memory: time after which the correlation has fallen to 1/e.
+        rng: draws it.
+    """
     from scipy.signal import lfilter  # takes a second to import, which few need
 
-    kept = np.exp(-REPORT_TIME / noise.drift_time)
+    kept = np.exp(-step / memory)
     steps = rng.standard_normal(shape)
     steps[1:] *= np.sqrt(1 - kept**2)
-    drift: FloatArray = noise.drift * lfilter([1.0], [1.0, -kept], steps, axis=0)
-    return drift
+    return np.asarray(lfilter([1.0], [1.0, -kept], steps, axis=0))
 
 
 def to_csv(scenario: Scenario, recorded: Trajectories) -> bytes:
