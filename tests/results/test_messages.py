@@ -138,6 +138,8 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
      ["follower 6 collides at 88 s", "follower 5 at 114 s"]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      [AFTER_COLLISION]),
+    (lambda: on_stability.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
+     ["58.2 m", "follower 1 at 251 s"]),
     (lambda: on_stability.criteria_differ(named(TESLA, CALM), stability_report(row(TESLA, CALM))),
      ["V1 meets"]),
     # A result and its data
@@ -185,6 +187,12 @@ def subject(answered: Answer) -> KnownVehicles:
         SEGMENT.source, names, answered.parameters, SEGMENT.vehicles, labels
     )  # fmt: skip
     return KnownVehicles(vehicles, answered.uncertainty)
+
+
+def test_followers_that_share_their_parameters_have_one_card_and_one_row() -> None:
+    answered = answer((SEGMENT,), "I", "cthp")
+    assert len(on_answer.cards(INFO, answered, subject(answered))) == 1
+    assert len(answer_table(INFO, answered, "I").rows) == 1
 
 
 def test_a_time_gap_at_a_speed_that_no_window_holds_is_marked(answered: Answer) -> None:

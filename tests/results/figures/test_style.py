@@ -50,11 +50,6 @@ class TestColours:
         least = min(float(np.linalg.norm(a - b)) for a, b in combinations(colours, 2))
         assert least > 11, "a difference of 2.3 is just seen side by side"
 
-    def test_of_other_lines_are_no_vehicles(self) -> None:
-        for colour in style.SERIES:
-            others = (lab(other, "normal") for other in (*VEHICLES, style.MODEL))
-            assert min(np.linalg.norm(lab(colour, "normal") - other) for other in others) > 20
-
 
 @given(
     st.lists(st.one_of(st.floats(-50, 50), st.just(float("nan"))), min_size=1, max_size=400),
