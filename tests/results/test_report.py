@@ -50,6 +50,7 @@ def reader(page: str) -> Reader:
 def test_the_page_has_its_sections_whatever_is_known(reader: Reader) -> None:
     bare = Reader(render_report(replace(small(), segments=(), compared=())))
     assert {*reader.within("h2")} - {*bare.within("h2")} == {"Methods compared"}
+    assert len(bare.within("h2")) == 7
 
 
 def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp() -> None:
