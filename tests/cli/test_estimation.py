@@ -71,19 +71,29 @@ def test_likelihood_and_who_asks_get_intervals(
 
 
 def test_another_method_in_case_one_names_the_options_without_effect(capsys: Capture) -> None:
-    options = ("--method", "least-squares", "--vehicles", "3-5", "--leave-out", "manual")
+    options = ("--method", "least-squares", "--vehicles", "3-5")
     words = ("fit", str(PLATOON), *SHORT, *options, "--case", "I", "--preset", "fast", "--json")
     assert main([*words, "--seed", "0"]) == 0
     printed = capsys.readouterr()
     assert "--preset, --seed has no effect" in printed.err
     found = strict(printed.out)
     assert (found["method"], found["outcome"]) == ("least-squares", "solved")
-    assert found["segment"]["left_out"] == {"regimes": ["manual"], "share": [0, 0]}
+    assert found["segment"]["left_out"] == {"regimes": [], "share": []}
     assert (found["preset"], found["network_weights"], found["mae"]) == (None, 0, None)
     assert len(found["closed_loop_mae"]["p"]) == 2
     first, second = found["parameters"]
     assert [first["vehicle"], second["vehicle"]] == [4, 5]
     assert first["alpha"] == second["alpha"]
+
+
+def test_regimes_are_left_out_when_asked(capsys: Capture, tmp_path: Path) -> None:
+    far = frame(601)
+    far.loc[:199, "IVS1"] += 60
+    (tmp_path / "far.csv").write_bytes(csv(far))
+    options = ("--method", "least-squares", "--leave-out", "catching-up,standstill")
+    left_out = document(capsys, "fit", tmp_path / "far.csv", *options)["segment"]["left_out"]
+    assert left_out["regimes"] == ["catching up", "standstill"]
+    assert left_out["share"] == pytest.approx([200 / 601])
 
 
 def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
