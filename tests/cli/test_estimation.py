@@ -182,6 +182,7 @@ class TestMissingSamples:
         found = document(capsys, *whole, *LIKELIHOOD)
         assert found["segment"]["samples"] == read(recording).samples
         assert 0.5 < found["parameters"][0]["tau"] < 8
+        assert refused(capsys, 1, *whole, "--method", "splines")
 
 
 def test_all_runs_can_be_searched(capsys: Capture) -> None:
