@@ -12,7 +12,6 @@ from bench import __main__ as command_line
 from bench import coverage
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Figures, Measurement
-from tests.support.command import Capture
 
 
 def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
@@ -48,17 +47,6 @@ class TestCoverage:
         assert found["mean error of time gap, splines"].value == pytest.approx(-20.0)
         assert found["mean error of time gap, splines"].within
 
-    def test_prints_a_line_a_figure_and_exits_by_the_limits(
-        self, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        for value, status in ((90.0, 0), (80.0, 1)):
-            figure = Measurement(name="α covered", value=value, unit="%", error=3, at_least=86)
-            monkeypatch.setattr(coverage, "measure", lambda *_, figure=figure: [figure])
-            assert coverage.main(["--recordings", "2", "--lag", "0.5"]) == status
-            printed = capsys.readouterr().out
-            assert f"{value:.1f} ± 3.0 %" in printed
-            assert "lag=0.5" in printed
-
 
 class TestDisturbedRecordings:
     """What lag, delay and disturbance do is seen where they are estimated."""
@@ -72,13 +60,6 @@ class TestDisturbedRecordings:
             segment = disturbed(parameters, 1, what, calm, 120.0, noise=None)
             gap = 1.2 * 20.0 + standstill - slope / 0.2
             assert segment.gaps[-1, 0] == pytest.approx(gap, abs=1e-6)
-
-    def test_the_command_is_limited(self) -> None:
-        what = Disturbance(1e-9, limits=(-0.2, 0.3))
-        segment = disturbed(coverage.SETS[[3]], 3, what, duration=100.0, noise=None)
-        acceleration = np.gradient(segment.speeds[:, 1], segment.time)
-        assert acceleration.min() == pytest.approx(-0.2, abs=0.01)
-        assert acceleration.max() == pytest.approx(0.3, abs=0.01)
 
 
 def test_the_figures_of_the_release_are_readable_and_of_parts_that_there_are() -> None:

@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -81,14 +80,6 @@ def test_no_file_names_a_place_on_one_machine() -> None:
         if forbidden.search(line)
     ]
     assert found == []
-
-
-def test_an_installed_package_has_every_file_it_reads() -> None:
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    patterns = settings["tool"]["setuptools"]["package-data"]["accpinn"]
-    declared = {path for pattern in patterns for path in (ROOT / "accpinn").glob(pattern)}
-    tracked = [ROOT / name for name in project_files() if name.startswith("accpinn/")]
-    assert {path for path in tracked if path.suffix != ".py"} == declared
 
 
 def test_the_container_gets_all_that_the_app_needs() -> None:

@@ -1,9 +1,9 @@
-"""`fit`: its document, its options, its cache and its notes."""
+"""`fit`, `compare --models` and `runs`: their documents, options, cache and notes."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from accpinn.cli import main
@@ -11,38 +11,34 @@ from accpinn.cli.estimation import fit_text
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.documents import describe_fit
-from accpinn.study.result import Result
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.driving import driven
+from tests.support.openacc_files import csv
+from tests.support.samples import frame
 from tests.support.snapshots import result_for
 
 KEYS = {
     "method", "case", "preset", "seed", "segment", "parameters", "mae", "mean_time_gap", "loss",
     "network_weights", "iterations", "seconds", "cached", "outcome",
 }  # fmt: skip
-
-
 LIKELIHOOD = ("--method", "maximum-likelihood")
 
 
 def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT, "--vehicles", "4,5")
     assert found.keys() >= KEYS
-    assert (found["method"], found["case"]) == ("pinn", "II")
-    assert (found["preset"], found["seed"], found["model"]) == ("calibrated", 0, "cthp")
+    assert (found["method"], found["case"], found["model"]) == ("pinn", "II", "cthp")
+    assert (found["preset"], found["seed"], found["outcome"]) == ("calibrated", 0, "converged")
     segment = found["segment"]
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 30, 301)
     assert segment["vehicles"] == [4, 5]
-    rows = found["parameters"]
-    assert [row["vehicle"] for row in rows] == [5]
-    assert rows[0]["name"] == "Tesla(Model3-like)"
-    assert all(row["alpha"] > 0 and row["beta"] > 0 and row["tau"] > 0 for row in rows)
+    (row,) = found["parameters"]
+    assert (row["vehicle"], row["name"]) == (5, "Tesla(Model3-like)")
+    assert min(row["alpha"], row["beta"], row["tau"]) > 0
     counts = [len(found["mae"]["v"]), len(found["mae"]["p"]), len(found["mean_time_gap"])]
     assert counts == [2, 1, 1]
     loss = found["loss"]
     assert loss["total"] == pytest.approx(loss["data"] + loss["physics"])
-    assert found["outcome"] == "converged"
-    assert found["cached"] is False
 
 
 def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, cache: Path) -> None:
@@ -55,48 +51,49 @@ def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, c
     assert len(list(cache.glob("*.accpinn.zip"))) == 1
 
 
-def scaled(result: Result, *factors: float) -> Result:
-    """With other parameters."""
-    parameters = Parameters.of(result.parameters.values * factors)
-    return replace(result, fits=(replace(result.fit, parameters=parameters),))
-
-
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
         (("--method", "least-squares"), False),
         (("--method", "least-squares", "--intervals"), True),
-        (("--method", "maximum-likelihood"), True),
+        (LIKELIHOOD, True),
     ],
 )
 def test_likelihood_and_who_asks_get_intervals(
     capsys: Capture, options: tuple[str, ...], expected: bool
 ) -> None:
-    assert main(["fit", str(STUDY), *SHORT, *options]) == 0
-    estimates = capsys.readouterr().out.partition("synthetic_paper_study.csv")[2]
-    assert bool(re.search(r"\([\d.]+–[\d.]+\)", estimates)) == expected
     found = document(capsys, "fit", STUDY, *SHORT, *options)
-    if not expected:
-        assert (found["intervals"], found["level"]) == (None, None)
-        return
-    (ends,), level = found["intervals"], found["level"]
-    assert (ends["vehicle"], level) == (2, 0.9)
-    assert ends["tau"][0] < ends["tau"][1]
-    assert 0.0 <= ends["probability_l2"] <= 1.0
+    assert found["level"] == (0.9 if expected else None)
+    assert bool(found["intervals"]) == expected
+    for ends in found["intervals"] or ():
+        assert ends["tau"][0] < ends["tau"][1]
+        assert 0.0 <= ends["probability_l2"] <= 1.0
 
 
-@pytest.mark.parametrize("method", ["splines", "least-squares"])
-def test_other_methods_in_case_one(capsys: Capture, method: str) -> None:
-    options = (*SHORT, "--method", method, "--vehicles", "3-5", "--case", "I")
-    found = document(capsys, "fit", PLATOON, *options)
-    assert (found["method"], found["outcome"]) == (method, "solved")
-    assert (found["preset"], found["network_weights"]) == (None, 0)
-    assert (found["mae"] is None) == (method == "least-squares")
+def test_another_method_in_case_one_names_the_options_without_effect(capsys: Capture) -> None:
+    options = ("--method", "least-squares", "--vehicles", "3-5")
+    words = ("fit", str(PLATOON), *SHORT, *options, "--case", "I", "--preset", "fast", "--json")
+    assert main([*words, "--seed", "0"]) == 0
+    printed = capsys.readouterr()
+    assert "--preset, --seed has no effect" in printed.err
+    found = strict(printed.out)
+    assert (found["method"], found["outcome"]) == ("least-squares", "solved")
+    assert found["segment"]["left_out"] == {"regimes": [], "share": []}
+    assert (found["preset"], found["network_weights"], found["mae"]) == (None, 0, None)
     assert len(found["closed_loop_mae"]["p"]) == 2
-    assert found["segment"]["vehicles"] == [3, 4, 5]
     first, second = found["parameters"]
     assert [first["vehicle"], second["vehicle"]] == [4, 5]
     assert first["alpha"] == second["alpha"]
+
+
+def test_regimes_are_left_out_when_asked(capsys: Capture, tmp_path: Path) -> None:
+    far = frame(601)
+    far.loc[:199, "IVS1"] += 60
+    (tmp_path / "far.csv").write_bytes(csv(far))
+    options = ("--method", "least-squares", "--leave-out", "catching-up,standstill")
+    left_out = document(capsys, "fit", tmp_path / "far.csv", *options)["segment"]["left_out"]
+    assert left_out["regimes"] == ["catching up", "standstill"]
+    assert left_out["share"] == pytest.approx([200 / 601])
 
 
 def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
@@ -106,21 +103,18 @@ def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
         *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1, "--vehicles", "4,5"),
     )
     assert found["network_weights"] == 7623
-    assert (found["iterations"], found["seed"]) == (7, 7)
-    assert found["outcome"] == "finished"
+    assert (found["iterations"], found["seed"], found["outcome"]) == (7, 7, "finished")
     assert found["loss"].keys() >= {"test_data", "test_physics"}
-    for row in found["parameters"]:
-        assert (row["alpha"], row["beta"], row["tau"]) != (0.1, 0.2, 1.3)
-        assert row["tau"] == pytest.approx(1.3, abs=0.3)
+    (row,) = found["parameters"]
+    assert 1.3 != row["tau"] == pytest.approx(1.3, abs=0.3)
 
 
 def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
     """Vehicles that never move: no headway, no time gap, no closed loop, and no NaN."""
-    lines = STUDY.read_text().splitlines()
-    still = [f"{0.1 * k:.1f},0.0000,0.0000,5.0000,ACC" for k in range(301)]
-    path = tmp_path / "still.csv"
-    path.write_text("\n".join([*lines[:6], *still]) + "\n")
-    found = document(capsys, "fit", path, *SHORT, "--method", "least-squares")
+    still = frame(301).assign(Speed1=0.0, Speed2=0.0, IVS1=5.0)
+    (tmp_path / "still.csv").write_bytes(csv(still))
+    method = ("--method", "least-squares")
+    found = document(capsys, "fit", tmp_path / "still.csv", *SHORT, *method)
     (row,) = found["parameters"]
     assert (row["alpha"], row["tau"]) == (0, None)
     assert found["mean_time_gap"] == [None]
@@ -128,35 +122,21 @@ def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
     assert found["notes"]
 
 
-def test_text_has_the_table_and_progress_is_for_terminals(capsys: Capture) -> None:
+def test_text_has_answer_and_estimates_and_progress_is_for_terminals(capsys: Capture) -> None:
     assert main(["fit", str(STUDY), *SHORT]) == 0
     printed = capsys.readouterr()
-    first, answer, estimates, *_ = printed.out.split("\n\n")
-    assert "Known from one window alone." in first
-    assert answer.startswith("Answer: CTHP with intercept s₀ and delay d, one window")
-    lines = [*estimates.splitlines(), "", *printed.out.split("\n\n")[3].splitlines()]
-    assert lines[0] == "PiNN (calibrated preset), synthetic_paper_study.csv, 0–30 s"
-    assert "α [1/s²]" in lines[2]
-    assert [line[:11] for line in lines[3:5]] == ["1 Synthetic", "2 Synthetic"]
-    assert lines[6].startswith("Converged:")
+    assert all(part in printed.out for part in ("2 Synthetic", "α [1/s²]", "0–30 s", "Converged"))
     assert printed.err == ""
 
 
 def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
-    segment = driven(duration=100.0, step=0.5)
-    swaying = scaled(result_for(segment), 0.6, 0.0, 0.7)
+    result = result_for(driven(duration=100.0, step=0.5))
+    parameters = Parameters.of(result.parameters.values * (0.6, 0.0, 0.7))
+    swaying = replace(result, fits=(replace(result.fit, parameters=parameters),))
     (event,) = describe_fit(swaying, False)["incidents"]
     assert "collides with the vehicle ahead at" in event
     assert event in fit_text(swaying, False)
-    assert not describe_fit(result_for(segment), False)["incidents"]
-
-
-def test_options_without_effect_are_named(capsys: Capture) -> None:
-    options = ["--method", "least-squares", "--seed", "0", "--preset", "fast", "--json"]
-    assert main(["fit", str(STUDY), *SHORT, *options]) == 0
-    printed = capsys.readouterr()
-    assert strict(printed.out)["method"] == "least-squares"
-    assert "--preset, --seed has no effect" in printed.err
+    assert not describe_fit(result, False)["incidents"]
 
 
 def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -> None:
@@ -165,25 +145,14 @@ def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -
     assert found.keys() >= KEYS | {"windows", "intervals", "level"}
     segment = found["segment"]
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 60, 602)
-    assert segment["vehicles"] == [1, 2, 3]
+    windows = [(one["start"], one["duration"]) for one in found["windows"]]
+    assert windows == [(10, 30), (100, 30)]
     assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
-    windows = found["windows"]
-    assert [(one["start"], one["duration"]) for one in windows] == [(10, 30), (100, 30)]
-    assert len(found["mae"]["v"]) == 3
-    assert len(found["mae"]["p"]) == len(found["mean_time_gap"]) == 2
-    for k, row in enumerate(found["parameters"]):
-        for name in ("alpha", "beta", "tau"):
-            low, high = found["intervals"][k][name]
-            assert low < row[name] < high
-
-
-def test_all_complete_stretches_in_pieces(capsys: Capture) -> None:
-    options = (*LIKELIHOOD, "--windows", "all", "--duration", "140")
-    assert main(["fit", str(STUDY), *options]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert "Its gains are known within" in lines[0]
-    assert any(line.endswith("study.csv, 2 windows, 280 s together") for line in lines)
-    starts = [line.split("  ")[0] for line in lines]
+    for row, known in zip(found["parameters"], found["intervals"], strict=True):
+        assert all(known[name][0] < row[name] < known[name][1] for name in ("alpha", "tau"))
+    words = ("fit", str(STUDY), *LIKELIHOOD, "--windows", "all", "--duration", "140")
+    assert main(words) == 0
+    starts = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()]
     assert starts.count("0–140 s") == starts.count("140–280 s") == 1
 
 
@@ -191,28 +160,18 @@ class TestMissingSamples:
     @pytest.fixture
     def holes(self, tmp_path: Path) -> Path:
         """The study's recording without the follower for 20 of its first 60 s."""
-        lines = STUDY.read_text().splitlines()
-        first = next(k for k, line in enumerate(lines) if line.startswith("Time"))
-        names = lines[first].split(",")
-        gone = [names.index(name) for name in ("Speed2", "IVS1")]
-        for row in range(first + 201, first + 401):
-            cells = lines[row].split(",")
-            lines[row] = ",".join("" if k in gone else cell for k, cell in enumerate(cells))
-        path = tmp_path / "holes.csv"
-        path.write_text("\n".join(lines) + "\n")
+        made, path = frame(3001), tmp_path / "holes.csv"
+        made.loc[200:399, ["Speed2", "IVS1"]] = np.nan
+        path.write_bytes(csv(made))
         return path
 
     def test_other_methods_refuse_and_name_the_cure(self, capsys: Capture, holes: Path) -> None:
         for options in (("fit", holes, "--method", "splines"), ("fit", holes), ("starts", holes)):
             said = refused(capsys, 1, *options)
             assert "holes.csv: Speed2 is missing at 20–39.9 s" in said
-            assert "or choose maximum-likelihood, which allows missing samples." in said
-
-    def test_compare_refuses_unless_all_methods_allow_them(
-        self, capsys: Capture, holes: Path
-    ) -> None:
+            assert "choose maximum-likelihood, which allows missing samples." in said
         some = ("--methods", "maximum-likelihood,splines")
-        assert "or choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
+        assert "choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
         window = ("--methods", "maximum-likelihood", "--duration", 60)
         (row,) = document(capsys, "compare", holes, *window)["rows"]
         assert len(row["blocks_mae"]) == 2
@@ -220,10 +179,40 @@ class TestMissingSamples:
     def test_a_real_recording_is_fitted_whole(self, capsys: Capture, openacc_dir: Path) -> None:
         recording = openacc_dir / "JRC low speed" / "part12.csv"
         whole = ("fit", recording, "--vehicles", "1,2", "--duration", 1000)
-        found = document(capsys, *whole, "--method", "maximum-likelihood")
+        found = document(capsys, *whole, *LIKELIHOOD)
         assert found["segment"]["samples"] == read(recording).samples
-        (row,) = found["parameters"]
-        assert 0 <= row["alpha"] < 1
-        assert 0 <= row["beta"] < 2
-        assert 0.5 < row["tau"] < 8
+        assert 0.5 < found["parameters"][0]["tau"] < 8
         assert refused(capsys, 1, *whole, "--method", "splines")
+
+
+def test_all_runs_can_be_searched(capsys: Capture) -> None:
+    assert document(capsys, "runs") == {"runs": []}
+    fitted = document(capsys, "fit", STUDY, *SHORT, "--method", "splines")
+    document(capsys, "fit", PLATOON, *SHORT, "--vehicles", "2-3", "--method", "least-squares")
+    document(capsys, "fit", STUDY, *SHORT, "--method", "recursive", "--no-cache")
+    assert len(document(capsys, "runs")["runs"]) == 2
+    (run,) = document(capsys, "runs", "splines", "paper_STUDY")["runs"]
+    assert (run["method"], run["window"]) == ("splines", "0–30 s")
+    own = fitted["parameters"][0]
+    assert run["parameters"] == [{name: own[name] for name in ("alpha", "beta", "tau")}]
+    for word, count in (("bmw", 1), ("nowhere", 0)):
+        assert main(["runs", word]) == 0
+        assert capsys.readouterr().out.count("least-squares") == count
+
+
+def test_the_judgement_has_every_model_and_which_is_best(capsys: Capture) -> None:
+    part = ("--start", 0, "--duration", 120, "--vehicles", "1,2")
+    found = document(capsys, "compare", PLATOON, *part, "--models", "cthp,cthp-s0")
+    (car,) = found["vehicles"]
+    assert (car["vehicle"], len(car["windows"])) == (2, 3)
+    assert [model["model"] for model in car["models"]] == ["cthp", "cthp-s0"]
+    for model in car["models"]:
+        assert len(model["gap_rmse"]) == len(model["collided"]) == 3
+        assert model["stability"]["speed"] == car["speeds"]["median"]
+        for parameter in model["parameters"].values():
+            low, high = parameter["interval"]
+            assert low < parameter["value"] < high
+    errors = {model["model"]: sum(model["gap_rmse"]) for model in car["models"]}
+    assert car["best"] == min(errors, key=errors.get)
+    assert sum(model["wins"] for model in car["models"]) == 1
+    assert car["sentences"]

@@ -1,4 +1,4 @@
-"""`info`, `verify` and `report`: what they print, where they write, and what they refuse."""
+"""Commands on files and given numbers: what they print, where they write, what they refuse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,19 +6,18 @@ from pathlib import Path
 import pytest
 
 from accpinn.cli import main
-from accpinn.model.cthp import Parameters
+from accpinn.model.published import ASTAZERO
+from accpinn.platoon import simulate_platoon
+from accpinn.platoon.leader import Sinusoid
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.study.result import Parts, Result
-from accpinn.study.snapshot import load, named, save
+from accpinn.stability.report import stability_report
+from accpinn.study.snapshot import load, save
+from tests.recordings.test_mapping import MAPPING, foreign
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
 from tests.support.openacc_files import pair, platoon, table
-from tests.support.snapshots import small, whole
+from tests.support.snapshots import small, whole, with_parameters
 
-
-def forged(*factors: float) -> Result:
-    """The small snapshot with other parameters than the method finds."""
-    fit = replace(small().fit, parameters=Parameters.of(small().parameters.values * factors))
-    return replace(small(), fits=(fit,))
+METHOD = ("--method", "least-squares")
 
 
 @pytest.fixture
@@ -26,31 +25,20 @@ def file(tmp_path: Path) -> Path:
     return save(small(), tmp_path / "small.accpinn.zip")
 
 
-def test_writes_beside_the_snapshot_or_where_asked(
+# Snapshots
+
+
+def test_a_report_is_beside_the_snapshot_or_where_asked(
     file: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     assert main(["report", str(file)]) == 0
     written = file.with_name("small.html")
     assert capsys.readouterr().out.strip() == str(written)
     assert load(file).id in written.read_text(encoding="utf-8")
-    assert main(["report", str(file), "-o", str(tmp_path / "r.html")]) == 0
-    assert (tmp_path / "r.html").stat().st_size > 4_000_000
-
-
-def test_a_recording_supplies_the_data(tmp_path: Path) -> None:
-    file = save(replace(whole(), segments=()), tmp_path / "no_data.accpinn.zip")
-    assert main(["report", str(file), "--recording", str(PLATOON)]) == 0
-    text = (tmp_path / "no_data.html").read_text(encoding="utf-8")
-    assert "Measured space-gaps and speeds" in text
-
-
-def test_a_snapshot_with_data_has_the_measured_gain(tmp_path: Path, capsys: Capture) -> None:
-    path = save(whole(), tmp_path / "whole.accpinn.zip")
-    vehicles = document(capsys, "stability", "--snapshot", path)["vehicles"]
-    segment = whole().segment
-    for k, vehicle in enumerate(vehicles):
-        assert vehicle["measured"]["gain"] == measured_gain(segment, k).gain.tolist()
-        assert len(vehicle["measured"]["coherent"]) == len(vehicle["measured"]["omega"])
+    bare = save(replace(whole(), segments=()), tmp_path / "no_data.accpinn.zip")
+    place = tmp_path / "r.html"
+    assert main(["report", str(bare), "--recording", str(PLATOON), "-o", str(place)]) == 0
+    assert "Measured space-gaps and speeds" in place.read_text(encoding="utf-8")
 
 
 def test_verify_says_yes(file: Path, capsys: Capture) -> None:
@@ -61,19 +49,17 @@ def test_verify_says_yes(file: Path, capsys: Capture) -> None:
     quick = document(capsys, "verify", file, "--quick")
     assert {check["part"]: check["state"] for check in quick["checks"]}["fit"] == "not checked"
     assert "--refit" in [check["cure"] for check in quick["not_checked"]]
-    assert main(["verify", str(file), "--quick"]) == 0
-    assert capsys.readouterr().out.rstrip().endswith("More is checked with --refit.")
-    assert main(["verify", str(file), "--refit"]) == 0
-    printed = capsys.readouterr()
-    assert "reproduced" in printed.out
-    assert printed.err == "", "no progress where nobody watches"
+    for option, part in (("--quick", "--refit"), ("--refit", "reproduced")):
+        assert main(["verify", str(file), option]) == 0
+        printed = capsys.readouterr()
+        assert part in printed.out
+        assert printed.err == "", "no progress where nobody watches"
 
 
 def test_forged_parameters_are_named_before_anything_is_made_of_them(
     tmp_path: Path, capsys: Capture
 ) -> None:
-    shorter = named(replace(forged(1, 1, 0.6), parts=Parts()), with_data=True)
-    file = save(shorter, tmp_path / "forged.accpinn.zip")
+    file = save(with_parameters(small(), (1, 1, 0.6)), tmp_path / "forged.accpinn.zip")
     assert main(["verify", str(file)]) == 1
     printed = capsys.readouterr()
     assert "stored" in printed.out
@@ -101,21 +87,10 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     assert len(run["minimum_gap"]) == 8
     assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"
     assert load(path).facts["samples"] == 3001
-
-
-def test_a_snapshot_of_one_trajectory_is_verified_with_its_table(
-    tmp_path: Path, capsys: Capture
-) -> None:
-    one, other = (pair(platoon(2, 400) + k, 1, name) for k, name in enumerate("ab"))
-    recording, kept = tmp_path / "pairs.csv", tmp_path / "b.accpinn.zip"
-    recording.write_bytes(table(one, other))
-    chosen = ("--trajectory", "b")
-    window = ("--duration", 30, "--method", "least-squares")
-    document(capsys, "fit", recording, *chosen, *window, "--out", kept)
-    assert "choose a trajectory" in refused(capsys, 1, "verify", kept, "--recording", recording)
-    found = document(capsys, "verify", kept, "--recording", recording, *chosen)
-    assert found["ok"] is True
-    assert "--recording" not in {one["cure"] for one in found["not_checked"]}
+    save(whole(), path)
+    for k, other in enumerate(document(capsys, "stability", path)["vehicles"]):
+        assert other["measured"]["gain"] == measured_gain(whole().segment, k).gain.tolist()
+        assert len(other["measured"]["coherent"]) == len(other["measured"]["omega"])
 
 
 def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -137,6 +112,24 @@ def test_what_cannot_be_kept_is_said_before_any_work(
     assert "not even read" not in refused(capsys, 1, "fit", "not even read.csv", *options)
 
 
+def test_exports_for_sumo_and_as_a_card(file: Path, tmp_path: Path, capsys: Capture) -> None:
+    place = tmp_path / "types.xml"
+    card = document(capsys, "export", file, "--sumo", place)
+    assert card["provenance"]["snapshot"] == load(file).id
+    assert 'carFollowModel="ACC"' in place.read_text()
+    assert main(["export", str(file), "--sumo", str(place), "--samples", "0"]) == 0
+    assert "vTypeDistribution" not in place.read_text()
+    assert capsys.readouterr().out.strip() == str(place)
+    other = tmp_path / "mine.xml"
+    other.write_text("<routes/>")
+    assert "not overwritten" in refused(capsys, 1, "export", file, "--sumo", other)
+    assert "--sumo" in refused(capsys, 2, "export", file)
+    assert "samples" in refused(capsys, 2, "export", file, "--sumo", place, "--samples", -1)
+
+
+# Recordings
+
+
 def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
     found = document(capsys, "info", PLATOON)
     assert found.keys() >= {
@@ -151,21 +144,78 @@ def test_info_has_the_document_of_the_contract(capsys: Capture) -> None:
     assert leader["modes"] is None
     assert follower["modes"]["ACC"] == 4001
     assert main(["info", str(STUDY)]) == 0
-    text = capsys.readouterr().out
-    assert "300 s in 3001 samples of 0.1 s" in text
-    assert "2 Synthetic (ACC)" in text
+    assert "2 Synthetic (ACC)" in capsys.readouterr().out
 
 
-def test_exports_for_sumo_and_as_a_card(file: Path, tmp_path: Path, capsys: Capture) -> None:
-    place = tmp_path / "types.xml"
-    card = document(capsys, "export", file, "--sumo", place)
-    assert card["provenance"]["snapshot"] == load(file).id
-    assert 'carFollowModel="ACC"' in place.read_text()
-    assert main(["export", str(file), "--sumo", str(place), "--samples", "0"]) == 0
-    assert "vTypeDistribution" not in place.read_text()
-    assert capsys.readouterr().out.strip() == str(place)
-    other = tmp_path / "mine.xml"
-    other.write_text("<routes/>")
-    assert "not overwritten" in refused(capsys, 1, "export", file, "--sumo", other)
-    assert "--sumo" in refused(capsys, 2, "export", file)
-    assert "samples" in refused(capsys, 2, "export", file, "--sumo", place, "--samples", -1)
+def test_a_trajectory_of_a_table_of_pairs(capsys: Capture, tmp_path: Path) -> None:
+    path, kept, three = tmp_path / "pairs.csv", tmp_path / "b.accpinn.zip", platoon(3, 400)
+    other = platoon(2, 400).assign(Speed2=lambda frame: frame["Speed2"] + 1)
+    path.write_bytes(table(pair(three, 1, "7"), pair(three, 2, "8"), pair(other, 1, "9")))
+    assert len(document(capsys, "info", path, "--trajectory", 8)["vehicles"]) == 3
+    chosen = ("--trajectory", 9)
+    fitted = document(capsys, "fit", path, *chosen, *METHOD, "--duration", 30, "--out", kept)
+    assert fitted["segment"]["vehicles"] == [1, 2]
+    assert "choose a trajectory (--trajectory): 7, 9" in refused(capsys, 1, "info", path)
+    assert "choose a trajectory" in refused(capsys, 1, "verify", kept, "--recording", path)
+    found = document(capsys, "verify", kept, "--recording", path, *chosen)
+    assert found["ok"] is True
+    assert "--recording" not in {one["cure"] for one in found["not_checked"]}
+
+
+def test_a_mapping_serves_every_command_and_is_remembered(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ACCPINN_MAPPINGS", str(tmp_path / "mappings"))
+    path, mapping = tmp_path / "mine.csv", tmp_path / "mapping.json"
+    foreign(platoon(2, 400)).to_csv(path, index=False)
+    mapping.write_text(MAPPING)
+    first = document(capsys, "fit", path, "--mapping", mapping, *METHOD)
+    assert document(capsys, "fit", path, *METHOD)["parameters"] == first["parameters"]
+    mapping.write_text("{}")
+    said = refused(capsys, 1, "info", path, "--mapping", mapping)
+    assert "mapping.json: this is no mapping" in said
+
+
+# Given parameters
+
+TESLA = ASTAZERO.parameters[3]
+GIVEN = ("--alpha", TESLA.alpha, "--beta", TESLA.beta, "--tau", TESLA.tau)
+TWO = ("--alpha", 0.1, 0.2, "--beta", 0.2, 0.3, "--tau", 1, 1)
+
+
+def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
+    (found,) = document(capsys, "stability", *GIVEN)["vehicles"]
+    (expected,) = stability_report(ASTAZERO.parameters[3:]).vehicles
+    assert [found[name] for name in ("alpha", "beta", "tau")] == [float(v) for v in TESLA.values]
+    assert found["l2"]["criterion"] == expected.l2.value
+    assert (found["l2"]["stable"], found["linf_paper"]["stable"]) == (False, True)
+    assert found["linf_exact"]["gain"] == expected.linf_gain
+    assert found["peak"] == vars(expected.peak)
+    assert found["crossover"] == expected.crossover
+    assert found["smallest_tau"] == vars(expected.smallest_tau)
+    assert all(found[name]["reason"] for name in ("l2", "linf_paper", "linf_exact"))
+    bare = document(capsys, "stability", "--alpha", 0, "--beta", 0.3, "--tau", 1)["vehicles"][0]
+    assert (bare["crossover"], bare["smallest_tau"]) == (None, None), "without gap control"
+    assert main(["stability", *map(str, TWO)]) == 0
+    assert "Platoon, Weak L∞ string stability: NO." in capsys.readouterr().out
+
+
+def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
+    options = ("--vehicles", 3, "--frequency", 0.2, "--amplitude", 0.5, "--speed", 22)
+    times = ("--settle", 10, "--duration", 400)
+    found = document(capsys, "simulate", *GIVEN, *options, *times)
+    run = simulate_platoon(ASTAZERO.parameters[[3] * 3], Sinusoid(0.2, 0.5, 22.0, 10.0, 400.0))
+    assert found["amplitude"] == run.amplitudes.measured.tolist()
+    assert found["predicted_amplitude"] == run.amplitudes.predicted.tolist()
+    assert found["minimum_gap"] == run.minimum_gap.tolist()
+    assert found["collisions"] == []
+    assert len(document(capsys, "simulate", *TWO)["minimum_gap"]) == 2
+
+
+def test_simulate_names_a_collision(capsys: Capture) -> None:
+    options = [str(v) for v in ("--alpha", 0.05, "--beta", 0, "--tau", 1, "--amplitude", 5)]
+    found = document(capsys, "simulate", *options)
+    assert found["collisions"][0]["follower"] >= 1
+    assert found["warnings"]
+    assert main(["simulate", *options]) == 0
+    assert f"Note: {found['warnings'][0]}" in capsys.readouterr().out

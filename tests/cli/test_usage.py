@@ -36,6 +36,7 @@ UNREAD = (
 )  # fmt: skip
 """What cannot be parsed."""
 FIT, SETS = ("fit", STUDY), ("--beta", 1, "--tau", 1)
+JUDGE = ("compare", STUDY, "--models")
 
 
 @pytest.mark.parametrize(
@@ -68,6 +69,10 @@ FIT, SETS = ("fit", STUDY), ("--beta", 1, "--tau", 1)
         (2, "not 3",
          ["simulate", "--alpha", 1, 1, "--beta", 1, 1, "--tau", 1, 1, "--vehicles", 3]),
         (2, "frequency", ["simulate", "--alpha", 1, *SETS, "--frequency", 0]),
+        (2, "choose from catching-up, manual, standstill", [*FIT, "--leave-out", "car-following"]),
+        (2, "krauss is not known", [*JUDGE, "krauss"]),
+        (2, "--leave-out", [*JUDGE, "cthp", "--leave-out", "standstill"]),
+        (1, "too short to judge a model by", [*JUDGE, "cthp", "--duration", 60]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_ends_in_one_line(

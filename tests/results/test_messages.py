@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
@@ -40,13 +40,12 @@ from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability.report import (
     StabilityReport,
-    VehicleStability,
     assessment,
     stability_report,
 )
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
-from accpinn.study.studies import Failure, Request
+from accpinn.study.studies import Failure
 from tests.support import studies
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 from tests.support.snapshots import altered, delayed, small, whole
@@ -78,20 +77,14 @@ def posterior(*stable: float) -> Any:
     return SimpleNamespace(probability_l2=np.array(stable))
 
 
-def reasons(of: VehicleStability | StabilityReport) -> dict[str, str]:
-    """By the verdict's name in the report."""
-    held: Any = of.platoon if isinstance(of, StabilityReport) else of
-    names = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
-    names = names if isinstance(of, StabilityReport) else ("l2", "linf_paper", "linf_exact")
-    return {name: reason(getattr(held, name), of) for name in names}
+def reason_for(report: StabilityReport, name: str) -> str:
+    """The reason of a verdict of the platoon, or else of its first vehicle."""
+    of = report.vehicles[0] if hasattr(report.vehicles[0], name) else report.platoon
+    return reason(getattr(of, name), report if of is report.platoon else of)
 
 
 def platoons(name: str, *vehicles: Parameters) -> str:
-    return reasons(stability_report(row(*vehicles)))[name]
-
-
-def windows(suggestion: Suggestion) -> str:
-    return " ".join(suggestion_reasons(suggestion, Window(10.0, 20.0), 0.504))
+    return reason_for(stability_report(row(*vehicles)), name)
 
 
 def batches(*given: dict[str, Any]) -> str:
@@ -104,27 +97,27 @@ def stopped() -> str:
     return on_result.summary(altered(whole(), fit=fit))[0]
 
 
+def collided() -> tuple[str, ...]:
+    findings = (SimulatedCollision(3, 12.34, -1.5),)
+    hit = altered(whole(), evaluation=replace(whole().evaluation, findings=findings))
+    return on_result.cautions(hit)["closed_loop"]
+
+
 def without_answer() -> str:
     bare = replace(whole(), segments=())
     return on_result.summary(altered(bare, answer=None, gain_checks=()))[0]
 
 
-def without_modes() -> str:
-    recording = read(FOLDER / f"{NOISY}.csv")
-    vehicles = tuple(replace(vehicle, modes=None) for vehicle in recording.vehicles)
-    return driver_summary(replace(recording, vehicles=vehicles, acc_flag=1))
-
-
+MOVED = Suggestion(Window(330, 630), (1, 2), 0.963, None, 190, 300.0)
 BROKEN = Failure("a.csv", None, None, "broken")
 FAILED = (Failure("a.csv", 3.0, 2, "x"), Failure("a.csv", 9.0, None, "x"))
 FAST_SCALES, SLOW_SCALES = Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1, 1e-5)
 SAID: list[tuple[Callable[[], str], list[str]]] = [
     # String stability
-    (lambda: judged(CALM), ["V1 does not"]),
-    (lambda: judged(CALM, CALM), ["None"]),
-    (lambda: judged(*(Parameters(0.05, 0.6, 1.62),) * 2), ["None", "L∞"]),
-    (lambda: judged(CALM, UNDAMPED), ["One of two", "V2", "without limit"]),
-    (lambda: judged(CALM, LOUD), ["One of two", "V2", "1.38 times at 0.235 rad/s"]),
+    (lambda: judged(CALM), ["V1"]),
+    (lambda: judged(*(Parameters(0.05, 0.6, 1.62),) * 2), ["L∞"]),
+    (lambda: judged(CALM, UNDAMPED), ["V2"]),
+    (lambda: judged(CALM, LOUD), ["V2", "1.38 times at 0.235 rad/s"]),
     (lambda: judged(LOUD, CALM, LOUD), ["Two of three", "V1"]),
     (lambda: judged(*(LOUD,) * 12), ["All 12", "V1"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)), ["All three", "under 1 % to 3 %"]),
@@ -140,29 +133,28 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", CALM, CALM), ["No follower"]),
     (lambda: platoons("linf_weak", TESLA, CALM), ["from the leader to the last"]),
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
+    (lambda: on_stability.factor(1.00002), ["1 + 2e-05"]),
     (lambda: on_stability.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      ["follower 6 collides at 88 s", "follower 5 at 114 s"]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      [AFTER_COLLISION]),
+    (lambda: on_stability.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
+     ["58.2 m", "follower 1 at 251 s"]),
     (lambda: on_stability.criteria_differ(named(TESLA, CALM), stability_report(row(TESLA, CALM))),
      ["V1 meets"]),
     # A result and its data
     (lambda: on_result.title(whole()), ["whole"]),
-    (lambda: on_result.title(replace(whole(), name="")), ["4 vehicles follow "]),
-    (lambda: on_result.title(replace(small(), name="")), [" follows "]),
+    (lambda: on_result.title(replace(whole(), name="")), ["4 vehicles"]),
+    (lambda: collided()[0], ["12.3 s"]),
     (stopped, ["12 of 20 iterations"]),
     (without_answer, ["All four vehicles amplify"]),
     (lambda: on_result.conditional(delayed(), small().info), [small().info.labels[1]]),
     (lambda: on_result.about_band(small()), [TITLES[small().answer.model]]),
     (lambda: on_result.about_band(altered(small(), fit=replace(small().fit, model="idm-lag"))),
      [f"linearisation of the {TITLES['idm-lag']}", "not part of it"]),
-    (lambda: windows(Suggestion(Window(330, 630), (1, 2), 0.963, None, 190, 300.0)),
+    (lambda: " ".join(suggestion_reasons(MOVED, Window(10.0, 20.0), 0.504)),
      ["330–630 s", "190 complete windows of 300 s", "96 %", "10–20 s", "50 %"]),
-    (lambda: windows(Suggestion(Window(32.4, 44.4), (1, 2), 0.62, 0.05, 1, 300.0)),
-     ["5 %", "300 s are usual"]),
-    (lambda: windows(Suggestion(Window(0, 300), (1, 2), 1.0, 0.0, 1, 300.0)), ["all the time"]),
     (lambda: driver_summary(read(FOLDER / f"{NOISY}.csv")), ["ACC: 2"]),
-    (without_modes, ["ACC"]),
     # A batch
     (lambda: batches(studies.row("A", tau=1.0), studies.row("A", tau=1.1)), ["probability"]),
     (lambda: batches(studies.row("A"), studies.row("B", beta=1.9), studies.row("C", tau=None)),
@@ -171,7 +163,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: on_batch.failures_line((BROKEN, *FAILED)),
      ["1 file without a window", "2 estimates failed"]),
     (lambda: on_batch.batch_line(studies.REQUEST), ["300 s", "Case II", "CTHP"]),
-    (lambda: on_batch.batch_line(Request((), (), None, "I")), ["any length"]),
+    (lambda: repr(on_batch.batch_line(None)), ["''"]),
     (lambda: on_batch.progress_line(BatchProgress(files=7, done=7.0, finished=20, rows=1076)),
      ["7 of 7 files", "20 windows", "1,076 rows"]),
     (lambda: on_batch.progress_line(BatchProgress(files=7, done=1.0, failed=3)), ["3 failed"]),
@@ -183,19 +175,6 @@ def test_a_sentence_has_its_names_counts_and_numbers(
     say: Callable[[], str], facts: list[str]
 ) -> None:
     assert not missing(facts, say())
-
-
-def test_what_is_not_known_or_does_not_apply_is_not_said() -> None:
-    calm = simulate_platoon(CALM, Sinusoid(0.214))
-    same = small().under(replace(small().analysis, model="cthp"))
-    unknown = batches(studies.row("C", tau=None))
-    assert [on_batch.failures_line(()), on_batch.batch_line(None)] == ["", ""]
-    assert "nan" not in unknown
-    assert AFTER_COLLISION not in on_stability.smallest_gap(calm)
-    assert not on_stability.criteria_differ(named(CALM), stability_report(CALM))
-    assert "answer" not in on_result.about_band(same)
-    for adequacy in (replace(delayed(), findings=()), None):
-        assert small().info.labels[1] not in on_result.conditional(adequacy, small().info)
 
 
 @pytest.fixture(scope="module")
@@ -213,8 +192,7 @@ def subject(answered: Answer) -> KnownVehicles:
 
 def test_followers_that_share_their_parameters_have_one_card_and_one_row() -> None:
     answered = answer((SEGMENT,), "I", "cthp")
-    (said,) = on_answer.cards(INFO, answered, subject(answered))
-    assert said.lead.startswith("All followers keep ")
+    assert len(on_answer.cards(INFO, answered, subject(answered))) == 1
     assert len(answer_table(INFO, answered, "I").rows) == 1
 
 
@@ -262,13 +240,6 @@ def test_the_papers_presets_say_so() -> None:
     presets = [replace(fit, method="pinn", config=c.to_json()) for c in (FAST, PAPER, CALIBRATED)]
     said = map(on_answer.papers_estimate, (*presets, replace(presets[0], model="idm"), fit))
     assert [*map(bool, said)] == [True, True, False, False, False]
-
-
-def test_collisions_are_cautions() -> None:
-    hits = (SimulatedCollision(3, 12.34, -1.5),)
-    hit = altered(whole(), evaluation=replace(whole().evaluation, findings=hits))
-    counts = [len(on_result.cautions(result)["closed_loop"]) for result in (whole(), hit)]
-    assert counts == [0, 1]
 
 
 def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
@@ -333,27 +304,20 @@ def test_vehicles_without_a_comparison_are_named_in_one_sentence() -> None:
     assert both == tuple(check.sentence(vehicles) for check in checks[:2])
 
 
+NAMES = ("l2", "linf_paper", "linf_exact", "l2_strict", "l2_weak", "linf_strict", "linf_weak")
+HEADWAYS = stability_report(TESLA).vehicles[0].smallest_tau
+
+
 @given(st.one_of(ordinary, extreme))
+@example(Parameters(TESLA.alpha, TESLA.beta, HEADWAYS.l2))
+@example(Parameters(TESLA.alpha, TESLA.beta, HEADWAYS.linf_exact))
+@example(Parameters(8e6, 1e9, 0.0))  # amplifies by less than one part in 10⁹
 @settings(max_examples=50)
 def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -> None:
     report = stability_report(row(vehicle, AUDI))
-    for text in [*reasons(report.vehicles[0]).values(), *reasons(report).values()]:
+    for text in (reason_for(report, name) for name in NAMES):
         assert text.endswith(".")
         assert not [odd for odd in (". ", "nan", "inf ", "None") if odd in text]
-
-
-@pytest.mark.parametrize("name", ["l2", "linf_exact"])
-def test_the_boundary_is_named(name: str) -> None:
-    headways = stability_report(TESLA).vehicles[0].smallest_tau
-    at = Parameters(TESLA.alpha, TESLA.beta, getattr(headways, name))
-    assert reasons(stability_report(at).vehicles[0])[name].startswith("On the boundary")
-
-
-@pytest.mark.parametrize(
-    ("gain", "text"), [(1.4, "1.40"), (12.0, "12.0"), (123.4, "123"), (1.00002, "1 + 2e-05")]
-)
-def test_a_factor_keeps_its_digits(gain: float, text: str) -> None:
-    assert on_stability.factor(gain) == text
 
 
 @pytest.fixture(scope="module")
@@ -394,13 +358,10 @@ def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
     assert {check.name for check in answers} == set(of_fit.QUESTIONS) == set(MEANING)
 
 
-@pytest.mark.parametrize("outcome", [Outcome.STOPPED, Outcome.DIVERGED, Outcome.FINISHED])
-def test_what_did_not_converge(outcome: Outcome, known: Uncertainty) -> None:
-    exhausted = (IterationsExhausted(20),) if outcome is Outcome.FINISHED else ()
-    assert checked(known, outcome, exhausted)[0].passed is False
-
-
-def test_what_the_data_do_not_determine_is_not_known(known: Uncertainty) -> None:
+def test_what_did_not_converge_or_is_not_determined(known: Uncertainty) -> None:
+    for outcome in (Outcome.STOPPED, Outcome.DIVERGED, Outcome.FINISHED):
+        exhausted = (IterationsExhausted(20),) if outcome is Outcome.FINISHED else ()
+        assert checked(known, outcome, exhausted)[0].passed is False
     centre = known.centre.values.copy()
     centre[1] = np.nan
     unknown = replace(known, centre=Parameters.of(centre), inside=np.ones((4, 3), bool))

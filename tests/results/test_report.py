@@ -31,18 +31,10 @@ from tests.support.html import Reader
 from tests.support.snapshots import altered, delayed, small, whole
 
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>$y$_z_&amp;"
-ORDER = [
-    "Data", "Parameters", "Fit", "String stability", "A platoon of such vehicles",
-    "Methods compared", "Provenance", "How to cite",
-]  # fmt: skip
 
 
 def drawings(page: str) -> list[dict[str, Any]]:
     return json.loads(re.search(r'id="drawings">(.*?)</script>', page, re.DOTALL)[1])
-
-
-def is_warned(reader: Reader) -> bool:
-    return any(attributes["class"] == "wrong" for attributes in reader.having("class"))
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +47,10 @@ def reader(page: str) -> Reader:
     return Reader(page)
 
 
-def test_the_page_has_its_sections_in_order_whatever_is_known(reader: Reader) -> None:
-    assert reader.within("h2") == ORDER
+def test_the_page_has_its_sections_whatever_is_known(reader: Reader) -> None:
     bare = Reader(render_report(replace(small(), segments=(), compared=())))
-    assert bare.within("h2") == [title for title in ORDER if title != "Methods compared"]
+    assert {*reader.within("h2")} - {*bare.within("h2")} == {"Methods compared"}
+    assert len(bare.within("h2")) == 7
 
 
 def test_the_intervals_under_a_better_form_stand_beside_those_of_the_cthp() -> None:
@@ -119,12 +111,12 @@ def test_what_was_checked_stands_beside_what_was_found(reader: Reader) -> None:
     checks = verify(whole(), refit_within=QUICK).checks
     assert checks
     assert {part for c in checks for part in (c.title, c.sentence)} <= set(reader.within("td"))
-    assert not is_warned(reader)
     quality = whole().quality
     forged = replace(quality, mean_time_gap=(9.0, *quality.mean_time_gap[1:]))
     forged = Reader(render_report(altered(whole(), quality=forged)))
     assert "NO" in forged.within("td")
-    assert is_warned(forged)
+    for one, count in ((reader, 0), (forged, 1)):
+        assert [attributes["class"] for attributes in one.having("class")].count("wrong") == count
 
 
 def test_pictures_show_the_data_or_else_the_methods_curves() -> None:

@@ -51,10 +51,7 @@ def test_the_true_model_is_picked(truth: str) -> None:
     assert sum(share.values()) == pytest.approx(1.0)
     finding = judged.findings[0]
     assert isinstance(finding, Describes)
-    assert finding.clear
-    title = best.model.title
-    sentence = finding.sentence(judged.info)
-    assert sentence.startswith(f"2 behind: the {title} describes this car best. In 4 windows left")
+    assert (finding.clear, finding.model, finding.windows) == (True, best.model.title, 4)
 
 
 def test_models_that_are_alike_are_not_told_apart() -> None:
@@ -65,7 +62,6 @@ def test_models_that_are_alike_are_not_told_apart() -> None:
     finding = judged.findings[0]
     assert isinstance(finding, Describes)
     assert not finding.clear
-    assert "may be nothing" in finding.sentence(windows[0])
     assert np.isnan(judged.scores[0].gain_error)
     first, *others = judged.scores
     unknown = replace(first, determined=np.array([True, False, True]))

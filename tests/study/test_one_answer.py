@@ -80,18 +80,6 @@ def test_the_table_of_a_database_gives_it_too(
         assert unit == parameter.unit
 
 
-def test_several_windows_and_held_terms(capsys: Capture) -> None:
-    windows = ("--windows", "0-60,100-160")
-    found = document(capsys, "fit", STUDY, *windows, "--model", "cthp-s0", "--hold", "s0=0")
-    (row,) = found["answer"]
-    assert (row["model"], row["windows"]) == ("cthp-s0", 2)
-    assert row["parameters"]["s0"] == 0.0
-    assert row["intervals"]["s0"] == [0.0, 0.0]
-    paper = document(capsys, "fit", STUDY, *windows, "--model", "cthp")["answer"][0]["parameters"]
-    assert set(paper) == {"alpha", "beta", "tau"}
-    assert paper["tau"] == pytest.approx(row["parameters"]["tau"], rel=0.1)
-
-
 @pytest.fixture(scope="module")
 def result() -> Iterator[Result]:
     windows = [(0, 60), (100, 160)]

@@ -22,7 +22,7 @@ from accpinn.recordings.recording import Window
 from accpinn.segment.segment import WindowShortened
 from accpinn.serial import flatten
 from accpinn.study.analysis import Analysis
-from accpinn.study.result import Parts, Result
+from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import DOCUMENT, load, named, to_bytes
 from accpinn.study.verification import HOWEVER_LONG, QUICK, Check, Verification, verify
@@ -39,6 +39,7 @@ from tests.support.snapshots import (
     trained,
     two_windows,
     whole,
+    with_parameters,
 )
 
 TOLD = ("analysis.source", "analysis.windows", "origin", "created", "name", "note", "digest")
@@ -59,13 +60,6 @@ def states(found: Verification) -> dict[tuple[str, str], str]:
 
 def with_parts(result: Result, **changes: Any) -> Result:
     return replace(result, parts=replace(result.parts, **changes))
-
-
-def with_parameters(result: Result, factors: Any) -> Result:
-    """With other parameters, and all that follows from them."""
-    fit = replace(result.fit, parameters=Parameters.of(result.parameters.values * factors))
-    forged = replace(result, fits=(fit,), parts=Parts(), compared=())
-    return named(forged, with_data=True)
 
 
 class TestHonest:

@@ -22,7 +22,7 @@ from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.serial import Arrays, dump
 from accpinn.study.analysis import Analysis, Source
 from accpinn.study.comparison import compare, results_among
-from accpinn.study.result import Result
+from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate, fit_windows, run
 from accpinn.study.snapshot import (
     ARRAYS,
@@ -83,6 +83,13 @@ def altered(
         infos=(info or result.info,),
         parts=replace(result.parts, **parts),
     )
+
+
+def with_parameters(result: Result, factors: Sequence[float]) -> Result:
+    """With other parameters, and all that follows from them."""
+    fit = replace(result.fit, parameters=Parameters.of(result.parameters.values * factors))
+    forged = replace(result, fits=(fit,), parts=Parts(), compared=())
+    return named(forged, with_data=True)
 
 
 def numbered(number: int, result: Result | None = None) -> Result:

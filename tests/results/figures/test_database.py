@@ -28,17 +28,6 @@ def test_the_forest_has_every_value_with_its_interval_sorted_by_time_gap() -> No
     assert further[0] <= typical[0] < typical[1] <= further[1]
 
 
-def test_an_interval_that_goes_on_beyond_the_axis_ends_in_an_arrowhead() -> None:
-    found = group(rows(*(row("Long", tau=tau) for tau in (0.6, 2.9)), row("Short")), ("make",))
-    figure = figures.forest(found)
-    high = figure.layout.xaxis.range[1]
-    assert [one.time_gap(100 / 3.6).further_upper > high for one in found.groups] == [True, False]
-    heads = [trace for trace in figure.data if isinstance(trace.marker.symbol, tuple)]
-    assert [head.marker.symbol for head in heads] == [("triangle-right",), (), ()]
-    assert list(heads[0].x) == [high]
-    assert figure.layout.yaxis.ticktext[heads[0].y[0]] == "Long"
-
-
 def test_of_many_groups_those_with_most_windows_are_drawn() -> None:
     given = [row(f"M{k}") for k in range(figures.MOST_GROUPS + 3) for _ in range(1 + (k > 2))]
     shown = figures.forest(group(rows(*given), ("make",))).layout.yaxis.ticktext

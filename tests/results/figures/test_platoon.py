@@ -5,16 +5,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation
-from accpinn.results.figures.style import FOLLOWERS, LEADER
+from accpinn.results.figures.style import FOLLOWERS
 from accpinn.stability.criteria import response
 from tests.support.driving import MIXED, driven
 from tests.support.figures import legend, named
-from tests.support.vehicles import CALM, row
 
 AUDIS = figures.cast_of(ASTAZERO, [0] * 8)
 ALL = figures.cast_of(ASTAZERO, [0, 1, 2, 3])
@@ -36,17 +35,6 @@ def collision() -> PlatoonRun:
 def ends(run: PlatoonRun) -> Any:
     """The last instant of each vehicle."""
     return run.trajectories.time[run.meaningful - 1]
-
-
-def test_a_cast_has_the_vehicles_colours_and_labels() -> None:
-    assert (ALL.colours, ALL.labels) == ((LEADER, *FOLLOWERS[:4]), ("Leader", *ASTAZERO.labels))
-    assert EIGHT.labels[1:3] == ("Follower 1: Mercedes A-Class", "Follower 2: Mercedes A-Class")
-    assert len({*EIGHT.colours}) == 9, "repeated vehicles have shades of one colour"
-    recorded = ParameterSet("run", ("X", "<Y>"), row(CALM, CALM), (3, 4, 5), ("4 X", "<Y>"))
-    cast = figures.cast_of(recorded, [0, 1])
-    assert (cast.colours, cast.labels) == ((LEADER, *FOLLOWERS[2:4]), ("Leader", "4 X", "<Y>"))
-    assert cast.numbers == ("L", "4", "5")
-    assert figures.cast_of(recorded, [1, 0]).numbers == ("0", "1", "2")
 
 
 def test_profiles_draw_every_speed_and_gap_within_few_points(sinusoid: PlatoonRun) -> None:

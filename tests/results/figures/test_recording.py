@@ -39,14 +39,6 @@ def test_views_of_the_followers_and_one_that_is_highlighted() -> None:
     assert strong == [("2 B", "y"), ("3 C", "y"), ("3 C", "y2")], "and the speed ahead of it"
 
 
-def test_ten_vehicles_are_drawn_with_no_more_points_than_two() -> None:
-    def points(vehicles: int) -> int:
-        run = recording(platoon(vehicles, 6000), "ABCDEFGHIJK"[:vehicles])
-        return sum(len(trace.x) for trace in figures.overview(run, run.present, WINDOW).data)
-
-    assert points(11) < 3 * points(2)
-
-
 def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     frame = platoon()
     frame.loc[100:149, ["Speed2", "IVS1", "IVS2"]] = np.nan

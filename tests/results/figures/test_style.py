@@ -17,6 +17,16 @@ THEME = tomllib.loads(
 VEHICLES = (style.LEADER, *style.FOLLOWERS)
 
 
+SEEN = {
+    "normal": np.eye(3),
+    "red-blind": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
+    "green-blind": np.array(
+        [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]
+    ),
+}
+"""What linear RGB becomes without one kind of cone (Machado, Oliveira and Fernandes 2009)."""
+
+
 class TestColours:
     def test_every_vehicle_has_one_and_the_leader_its_own(self) -> None:
         colours = [style.vehicle_colour(number, 1) for number in range(1, 12)]
@@ -34,16 +44,11 @@ class TestColours:
             assert contrast(THEME[side]["textColor"], THEME[side][background]) > 7
             assert contrast(THEME[side]["linkColor"], THEME[side][background]) > 4.5
 
-    @pytest.mark.parametrize("vision", ["normal", "red-blind", "green-blind"])
+    @pytest.mark.parametrize("vision", SEEN)
     def test_of_a_platoon_of_six_differ(self, vision: str) -> None:
         colours = [lab(colour, vision) for colour in VEHICLES[:6]]
         least = min(float(np.linalg.norm(a - b)) for a, b in combinations(colours, 2))
         assert least > 11, "a difference of 2.3 is just seen side by side"
-
-    def test_of_other_lines_are_no_vehicles(self) -> None:
-        for colour in style.SERIES:
-            others = (lab(other, "normal") for other in (*VEHICLES, style.MODEL))
-            assert min(np.linalg.norm(lab(colour, "normal") - other) for other in others) > 20
 
 
 @given(
@@ -81,28 +86,17 @@ class TestAxes:
         assert style.limits(np.array([np.nan])) == []
 
 
-class TestLegends:
-    """A figure saved as a picture has no page around it that says which line is which."""
-
-    @pytest.mark.parametrize("title", ["", "Loss"])
-    def test_name_what_has_a_name_and_does_not_refuse(self, title: str) -> None:
-        points = {"x": [0, 1], "y": [0, 1]}
-        chart = style.Chart("x", 200, title={"text": title})
-        chart.add(**points, name="shown")
-        chart.add(**points, name="refuses", showlegend=False)
-        chart.add(**points)
-        shown = style.with_legend(chart.figure())
-        assert shown.layout.showlegend
-        assert [t.name for t in shown.data if t.showlegend is not False] == ["shown"]
-        assert (shown.layout.height > 200) == bool(title), "room for it below a figure with a title"
-
-    def test_a_figure_without_names_has_none(self) -> None:
-        chart = style.Chart("revision", 200)
-        chart.add([0, 1], [0, 1])
-        figure = chart.figure()
-        assert not style.with_legend(figure).layout.showlegend
-        assert figure.layout.paper_bgcolor == figure.layout.plot_bgcolor == "rgba(0,0,0,0)"
-        assert figure.layout.uirevision == "revision", "which keeps the user's zoom"
+@pytest.mark.parametrize("title", ["", "Loss"])
+def test_a_legend_names_what_has_a_name_and_does_not_refuse(title: str) -> None:
+    points = {"x": [0, 1], "y": [0, 1]}
+    chart = style.Chart("x", 200, title={"text": title})
+    chart.add(**points)
+    assert not style.with_legend(chart.figure()).layout.showlegend
+    chart.add(**points, name="shown")
+    chart.add(**points, name="refuses", showlegend=False)
+    shown = style.with_legend(chart.figure())
+    assert [t.name for t in shown.data if t.showlegend is not False] == ["shown"]
+    assert (shown.layout.height > 200) == bool(title), "room for it below a figure with a title"
 
 
 def contrast(one: str, other: str) -> float:
@@ -114,16 +108,6 @@ def contrast(one: str, other: str) -> float:
 def linear(colour: str) -> np.ndarray:
     channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
-
-
-SEEN = {
-    "normal": np.eye(3),
-    "red-blind": np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]]),
-    "green-blind": np.array(
-        [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]]
-    ),
-}
-"""What linear RGB becomes without one kind of cone (Machado, Oliveira and Fernandes 2009)."""
 
 
 def lab(colour: str, vision: str) -> np.ndarray:

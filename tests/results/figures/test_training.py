@@ -32,17 +32,9 @@ def history(*, sets: int = 2, moments: int = 40) -> History:
     return History(steps, steps, fading + 0.01, fading, zeros + 0.01, zeros, Parameters.of(tables))
 
 
-def test_the_loss_is_drawn_on_whole_decades() -> None:
-    figure = training.loss_history(history())
-    assert len(figure.data) == 3, "Ψ_R is not used, so it is not drawn"
-    axis = figure.layout.yaxis
-    assert (axis.type, axis.range[0] % 1) == ("log", 0)
-    assert axis.range[1] == 1, "the loss starts a little above 1"
-    assert (axis.range[1] - axis.range[0]) / axis.dtick <= 7
-
-
-def test_a_loss_that_is_zero_or_infinite_is_omitted() -> None:
+def test_a_loss_that_is_unused_zero_or_infinite_is_omitted() -> None:
     track = history()
+    assert len(training.loss_history(track).data) == 3, "Ψ_R is not used"
     track.physics[:] = 0.0
     track.total[-1] = np.inf
     figure = training.loss_history(track)
@@ -86,9 +78,7 @@ def test_each_model_has_the_curves_of_its_own_parameters() -> None:
     assert list(figures) == ["loss", *model.names]
     for k, parameter in enumerate(model.parameters):
         figure = figures[parameter.name]
-        axis = figure.layout.yaxis.title.text
-        assert axis.startswith(parameter.symbol)
-        assert parameter.unit in axis
+        assert figure.layout.yaxis.title.text == f"{parameter.symbol} [{parameter.unit}]"
         for follower, trace in enumerate(figure.data):
             np.testing.assert_array_equal(trace.y, own[:, follower, k])
         lines = [line.y0 for line in figure.layout.shapes]

@@ -101,8 +101,6 @@ def test_parameters_and_errors_of_both_kinds() -> None:
     assert column(table, "v", OWN) == [0.01, 0.02, 0.03]
     assert column(table, "p", SIMULATED) == [None, 4.0, 5.0]
     assert column(table, "v", SIMULATED) == [None, 2.0, 3.0], "the leader's speed is given"
-    assert "run.csv, 5–35 s" in table.caption
-    assert "fast preset" in table.caption
     lost = replace(FIT, parameters=Parameters.of([[0.0, 0.2, np.nan], LEARNED.values[1]]))
     without = SimpleNamespace(surrogate=None, closed_loop=None)
     table = parameter_table(result(lost, evaluation=without), with_intervals=False)
@@ -117,15 +115,11 @@ def test_intervals_stand_beside_the_parameters(uncertainty: Uncertainty) -> None
     assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
     assert (leader[1:4], first[1:4]) == (["", "", ""], ["0.01037", "0.0", "0.02"])
     assert len(set(head)) == len(head) == len(first)
-    assert "0.072 (0.050--0.090)" in table.to_latex()
     alone = intervals_table(INFO, uncertainty)
     likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
     assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
     shares = np.multiply(100, uncertainty.probability_l2)
     np.testing.assert_allclose(column(alone, "L₂", PROBABILITY), shares)
-    beside = comparison_table(INFO, {"PiNN": LEARNED}, "II", uncertainty)
-    shown = beside.to_text().splitlines()[-1].split()[-3:]
-    assert [len(cell.partition(".")[2]) for cell in shown] == [3, 3, 2], "as its intervals support"
 
 
 def test_followers_that_share_their_parameters_have_one_row_for_them(
@@ -198,9 +192,6 @@ def test_the_papers_verdicts_and_the_exact_gain_beside() -> None:
         assert cells[3] == tesla
         if title in ("Stable", "Exact criterion", "Peak"):
             assert column(short, title, group) == cells
-    assert table.to_latex().isascii(), "every letter has its command"
-    kept = {(one.group, one.title) for one in short.columns}
-    assert not {(L2, "Probability"), (LINF, "Paper's criterion")} & kept
     assert "α" not in [one.title for one in criteria_part(table).columns]
 
 

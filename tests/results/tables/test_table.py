@@ -81,16 +81,6 @@ def test_a_probability_is_said_as_in_sentences_and_exact_in_csv() -> None:
     assert [float(row[1]) for row in read_csv(table)[1:]] == [100 * share for share in shares]
 
 
-def test_columns_of_a_text_are_aligned_below_their_groups() -> None:
-    lines = TABLE.to_text().splitlines()
-    assert lines[0] == "Two followers"
-    assert len({len(line) for line in lines[1:]}) == 1, "right edges are flush"
-    assert lines[1].split("  ")[-1] == "Surrogate fit, MAE"
-    assert lines[3].split("  ")[0] == "2 BMW"
-    assert "0.0100 to 0.0200  1.200 or more" in lines[3]
-    assert lines[4].split() == ["3", "Tesla", ABSENT, ABSENT, ABSENT]
-
-
 def test_intervals_take_two_columns_of_a_csv_file_and_numbers_all_digits() -> None:
     assert read_csv(TABLE) == [
         ["follower", "alpha_low", "alpha_high", "tau_low", "tau_high", "surrogate_fit_mae_p_m"],
@@ -171,7 +161,3 @@ def test_html_has_groups_headings_and_rows() -> None:
         ["Follower", "α [1/s²]", "τ [s]", "p [m]"],
         ["2 BMW", "0.0100 to 0.0200", "1.200 or more", "0.12"],
     ]
-    name = 'A "very" long name of a vehicle'
-    long = Table("", (Column("Vehicle"),), ((name,), ("2 Tesla",))).to_html()
-    assert long.count(" title=") == 1, "a long name is whole in the cell's title"
-    assert 'title="A &#34;very&#34; long name of a vehicle"' in long
