@@ -37,8 +37,8 @@ Held = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
 TITLES: Mapping[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""
-JUDGED = tuple(base.key for base in BASES)
-"""Models that are judged unless others are named."""
+JUDGED = (PAPER, BEST, IDM.key, FVDM.key)
+"""Models that are judged unless others are named: the paper's, the answer's, and the usual ones."""
 
 
 def following_model(key: str) -> FollowingModel:

@@ -168,11 +168,11 @@ class Verification:
 
     @property
     def counted(self) -> str:
-        """How many of the stored numbers agree: "412 of 412 numbers agree"."""
-        numbers = sum(check.numbers for check in self.checks)
-        return f"{numbers - sum(check.differing for check in self.checks):,} of {numbers:,}" + (
-            " numbers agree"
-        )
+        """How many of the stored numbers agree: "412 of 412 numbers agree; 2 parts not checked"."""
+        numbers, left = sum(check.numbers for check in self.checks), len(self.unchecked)
+        agreeing = numbers - sum(check.differing for check in self.checks)
+        open_parts = f"; {left} part{'s' * (left > 1)} not checked" if left else ""
+        return f"{agreeing:,} of {numbers:,} numbers agree{open_parts}"
 
 
 OnRefit = Callable[[str, Seconds], None]

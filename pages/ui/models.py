@@ -22,8 +22,8 @@ LEAD = (
     " simulation and then drives in the one left out, with only the speed ahead given."
 )
 ABOUT = (
-    "RMSE of the gap: median over the windows left out. Beyond the best: error above that of the"
-    " best model, mean ± one standard error over windows. |H| off: rms difference from the gain"
+    "RMSE of the gap: geometric mean over the windows left out. Beyond the best: error above that"
+    " of the best model, mean ± one standard error over windows. |H| off: rms difference from the gain"
     " measured from the recording (Welch's method), a dash where none is measured. Stability holds"
     " for small disturbances at the stated speed."
 )
@@ -40,8 +40,10 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     subjects = show.attempt(lambda: workspace.subjects)
     if not subjects:
         return
-    windows = ", ".join(f"{len(one.windows)} of {one.label}" for one in subjects)
-    about.caption(escape_markdown(f"{workspace.recording.source} · windows left out: {windows}"))
+    counts = dict.fromkeys(len(one.windows) for one in subjects)
+    each = ", each" if len(subjects) > 1 else ""
+    windows = f"{' or '.join(map(str, counts))} windows{each} left out once"
+    about.caption(escape_markdown(f"{workspace.recording.source} · {windows}"))
     st.markdown(LEAD)
     if task and task.is_active:
         stop_button(task, "Stop", "models_stop")

@@ -8,7 +8,7 @@ import pytest
 
 from accpinn.errors import SegmentError, SnapshotError
 from accpinn.methods.fit import Undetermined
-from accpinn.model.registry import FOLLOWING, JUDGED
+from accpinn.model.registry import BASES, FOLLOWING
 from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.results.documents import judgement_document
@@ -29,6 +29,7 @@ TRUTHS = {
     "idm": [1.2, 1.6, 1.1, 3.0, 40.0],
     "fvdm": [0.15, 0.3, 20.0, 0.05, 18.0],
 }
+MODELS = [base.key for base in BASES]
 
 
 def subject(key: str, noise: float = 0.05) -> Subject:
@@ -40,13 +41,13 @@ def subject(key: str, noise: float = 0.05) -> Subject:
 
 @pytest.mark.parametrize("truth", TRUTHS)
 def test_the_true_model_is_picked(truth: str) -> None:
-    *_, (judged,) = judge([subject(truth)], JUDGED)
+    *_, (judged,) = judge([subject(truth)], MODELS)
     best = judged.ranked[0]
     assert best.model.key == truth
     assert np.median(best.rmse) < 0.3
     assert best.gain_error < 1.5  # over so wide a range of speeds no linear gain holds
     assert not best.collided.any()
-    share = dict(zip(JUDGED, wins([judged]), strict=True))
+    share = dict(zip(MODELS, wins([judged]), strict=True))
     assert share[truth] >= 0.75
     assert sum(share.values()) == pytest.approx(1.0)
     finding = judged.findings[0]
@@ -86,8 +87,8 @@ def test_a_stop_ends_with_the_models_that_are_done() -> None:
         asked.append(1)
         return len(asked) > 30
 
-    done = list(judge([subject("cthp-s0")], JUDGED, should_stop))
-    assert 0 < len(done) < len(JUDGED)
+    done = list(judge([subject("cthp-s0")], MODELS, should_stop))
+    assert 0 < len(done) < len(MODELS)
     assert len(done[-1][0].scores) == len(done)
 
 

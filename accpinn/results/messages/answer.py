@@ -69,8 +69,8 @@ def about_answer(answer: Answer) -> str:
     return (
         f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
         f" {percent(answer.level)} interval of the vehicle's typical value; further window: that of"
-        " another window of the same vehicle. Both count how much windows differ, here and in many"
-        " other cars."
+        " its next one. Both count how much windows differ, here and in many other cars, so they"
+        " are wider than what these windows alone say."
     )
 
 

@@ -150,7 +150,7 @@ def _linf_paper(vehicle: VehicleStability) -> str:
         real = "are real" if vehicle.linf_paper.stable else "would be complex"
         return (
             f"Without its lag or delay the poles {real}; the paper's criterion, which requires real"
-            " ones, does not know of either."
+            " ones, ignores both."
         )
     damping = f"(damping ratio {vehicle.damping_ratio:#.3g})"
     if vehicle.linf_paper.stable:
@@ -363,7 +363,8 @@ def _odds(stable: FloatArray) -> str:
     if isnan(low):
         return ""
     said = " to ".join(dict.fromkeys((probability(low), probability(high))))
-    return f" (probability of L₂ string stability: {said})"
+    each = " each" if len(stable) > 1 and " to " not in said else ""
+    return f" (probability of L₂ string stability: {said}{each})"
 
 
 def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
@@ -425,15 +426,15 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     what = "oscillation" if wave else "largest speed deviation"
     if run.collisions:
         first, *others = run.contacts
-        end = f"{places.spoken(first.follower)} collides at {first.time:.0f} s"
+        hit = f"{places.label(first.follower)} collides at {first.time:.0f} s"
         if others:
             later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
-            end += f", then {joined(later)}"
+            hit += f", then {joined(later)}"
         worst = int(moved.argmax())
         if not (worst and moved[0] > 0):
-            return f"{_capital(end)}."
+            return f"{hit}."
         most = f"up to {moved[worst] / moved[0]:.3g} times as much as the leader's"
-        return f"Speeds deviate {most} ({places.spoken(worst)}); {end}."
+        return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."

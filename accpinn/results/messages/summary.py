@@ -42,14 +42,14 @@ def about_band(result: Result) -> str:
 def about_own_estimate(result: Result) -> str:
     """What a method's own estimate is beside the answer, and of what the curves are."""
     windows, count = f"the window {result.info.window}", len(result.infos)
-    curves = "The answer drives behind the measured vehicle ahead, the method's parameters behind"
-    curves += " the measured leader."
+    curves = "The answer is simulated behind the measured vehicle ahead, the method's platoon"
+    curves += " behind the measured leader."
     if count > 1:
         curves = f"The curves are those of {result.info.window}. {curves}"
         windows = f"the {count} windows"
     return (
-        f"What {windows} alone say by the {TITLES[result.fit.model]}: intervals leave out how much"
-        f" windows of a car differ, which those of the answer count. {curves}"
+        f"The {TITLES[result.fit.model]} fitted to {windows} alone: unlike the answer's, its"
+        f" intervals leave out how much windows of a car differ. {curves}"
     )
 
 

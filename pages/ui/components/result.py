@@ -311,7 +311,7 @@ def _answered(result: Result, follower: int) -> Trajectories | None:
 
 
 def _band(result: Result) -> GapBand | None:
-    segment = result.segment
+    segment = result.segment if result.is_finished else None
     return gap_band(segment, result.uncertainty, result.fit.case) if segment else None
 
 

@@ -180,7 +180,8 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
     recording = workspace.recording if is_open else None
     st.subheader(escape_markdown(title), anchor=False)
     when = snapshot.created[:16].replace("T", " ")
-    st.caption(f"{frame.segment_line(info, snapshot.fit.case)} · saved {escape_markdown(when)} UTC")
+    where = frame.segment_line(info, snapshot.fit.case, snapshot.analysis.windows)
+    st.caption(f"{where} · saved {escape_markdown(when)} UTC")
     if snapshot.note:
         st.text(snapshot.note)
     _show_buttons(workspace, snapshot, recording, title)
