@@ -23,9 +23,9 @@ Estimator = Callable[[Segment, Case], Fit]
 class TestBoth:
     @both_filters
     def test_follows_parameters_that_change(self, estimate: Estimator) -> None:
-        segment = in_turn(([LAW], 300.0), ([(0.08, 0.12, 1.2)], 300.0))
+        segment = in_turn(([LAW], 150.0), ([(0.08, 0.12, 1.2)], 200.0))
         path = estimate(segment, "II").track
-        assert path.parameters.values[path.time < 300][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
+        assert path.parameters.values[path.time < 150][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
         assert path.parameters.values[-1, 0, 2] == pytest.approx(1.2, abs=0.12)
 
     @both_filters
@@ -45,7 +45,7 @@ class TestBoth:
 
 class TestDualUnscented:
     def test_ends_at_the_most_likely_parameters_within_bounds(self) -> None:
-        fit = dual_ukf.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
+        fit = dual_ukf.fit(driven(((0.08, -0.03, 1.5), LAW), duration=100.0))
         assert fit.active_bounds == (("β",), ())
         assert fit.parameters[0].beta == 0
         assert fit.unconstrained[0].beta == pytest.approx(-0.03, abs=0.005)
@@ -61,7 +61,7 @@ class TestDualUnscented:
 
 class TestParticles:
     def test_every_particle_stays_within_bounds(self) -> None:
-        fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
+        fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=100.0))
         assert (fit.track.parameters.values > 0).all()
         assert 0 < fit.parameters[0].beta < 0.04
         assert fit.active_bounds == ((), ())

@@ -68,7 +68,7 @@ def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
 
 def test_seeds_agree(segments: dict[str, Segment]) -> None:
     """Table I's five experiments differ in the third decimal; seeds here far less."""
-    fits = [learned(segments["Casale"], "II", seed) for seed in range(3)]
+    fits = [learned(segments["Casale"], "II", seed) for seed in (0, 1)]
     tables = np.array([fit.parameters.values[0] for fit in fits])
     spread = np.ptp(tables, axis=0) / tables.mean(axis=0)
     assert (spread < 0.002).all(), spread

@@ -108,7 +108,7 @@ def test_intervals_cover_the_truth_under_disturbances_that_last() -> None:
     model, rng = FOLLOWING["idm"], np.random.default_rng(5)
     theta, disturbed = TRUTHS["idm"][0], []
     for seed in range(100, 124):
-        (window,) = followed(model, theta[None], seed, noise=0.03)
+        (window,) = followed(model, theta[None], seed, noise=0.03, seconds=75.0)
         draws = 0.1 * rng.standard_normal((window.samples, 1))
         error = lfilter([1.0], [1.0, -np.exp(-0.1 / 6.0)], draws, axis=0)  # lasts 6 s
         disturbed.append(replace(window, gaps=window.gaps + error))
