@@ -73,7 +73,7 @@ def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
     assert np.isnan(one.differ[0])
 
 
-@pytest.mark.parametrize("held", [{"s0": 4.0}, {"delay": 0.5}, {"s0": -3.0, "delay": 1.3}])
+@pytest.mark.parametrize("held", [{"delay": 0.5}, {"s0": -3.0, "delay": 1.3}])
 def test_a_held_term_keeps_its_value_exactly(held: dict[str, float]) -> None:
     given = answer(windows(range(2), duration=60.0), model="cthp-s0-delay", held=held)
     for name in FOLLOWING["cthp-s0-delay"].terms:
@@ -123,7 +123,8 @@ def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> Non
     spans = [given.time_gap(28.0, 0) for given in (changed, usual())]
     wide, narrow = (span.further_upper - span.further_lower for span in spans)
     assert wide > 1.3 * narrow
-    equal = [answer(windows(range(k, k + 3)), model="cthp-s0") for k in range(0, 9, 3)]
+    others = (answer(windows(range(k, k + 3)), model="cthp-s0") for k in (3, 6))
+    equal = [usual(), *others]
     assert sum(bool(given.findings) for given in equal) <= 1
     assert np.median([given.differ[0] for given in equal]) > 0.1
 

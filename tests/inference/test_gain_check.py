@@ -68,8 +68,8 @@ def test_a_verdict_that_the_recording_denies_is_the_models_alone(
     assert found.contradiction == kind
     chosen, report = ParameterSet("made", ("Audi",), parameters), stability_report(parameters)
     assert part in found.sentence(chosen)
-    assert " by the model" in headline(chosen, report, said.uncertainty, (found,))
-    assert "by the model" not in headline(chosen, report, said.uncertainty)
+    plain = headline(chosen, report, said.uncertainty)
+    assert headline(chosen, report, said.uncertainty, (found,)) != plain
     table = verdict_table(chosen, report, said.uncertainty, (found,))
     (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))
     assert mark.why == found.sentence(chosen)
@@ -102,7 +102,14 @@ def held(windows: list[Segment], answer: Parameters, taus: tuple[float, ...]) ->
     return trust(windows, 2, [0], "cthp", answer, own)
 
 
-def test_the_truth_reproduces_the_drive_and_windows_are_counted(windows: list[Segment]) -> None:
+def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_does_not(
+    windows: list[Segment],
+) -> None:
+    other = held(windows, Parameters(0.02, 0.02, 2.5), (1.2,) * 4)
+    assert (other.same, other.is_reproduced) == (0, False)
+    crash = held(windows, Parameters(0.3, 0.0, 0.05), (0.05,) * 4)
+    assert (crash.collides, crash.is_reproduced) == (True, False)
+    assert crash.in_words != other.in_words
     found = held(windows, TRUE, (1.2, 1.21, 1.3, 1.19))
     assert (found.windows, found.same) == (4, 3)
     assert found.is_reproduced
@@ -110,25 +117,3 @@ def test_the_truth_reproduces_the_drive_and_windows_are_counted(windows: list[Se
     assert found.deviation == pytest.approx(
         np.sqrt(np.mean([window.gaps.var() for window in windows])), rel=1e-6
     )
-
-
-def test_another_car_does_not(windows: list[Segment]) -> None:
-    found = held(windows, Parameters(0.02, 0.02, 2.5), (1.2,) * 4)
-    assert found.same == 0
-    assert not found.is_reproduced
-    assert "oes not reproduce the drive" in found.in_words
-
-
-def test_a_collision_is_no_reproduction(windows: list[Segment]) -> None:
-    found = held(windows, Parameters(0.3, 0.0, 0.05), (0.05,) * 4)
-    assert found.collides
-    assert not found.is_reproduced
-    assert "ollides in the simulation of the drive" in found.in_words
-
-
-def test_a_pair_is_one_follower_behind_the_measured_vehicle_ahead() -> None:
-    both = disturbed([TRUE, TRUE], 1, Disturbance(0.05))
-    pair = both.pair(1)
-    assert pair.vehicles == both.vehicles[1:]
-    np.testing.assert_array_equal(pair.speeds, both.speeds[:, 1:])
-    np.testing.assert_array_equal(pair.gaps[:, 0], both.gaps[:, 1])

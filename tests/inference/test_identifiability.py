@@ -50,6 +50,7 @@ class TestProfiles:
         for profile in profiles(segment)[0]:
             expected = by_brute_force(segment, profile)
             np.testing.assert_allclose(profile.increase, expected, rtol=1e-6, atol=1e-8)
+        assert len(profiles(driven((LAW, LAW), noise=0.1), "I")) == 1
 
     def test_is_least_at_the_estimate_and_rises_to_the_named_increase_at_its_ends(self) -> None:
         segment = driven(MIXED, noise=0.1)
@@ -61,11 +62,6 @@ class TestProfiles:
                 assert (np.diff(one.values) > 0).all()
                 ends = np.interp([one.lower, one.upper], one.values, one.increase)
                 np.testing.assert_allclose(ends, INCREASE, rtol=0.03)
-
-    def test_a_case_i_platoon_has_one_set(self) -> None:
-        segment = driven((LAW, LAW), noise=0.1)
-        (row,) = profiles(segment, "I")
-        assert row[0].best == pytest.approx(least_squares.fit(segment, "I").parameters[0].alpha)
 
     def test_is_flat_where_nothing_moves(self) -> None:
         alpha, beta, tau = profiles(standing_still())[0]

@@ -7,11 +7,7 @@ import pytest
 from scipy.stats import t as student
 
 from accpinn.inference import population
-from accpinn.inference.population import (
-    TAILS,
-    Population,
-    sampled_population,
-)
+from accpinn.inference.population import TAILS, Population, sampled_population
 from accpinn.units import FloatArray
 
 CENTRE = np.array([-2.5, -1.5, 0.2])
@@ -109,15 +105,3 @@ def test_the_prior_of_the_draws_does_not_count() -> None:
     assert (np.abs(wide - narrow) < 0.2 * deviation).all()
     np.testing.assert_allclose(other, deviation, rtol=0.15)
     assert (np.abs(wide - wrong) > 0.25 * deviation).any(), "the prior would count"
-
-
-def test_an_unusual_window_pulls_little() -> None:
-    """A window eight scales away moves the typical value by far less than its share of a mean."""
-    windows = np.random.default_rng(3).multivariate_normal(CENTRE, WINDOWS, 6)
-    away = np.zeros((6, 3))
-    away[0, 0] = 8.0 * np.sqrt(WINDOWS[0, 0])
-    usual, moved = (
-        sampled_population(*drawn(one, 1, error=0.1 * ERROR), TAUGHT).value.mean(axis=0)[0]
-        for one in (windows, windows + away)
-    )
-    assert abs(moved - usual) < 0.5 * away[0, 0] / len(windows)

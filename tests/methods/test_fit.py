@@ -24,27 +24,21 @@ def recorded(iterations: range, recorder: Recorder | None = None) -> Recorder:
 
 
 @settings(max_examples=30)
-@given(st.integers(1, 400))
-def test_first_and_last_stay_evenly_spread_and_the_length_is_bounded(count: int) -> None:
+@given(st.integers(1, 200), st.integers(0, 200))
+def test_the_history_is_bounded_evenly_spread_and_goes_on_from_its_state(
+    before: int, after: int
+) -> None:
+    count, second = before + after, Recorder()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fit, "KEPT", 20)
-        iterations = recorded(range(count)).history().iteration
+        straight = recorded(range(count)).history()
+        second.restore(recorded(range(before)).state())
+        resumed = recorded(range(before, count), second).history()
+    for name in (field.name for field in fields(History)):
+        assert np.all(getattr(resumed, name) == getattr(straight, name))
+    iterations, steps = straight.iteration, np.diff(straight.iteration)
     assert (iterations[0], iterations[-1]) == (0, count - 1)
     assert min(count, 10) <= len(iterations) <= 20
-    steps = np.diff(iterations)
     assert (steps > 0).all()
     if count >= 30:  # the latest moment is extra, and one thinning may have kept such a moment
         assert steps.max() <= 2 * np.median(steps)
-
-
-@settings(max_examples=30)
-@given(st.integers(1, 150), st.integers(1, 150))
-def test_goes_on_from_its_state_as_if_never_interrupted(before: int, after: int) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit, "KEPT", 20)
-        straight = recorded(range(before + after)).history()
-        second = Recorder()
-        second.restore(recorded(range(before)).state())
-        resumed = recorded(range(before, before + after), second).history()
-    for name in (field.name for field in fields(History)):
-        assert np.all(getattr(resumed, name) == getattr(straight, name))

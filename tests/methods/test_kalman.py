@@ -5,10 +5,11 @@ import pytest
 from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
 from accpinn.methods.kalman import innovations, log_likelihood, smooth
+from accpinn.methods.series import series_of
 from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, state_space
 from accpinn.model.registry import CTHPS
-
-STEP = 0.5
+from bench.coverage import SETS
+from bench.disturbed import Disturbance, disturbed
 
 
 def random_values(form, count, rng):
@@ -18,22 +19,6 @@ def random_values(form, count, rng):
     z = centre + 0.4 * rng.standard_normal((count, len(unknowns)))
     z = np.clip(z, *np.transpose([one.bounds for one in unknowns]))
     return np.where([one.logarithmic for one in unknowns], np.exp(z), z)
-
-
-def drawn_from(model: StateSpace, samples, rng):
-    """(samples, 3, B): a recording of each model."""
-    size, count = model.first.shape
-    measured = np.empty((samples, 3, count))
-    for b in range(count):
-        # The first gap and speeds are drawn near motorway values, not from the wide prior.
-        state = np.zeros(size)
-        state[: len(OBSERVED)] = 40.0, 28.0, 28.0
-        root = np.linalg.cholesky(model.process[..., b] + 1e-12 * np.eye(size))
-        for k in range(samples):
-            noise = np.sqrt(model.noise[:, b]) * rng.standard_normal(3)
-            measured[k, :, b] = state[list(OBSERVED)] + noise
-            state = model.transition[..., b] @ state + root @ rng.standard_normal(size)
-    return measured
 
 
 def shifted(model: StateSpace, measured):
@@ -47,25 +32,6 @@ def with_holes(measured, rng):
     measured[rng.random(measured.shape) < 0.02] = np.nan
     measured[120:180, :2] = np.nan
     return measured
-
-
-def test_the_innovations_add_up_to_the_likelihood():
-    rng = np.random.default_rng(8)
-    model = state_space("cthp", random_values("cthp", 2, rng), STEP)
-    measured = with_holes(drawn_from(model, 250, rng), rng)
-    total, found = innovations(model, measured)
-    np.testing.assert_allclose(found.log_density.sum(axis=(0, 1)), total)
-    assert (found.known == ~np.isnan(measured)).all()
-
-
-def test_innovations_of_a_true_model_are_white_with_unit_variance():
-    rng = np.random.default_rng(9)
-    model = state_space("cthp", random_values("cthp", 4, rng), STEP)
-    _, found = innovations(model, drawn_from(model, 2000, rng))
-    standard = (found.errors / np.sqrt(found.variances))[20:]
-    np.testing.assert_allclose(standard.std(axis=0), 1.0, atol=0.06)
-    neighbours = (standard[1:] * standard[:-1]).mean(axis=0)
-    np.testing.assert_allclose(neighbours, 0.0, atol=0.1)
 
 
 def reference(model: StateSpace, measured, b):
@@ -84,15 +50,17 @@ def reference(model: StateSpace, measured, b):
 @pytest.mark.parametrize("form", CTHPS)
 def test_likelihood_and_smoothed_states_agree_with_statsmodels(form):
     rng = np.random.default_rng(10)
-    model = state_space(form, random_values(form, 2, rng), STEP)
-    measured = with_holes(drawn_from(model, 240, rng), rng)
-    found = smooth(model, measured)
+    series = series_of([disturbed(SETS[[0, 1]], 1, Disturbance(), duration=120.0)], "II")
+    model = state_space(form, random_values(form, 2, rng), series.step)
+    measured = with_holes(series.measured, rng)
+    found, (total, innovation) = smooth(model, measured), innovations(model, measured)
+    np.testing.assert_allclose(log_likelihood(model, measured), total)
+    np.testing.assert_allclose(innovation.log_density.sum(axis=(0, 1)), total)
+    assert (innovation.known == ~np.isnan(measured)).all()
     for b in range(2):
         other = reference(model, measured, b)
         expected = other.smooth()
-        np.testing.assert_allclose(
-            log_likelihood(model, measured)[b], other.loglike(), rtol=1e-9, atol=1e-7
-        )
+        np.testing.assert_allclose(total[b], other.loglike(), rtol=1e-9, atol=1e-7)
         scale = np.sqrt(np.einsum("iik->ki", expected.smoothed_state_cov))
         off = (found[..., b] - expected.smoothed_state.T) / np.maximum(scale, 1e-7)
         assert np.abs(off).max() < 1e-4

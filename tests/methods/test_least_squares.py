@@ -1,4 +1,4 @@
-"""Bounded least squares against scipy; on differences, on smoothed signals, and by splines."""
+"""Bounded least squares against scipy, on smoothed signals, and by splines."""
 
 import numpy as np
 import pytest
@@ -8,56 +8,24 @@ from hypothesis.extra.numpy import arrays
 from scipy.interpolate import make_lsq_spline
 from scipy.optimize import nnls
 
-from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import least_squares, splines
-from accpinn.methods.regression import Solution, solve_bounded
-from accpinn.model.cthp import Case
+from accpinn.methods.regression import solve_bounded
 from accpinn.units import FloatArray
 from tests.support.driving import LAW, MIXED, driven, segment_of
 
 
-@pytest.mark.parametrize("case", ["I", "II"])
-def test_is_numpys_solution_on_central_differences(case: Case) -> None:
-    segment = driven(MIXED, noise=0.02)
-    v, p = segment.speeds, segment.gaps
-    blocks, goals = [], []
-    for i in range(1, 4):
-        gap, own, ahead = p[1:-1, i - 1], v[1:-1, i], v[1:-1, i - 1]
-        blocks.append(np.column_stack([gap, -own, ahead - own]))
-        goals.append((v[2:, i] - v[:-2, i]) / 0.2)
-    if case == "I":
-        blocks, goals = [np.vstack(blocks)] * 3, [np.concatenate(goals)] * 3
-    fit = least_squares.fit(segment, case)
-    for one, rows, goal in zip(fit.parameters, blocks, goals, strict=True):
-        alpha, alpha_tau, beta = np.linalg.lstsq(rows, goal, rcond=None)[0]
-        expected = (alpha, beta, alpha_tau / alpha)
-        # Ours also has the two ends, where the difference is one-sided.
-        assert (one.alpha, one.beta, one.tau) == pytest.approx(expected, rel=0.02)
-    assert fit.surrogate is None
-    assert surrogate_errors(segment, fit) is None
-
-
-class TestSmoothed:
-    def test_smoothing_takes_away_most_of_the_noise_that_biases_plain_least_squares(self) -> None:
-        segment = driven((LAW,), duration=300.0, noise=0.3)
-        plain, smooth = (
-            abs(estimate(segment).parameters.values[0] / LAW - 1).max()
-            for estimate in (least_squares.fit, least_squares.fit_smoothed)
-        )
-        assert smooth < 0.5 * plain
-
-    def test_leaves_cubics_as_they_are(self) -> None:
-        """So the model holds exactly where the motion is a cubic, also at the window's ends."""
-        time = 0.1 * np.arange(200)
-        follower = 20 + 0.4 * time - 0.03 * time**2 + 0.0008 * time**3
-        rate = 0.4 - 0.06 * time + 0.0024 * time**2
-        ahead = 22 - 0.2 * time + 0.01 * time**2
-        alpha, beta, tau = LAW
-        gap = (rate - beta * (ahead - follower)) / alpha + tau * follower
-        segment = segment_of(time, np.column_stack([ahead, follower]), gap[:, None])
-        fit = least_squares.fit_smoothed(segment)
-        np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=1e-6)
-        np.testing.assert_allclose(fit.surrogate.speeds, segment.speeds, rtol=1e-9)
+def test_smoothed_least_squares_leaves_cubics_as_they_are() -> None:
+    """So the model holds exactly where the motion is a cubic, also at the window's ends."""
+    time = 0.1 * np.arange(200)
+    follower = 20 + 0.4 * time - 0.03 * time**2 + 0.0008 * time**3
+    rate = 0.4 - 0.06 * time + 0.0024 * time**2
+    ahead = 22 - 0.2 * time + 0.01 * time**2
+    alpha, beta, tau = LAW
+    gap = (rate - beta * (ahead - follower)) / alpha + tau * follower
+    segment = segment_of(time, np.column_stack([ahead, follower]), gap[:, None])
+    fit = least_squares.fit_smoothed(segment)
+    np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=1e-6)
+    np.testing.assert_allclose(fit.surrogate.speeds, segment.speeds, rtol=1e-9)
 
 
 entries = st.floats(-10, 10).map(lambda value: round(value, 3))
@@ -68,55 +36,41 @@ problems = st.sampled_from([2, 3]).flatmap(
 )
 
 
-def solve(problem: tuple[FloatArray, FloatArray]) -> Solution:
+@given(problems)
+def test_the_bounded_solution_is_the_optimum_that_scipy_finds_and_names_the_bounds_that_hold(
+    problem: tuple[FloatArray, FloatArray],
+) -> None:
     x, y = problem
-    return solve_bounded(x.T @ x, x.T @ y)
+    assume(np.linalg.cond(x) < 1e4)
+    solution = solve_bounded(x.T @ x, x.T @ y)
+    found, held = solution.theta, solution.active
+    assert (found >= 0).all()
+    reference = nnls(x, y)[1]
+    assert np.linalg.norm(x @ found - y) <= reference * (1 + 1e-8) + 1e-7
+    assert (found[held] == 0).all()
+    # Where a bound holds, lowering the cost would take a step out of bounds.
+    slope, scale = x.T @ (x @ found - y), 1 + np.abs(x.T @ y)
+    assert (slope[held] >= -1e-7 * scale[held]).all()
+    assert (np.abs(slope[~held]) <= 1e-6 * scale[~held]).all()
+    expected = np.linalg.lstsq(x, y)[0]
+    np.testing.assert_allclose(solution.unconstrained, expected, rtol=1e-6, atol=1e-7)
+    assert (solution.unconstrained >= 0).all() == (not held.any())
 
 
-class TestSolveBounded:
-    @given(problems)
-    def test_reaches_the_optimum_that_scipy_finds_and_names_the_bounds_that_hold(
-        self, problem: tuple[FloatArray, FloatArray]
-    ) -> None:
-        x, y = problem
-        assume(np.linalg.cond(x) < 1e4)
-        solution = solve(problem)
-        found, held = solution.theta, solution.active
-        assert (found >= 0).all()
-        reference = nnls(x, y)[1]
-        assert np.linalg.norm(x @ found - y) <= reference * (1 + 1e-8) + 1e-7
-        assert (found[held] == 0).all()
-        # Where a bound holds, lowering the cost would take a step out of bounds.
-        slope, scale = x.T @ (x @ found - y), 1 + np.abs(x.T @ y)
-        assert (slope[held] >= -1e-7 * scale[held]).all()
-        assert (np.abs(slope[~held]) <= 1e-6 * scale[~held]).all()
-        expected = np.linalg.lstsq(x, y)[0]
-        np.testing.assert_allclose(solution.unconstrained, expected, rtol=1e-6, atol=1e-7)
-        assert (solution.unconstrained >= 0).all() == (not held.any())
-
-    def test_survives_collinear_data(self) -> None:
-        # Constant speed: gap, speed and a zero relative speed leave α and ατ inseparable.
-        x = np.tile([30.0, -20.0, 0.0], (50, 1))
-        solution = solve((x, np.zeros(50)))
-        assert np.isfinite(solution.theta).all()
-        assert (solution.theta >= 0).all()
-
-
-class TestSplines:
-    def test_loss_is_that_of_its_trajectories(self) -> None:
-        """A spline through the trajectories has their derivatives."""
-        segment = driven(MIXED, noise=0.05)
-        fit = splines.fit(segment)
-        time = segment.time
-        knots = np.r_[[0.0] * 4, np.linspace(0, 60, 121), [60.0] * 4]
-        speeds, gaps = fit.surrogate.speeds, fit.surrogate.gaps
-        dv = make_lsq_spline(time, speeds, knots, 4).derivative()(time)
-        dp = make_lsq_spline(time, gaps, knots, 4).derivative()(time)
-        relative = speeds[:, :-1] - speeds[:, 1:]
-        alpha, beta, tau = fit.parameters.values.T
-        model = alpha * (gaps - tau * speeds[:, 1:]) + beta * relative
-        physics = ((dp - relative) ** 2).sum() + ((dv[:, 1:] - model) ** 2).sum()
-        assert fit.loss["physics"] == pytest.approx(physics / (segment.samples * 3), rel=1e-6)
-        data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
-        assert fit.loss["data"] == pytest.approx(data / (segment.samples * 3), rel=1e-12)
-        assert fit.loss["total"] == fit.loss["data"] + fit.loss["physics"]
+def test_the_loss_of_splines_is_that_of_their_trajectories() -> None:
+    """A spline through the trajectories has their derivatives."""
+    segment = driven(MIXED, noise=0.05)
+    fit = splines.fit(segment)
+    time = segment.time
+    knots = np.r_[[0.0] * 4, np.linspace(0, 60, 121), [60.0] * 4]
+    speeds, gaps = fit.surrogate.speeds, fit.surrogate.gaps
+    dv = make_lsq_spline(time, speeds, knots, 4).derivative()(time)
+    dp = make_lsq_spline(time, gaps, knots, 4).derivative()(time)
+    relative = speeds[:, :-1] - speeds[:, 1:]
+    alpha, beta, tau = fit.parameters.values.T
+    model = alpha * (gaps - tau * speeds[:, 1:]) + beta * relative
+    physics = ((dp - relative) ** 2).sum() + ((dv[:, 1:] - model) ** 2).sum()
+    assert fit.loss["physics"] == pytest.approx(physics / (segment.samples * 3), rel=1e-6)
+    data = ((speeds - segment.speeds) ** 2).sum() + ((gaps - segment.gaps) ** 2).sum()
+    assert fit.loss["data"] == pytest.approx(data / (segment.samples * 3), rel=1e-12)
+    assert fit.loss["total"] == fit.loss["data"] + fit.loss["physics"]

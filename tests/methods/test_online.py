@@ -6,20 +6,13 @@ import numpy as np
 import pytest
 
 from accpinn.methods import dual_ukf, particle, recursive
-from accpinn.methods.fit import (
-    BoundActive,
-    BoundActiveAtTimes,
-    FilterDiverged,
-    Fit,
-    Outcome,
-    WeaklyDetermined,
-)
+from accpinn.methods.fit import BoundActive, BoundActiveAtTimes, FilterDiverged, Fit, Outcome
 from accpinn.methods.online import TRACK_EVERY
 from accpinn.model.cthp import Case, regressors
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of, standing_still
+from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of
 
 both_filters = pytest.mark.parametrize(
     "estimate", [particle.fit, dual_ukf.fit], ids=["particle", "dual-ukf"]
@@ -30,9 +23,9 @@ Estimator = Callable[[Segment, Case], Fit]
 class TestBoth:
     @both_filters
     def test_follows_parameters_that_change(self, estimate: Estimator) -> None:
-        segment = in_turn(([LAW], 300.0), ([(0.08, 0.12, 1.2)], 300.0))
+        segment = in_turn(([LAW], 150.0), ([(0.08, 0.12, 1.2)], 200.0))
         path = estimate(segment, "II").track
-        assert path.parameters.values[path.time < 300][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
+        assert path.parameters.values[path.time < 150][-1, 0, 2] == pytest.approx(1.5, abs=0.02)
         assert path.parameters.values[-1, 0, 2] == pytest.approx(1.2, abs=0.12)
 
     @both_filters
@@ -49,19 +42,10 @@ class TestBoth:
         assert abs(fit.surrogate.gaps - segment.gaps).mean() < 0.05
         assert abs(fit.surrogate.speeds - segment.speeds).mean() < 0.05
 
-    @both_filters
-    def test_is_uncertain_near_equilibrium(self, estimate: Estimator, astazero: Recording) -> None:
-        """A minute of AstaZero in which the leader's speed varies by less than 0.1 m/s."""
-        fit = estimate(cut(astazero, 520, 60, (1, 2)), "II")
-        alpha, beta, _ = fit.track.deviation[-1, 0]
-        assert alpha > 0.03
-        assert beta > 0.2
-        assert fit.findings != ()
-
 
 class TestDualUnscented:
     def test_ends_at_the_most_likely_parameters_within_bounds(self) -> None:
-        fit = dual_ukf.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
+        fit = dual_ukf.fit(driven(((0.08, -0.03, 1.5), LAW), duration=100.0))
         assert fit.active_bounds == (("β",), ())
         assert fit.parameters[0].beta == 0
         assert fit.unconstrained[0].beta == pytest.approx(-0.03, abs=0.005)
@@ -76,17 +60,8 @@ class TestDualUnscented:
 
 
 class TestParticles:
-    def test_seed_decides(self) -> None:
-        segment = driven((LAW,), noise=0.05)
-        first, same, other = (
-            particle.fit(segment, seed=seed).parameters.values for seed in (0, 0, 1)
-        )
-        np.testing.assert_array_equal(first, same)
-        assert (first != other).all()
-        np.testing.assert_allclose(first, other, rtol=0.15)
-
     def test_every_particle_stays_within_bounds(self) -> None:
-        fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=200.0))
+        fit = particle.fit(driven(((0.08, -0.03, 1.5), LAW), duration=100.0))
         assert (fit.track.parameters.values > 0).all()
         assert 0 < fit.parameters[0].beta < 0.04
         assert fit.active_bounds == ((), ())
@@ -102,9 +77,6 @@ def test_jumps_that_no_vehicle_makes_end_in_a_diverged_fit() -> None:
     assert np.isnan(fit.parameters.values).all()
     assert len(fit.unconstrained) == len(fit.active_bounds) == 1
     assert fit.findings == (FilterDiverged(),)
-
-
-OTHER = (0.05, 0.3, 1.2)
 
 
 def textbook(segment: Segment, memory: float) -> np.ndarray:
@@ -134,27 +106,12 @@ class TestRecursion:
             path.parameters.values[-1, 0], (alpha, beta, alpha_tau / alpha), rtol=1e-5
         )
 
-    def test_follows_parameters_that_change(self) -> None:
-        path = recursive.fit(in_turn(([LAW], 120.0), ([OTHER], 180.0)), memory=20.0).track
-        before = path.parameters.values[path.time < 120][-1, 0]
-        np.testing.assert_allclose(before, LAW, rtol=1e-3)
-        np.testing.assert_allclose(path.parameters.values[-1, 0], OTHER, rtol=0.02)
-
     def test_parameters_are_the_mean_after_one_memory(self) -> None:
         fit = recursive.fit(driven((LAW,), duration=100.0, noise=0.05), memory=30.0)
         settled = fit.track.parameters.values[fit.track.time >= 30.0, 0]
         alpha, beta, tau = settled.T
         expected = (alpha.mean(), beta.mean(), (alpha * tau).mean() / alpha.mean())
         np.testing.assert_allclose(fit.parameters.values[0], expected, rtol=1e-12)
-
-    def test_midpoints_keep_white_noise_from_biasing_it(self) -> None:
-        """A forward difference on (p, v) at its start would find β too large by a third."""
-        segment = driven((LAW,), duration=300.0, noise=0.1)
-        found = recursive.fit(segment).parameters.values[0]
-        np.testing.assert_allclose(found, LAW, rtol=0.05)
-        v, rows = segment.speeds[:, 1], regressors(segment.speeds, segment.gaps)[0, :-1]
-        forward = np.linalg.lstsq(rows, np.diff(v) / 0.1, rcond=None)[0]
-        assert forward[2] > 1.3 * LAW[1]
 
 
 class TestUncertainty:
@@ -175,11 +132,6 @@ class TestUncertainty:
             path = recursive.fit(segment_of(base.time, speeds, gaps)).track
             misses.append((path.parameters.values[-1, 0] - LAW) / path.deviation[-1, 0])
         assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 1.5
-
-    def test_reports_what_is_never_determined(self) -> None:
-        fit = recursive.fit(standing_still())
-        assert np.isnan(fit.track.parameters.values).all()
-        assert fit.findings == (WeaklyDetermined(2),)
 
     def test_reports_for_how_long_a_bound_was_active(self) -> None:
         fit = recursive.fit(driven((LAW,), duration=100.0, noise=0.5), memory=3.0)

@@ -15,17 +15,12 @@ from accpinn.methods import splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
+from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE, ParameterSet
 from accpinn.recordings.recording import Recording
 from accpinn.segment.cut import cut
 from accpinn.segment.segment import Segment
-from accpinn.stability.report import stability_report
 from tests.support.methods import train
 
-TABLE_I = [[0.0104, 0.0718, 1.52]]
-TABLE_II = [[0.0627, 0.2630, 1.17]] * 4
-TABLE_III = [
-    [0.0612, 0.1200, 1.19], [0.1000, 0.1470, 1.17], [0.0766, 0.2220, 1.16], [0.0409, 0.4450, 1.16]
-]  # fmt: skip
 LIMIT_I = [[0.01045, 0.07176, 1.5222]]
 LIMIT_II = [[0.0638, 0.2604, 1.171]] * 4
 LIMIT_III = [
@@ -34,9 +29,11 @@ LIMIT_III = [
 ]  # fmt: skip
 """The limits of the loss published with the method, right to one unit of their last digit."""
 PRINTED = [
-    pytest.param("Casale", "II", TABLE_I, (0.01, 0.01, 0.005), LIMIT_I, 1.5e-4, id="Table I"),
-    pytest.param("AstaZero", "I", TABLE_II, (0.03, 0.02, 0.005), LIMIT_II, 1e-3, id="Table II"),
-    pytest.param("AstaZero", "II", TABLE_III, (0.06, 0.13, 0.01), LIMIT_III, 1e-3, id="Table III"),
+    pytest.param("Casale", "II", CASALE, (0.01, 0.01, 0.005), LIMIT_I, 1.5e-4, id="Table I"),
+    pytest.param(
+        "AstaZero", "I", ASTAZERO_ALIKE, (0.03, 0.02, 0.005), LIMIT_II, 1e-3, id="Table II"
+    ),
+    pytest.param("AstaZero", "II", ASTAZERO, (0.06, 0.13, 0.01), LIMIT_III, 1e-3, id="Table III"),
 ]
 SURROGATE_GAP_MAE = 0.05
 """In m; the paper prints 0.25 to 0.54 m."""
@@ -54,12 +51,12 @@ def learned(segment: Segment, case: Case, seed: int = 0) -> Fit:
 
 @pytest.mark.parametrize(("campaign", "case", "printed", "tolerance", "limit", "unit"), PRINTED)
 def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
-    segments: dict[str, Segment], campaign: str, case: Case, printed: list[list[float]],
+    segments: dict[str, Segment], campaign: str, case: Case, printed: ParameterSet,
     tolerance: tuple[float, ...], limit: list[list[float]], unit: float,
 ) -> None:  # fmt: skip
     segment = segments[campaign]
     found = learned(segment, case)
-    off = np.abs(found.parameters.values / printed - 1.0)
+    off = np.abs(found.parameters.values / printed.parameters.values - 1.0)
     assert (off <= tolerance).all(), off
     reached = splines.fit(segment, case).parameters.values
     assert (np.abs(reached - limit) <= unit * np.array([0.1, 0.1, 1])).all()
@@ -69,17 +66,9 @@ def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
     assert (errors.gap_mae < SURROGATE_GAP_MAE).all()
 
 
-def test_verdicts_of_table_iii(segments: dict[str, Segment]) -> None:
-    """L2 NO for all; by the paper's L∞ criterion YES for the Tesla alone, exactly for none."""
-    vehicles = stability_report(learned(segments["AstaZero"], "II").parameters).vehicles
-    assert [v.l2.stable for v in vehicles] == [False] * 4
-    assert [v.linf_paper.stable for v in vehicles] == [False, False, False, True]
-    assert [v.linf_exact.stable for v in vehicles] == [False] * 4
-
-
 def test_seeds_agree(segments: dict[str, Segment]) -> None:
     """Table I's five experiments differ in the third decimal; seeds here far less."""
-    fits = [learned(segments["Casale"], "II", seed) for seed in range(3)]
+    fits = [learned(segments["Casale"], "II", seed) for seed in (0, 1)]
     tables = np.array([fit.parameters.values[0] for fit in fits])
     spread = np.ptp(tables, axis=0) / tables.mean(axis=0)
     assert (spread < 0.002).all(), spread

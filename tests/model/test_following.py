@@ -132,17 +132,7 @@ def test_followers_go_by_a_recordings_numbers_or_their_names() -> None:
     ours = ParameterSet("run", ("X", "Y"), ASTAZERO.parameters[:2], (3, 4, 5), ("4 X", "5 Y"))
     assert ours.numbered
     assert ours.spoken == ("vehicle 4 X", "vehicle 5 Y")
-
-
-@pytest.mark.parametrize(
-    ("names", "parameters", "words"),
-    [
-        (("a", "b"), Parameters([0.1], [0.1], [1.0]), "2 names and 1 sets"),
-        ((), Parameters([], [], []), "at least one vehicle"),
-    ],
-)
-def test_names_and_parameters_must_match(
-    names: tuple[str, ...], parameters: Parameters, words: str
-) -> None:
-    with pytest.raises(ParameterError, match=words):
-        ParameterSet("Mine", names, parameters)
+    with pytest.raises(ParameterError, match="2 names and 1 sets"):
+        ParameterSet("Mine", ("a", "b"), ASTAZERO.parameters[:1])
+    with pytest.raises(ParameterError, match="at least one vehicle"):
+        ParameterSet("Mine", (), Parameters([], [], []))

@@ -26,10 +26,9 @@ from accpinn.platoon import (
 )
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.stability.criteria import response
-from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.units import FloatArray
 from tests.support.driving import motion
-from tests.support.vehicles import AUDI, MERCEDES, MIXED, NO_GAP_CONTROL, TESLA, ordinary, row
+from tests.support.vehicles import AUDI, MERCEDES, MIXED, NO_GAP_CONTROL, TESLA, row
 
 
 def leader_speed(leader: Leader, instant: float) -> float:
@@ -97,23 +96,6 @@ class TestExactMotion:
             driven = simulate_platoon(MIXED, recorded).trajectories
             np.testing.assert_allclose(driven.gaps, planned.gaps, atol=1e-8)
             assert driven.time[0] == 43_000.0
-
-    @given(st.lists(ordinary, min_size=1, max_size=4), st.floats(0.5, 40.0))
-    @settings(max_examples=10)
-    def test_an_equilibrium_stays_to_the_last_bit(
-        self, platoon: list[Parameters], speed: float
-    ) -> None:
-        vehicles = row(*platoon)
-        run = simulate_platoon(vehicles, Sinusoid(amplitude=0.0, speed=speed, duration=50))
-        assert run.trajectories.time[-1] == pytest.approx(50)
-        assert (run.trajectories.speeds == speed).all()
-        assert (run.trajectories.gaps == speed * vehicles.tau).all()
-
-    def test_peaks_stay_below_the_exact_gain(self) -> None:
-        found = head_to_tail_gains(row(*[AUDI] * 3)).gain
-        for leader in (Sinusoid(0.21), SpeedStep(), Brake()):
-            run = simulate_platoon(row(*[AUDI] * 3), leader)
-            assert (run.largest_deviation[1:] <= run.largest_deviation[0] * found).all()
 
 
 class TestFindings:
@@ -190,22 +172,6 @@ def test_what_cannot_be_simulated_is_refused(make: Callable[[], object], words: 
 
 def measured(platoon: Parameters, leader: Sinusoid) -> Amplitudes:
     return simulate_platoon(platoon, leader).amplitudes
-
-
-@pytest.mark.parametrize(("vehicle", "grows"), [(MERCEDES, True), (TESLA, False)])
-@pytest.mark.parametrize("omega", [0.25, 0.3])
-def test_the_papers_eighth_follower_moves_by_the_eighth_power(
-    vehicle: Parameters, omega: float, grows: bool
-) -> None:
-    run = simulate_platoon(row(*[vehicle] * 8), Sinusoid(omega))
-    assert (run.findings, run.collisions) == ((), ())
-    found, gain = run.amplitudes, np.abs(response(row(vehicle), np.array([omega])))[0, 0]
-    np.testing.assert_allclose(found.predicted, gain ** np.arange(9), rtol=1e-12)
-    np.testing.assert_allclose(found.measured, found.predicted, rtol=1e-5)
-    assert (found.measured[8] > 1) == grows
-    assert found.periods == 5
-    fast = simulate_platoon(row(AUDI, vehicle), Sinusoid(40.0, duration=300)).amplitudes
-    np.testing.assert_allclose(fast.measured, fast.predicted, rtol=1e-3)
 
 
 @given(st.permutations(range(4)), st.floats(0.05, 1.5))

@@ -1,7 +1,7 @@
 """Cutting windows: what comes out is even and complete, and its findings are what was done."""
 
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.recordings.openacc import read
 from accpinn.recordings.recording import Window
 from accpinn.segment.cut import (
     DECIMALS,
@@ -30,6 +29,7 @@ from accpinn.segment.segment import (
     WindowMoved,
     WindowShortened,
 )
+from tests.support.driving import segment_of
 from tests.support.openacc_files import platoon, recording
 
 
@@ -233,17 +233,8 @@ def test_platoons_that_are_none(vehicles: tuple[int, ...], words: str) -> None:
 
 
 def segment(**changes: object) -> Segment:
-    values = {
-        "time": 0.1 * np.arange(4),
-        "speeds": np.ones((4, 2)),
-        "gaps": np.full((4, 1), 5.0),
-        "vehicles": (1, 2),
-        "names": ("A", "Vehicle 2"),
-        "start": 0.0,
-        "source": "made.csv",
-        "sha256": "",
-    }
-    return Segment(**(values | changes))
+    made = segment_of(0.1 * np.arange(4), np.ones((4, 2)), np.full((4, 1), 5.0))
+    return replace(made, **{"names": ("A", "Vehicle 2"), "source": "made.csv", **changes})
 
 
 def test_a_segment_copies_its_arrays_and_describes_itself() -> None:
@@ -326,22 +317,6 @@ def test_any_choice_gives_a_segment_or_a_sentence(
         return
     assert text.endswith(".")
     assert "\n" not in text
-
-
-# The real recordings
-
-
-def test_low_speed_is_refused_and_zalazone_is_bridged(openacc_dir: Path) -> None:
-    low = read(openacc_dir / "JRC low speed/part12.csv")
-    with pytest.raises(SegmentError, match=r"Speed2 is missing .* complete nearby: 76–86\.8 s"):
-        cut(low)
-    assert len(complete_windows(low, (1, 2, 3))) == 6
-    zala = read(openacc_dir / "ZalaZone/handling_part10.csv")
-    made = cut(zala, start=1.0)
-    assert made.vehicles == (4, 5, 6, 7, 8, 9)
-    assert Bridged("Speed8", 6, (Window(32.9, 33.4),)) in made.findings
-    with pytest.raises(SegmentError, match=r"vehicle 3 \(TOYOTA_RAV4\).*possible platoons: 4-9"):
-        cut(zala, start=1.0, vehicles=(2, 3))
 
 
 # Several windows

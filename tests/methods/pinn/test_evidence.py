@@ -1,24 +1,18 @@
 """The evidence of a surrogate that is linear in its weights, and the preset `calibrated`."""
 
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
 from accpinn.evaluation.closed_loop import surrogate_errors
-from accpinn.methods.fit import Fit, Outcome, Progress
-from accpinn.methods.likelihood import Criterion, Maximum, end_of
+from accpinn.methods.fit import Outcome, Progress
+from accpinn.methods.likelihood import end_of
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import CALIBRATED
-from accpinn.methods.pinn.evidence import (
-    DEGREE,
-    OUTPUTS,
-    Evidence,
-    LinearEvidence,
-    climb,
-)
+from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Evidence, LinearEvidence, climb
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Case, Parameters
@@ -32,17 +26,12 @@ from tests.support.methods import train
 VALUES = np.array([0.08, 0.12, 0.2, 0.25, 4.0, 0.5, 0.03, 0.05, 0.5])
 
 
-@lru_cache
 def recording(seed: int, duration: float = 300.0) -> Segment:
     return disturbed(SETS[[seed % len(SETS)]], seed, Disturbance(), duration=duration)
 
 
 def short() -> Series:
     return series_of([recording(1, 40.0)], "II")
-
-
-def evidence_of(series: Series) -> LinearEvidence:
-    return LinearEvidence(series.measured[:, :, 0], series.step)
 
 
 def dense(banded: FloatArray) -> FloatArray:
@@ -54,79 +43,61 @@ def dense(banded: FloatArray) -> FloatArray:
     return np.asarray(matrix + np.tril(matrix, -1).T)
 
 
-class TestPrior:
-    def test_is_the_integral_of_the_squared_residuals(self) -> None:
-        """By quadrature of the equations as they are written, for random weights."""
-        series = short()
-        evidence = evidence_of(series)
-        weights = np.random.default_rng(1).standard_normal((evidence.basis.size, OUTPUTS))
-        curve = BSpline(evidence.basis.knots, weights, DEGREE)
-        end = evidence.basis.knots[-1]
-        time = np.linspace(0.0, end, 400_001)
-        (p, v, u), (dp, dv, du), (ddp, ddv, ddu), (_, dddv, _) = (
-            curve(time, k).T for k in range(4)
-        )
-        alpha, alpha_tau, beta, s, memory, rise, _, _, leader = VALUES
-        r = dv - alpha * p + (alpha_tau + beta) * v - beta * u
-        dr = ddv - alpha * dp + (alpha_tau + beta) * dv - beta * du
-        ddr = dddv - alpha * ddp + (alpha_tau + beta) * ddv - beta * ddu
-        # (T₂ d/dt + 1)(d/dt + 1/T) r
-        whitened = rise * ddr + dr + (r + rise * dr) / memory
-        running = whitened**2 / (2 * s**2 * (memory + rise) / memory**2)
-        running += (dp - u + v) ** 2 / GAP_DRIFT
-        running += (ddu + du / LEADER_MEMORY) ** 2 / (2 * leader**2 / LEADER_MEMORY)
-        first = r[0] ** 2 / s**2 + dr[0] ** 2 * memory * rise / s**2 + du[0] ** 2 / leader**2
-        first += p[0] ** 2 / 100**2 + v[0] ** 2 / 50**2 + u[0] ** 2 / 50**2
-        expected = np.trapezoid(running, time) + first
-        w = weights.ravel()
-        assert w @ dense(evidence.prior(VALUES)) @ w == pytest.approx(expected, rel=1e-6)
+def test_the_prior_is_the_integral_of_the_squared_residuals() -> None:
+    """By quadrature of the equations as they are written, for random weights."""
+    series = short()
+    evidence = LinearEvidence(series.measured[:, :, 0], series.step)
+    weights = np.random.default_rng(1).standard_normal((evidence.basis.size, OUTPUTS))
+    curve = BSpline(evidence.basis.knots, weights, DEGREE)
+    end = evidence.basis.knots[-1]
+    time = np.linspace(0.0, end, 400_001)
+    (p, v, u), (dp, dv, du), (ddp, ddv, ddu), (_, dddv, _) = (curve(time, k).T for k in range(4))
+    alpha, alpha_tau, beta, s, memory, rise, _, _, leader = VALUES
+    r = dv - alpha * p + (alpha_tau + beta) * v - beta * u
+    dr = ddv - alpha * dp + (alpha_tau + beta) * dv - beta * du
+    ddr = dddv - alpha * ddp + (alpha_tau + beta) * ddv - beta * ddu
+    # (T₂ d/dt + 1)(d/dt + 1/T) r
+    whitened = rise * ddr + dr + (r + rise * dr) / memory
+    running = whitened**2 / (2 * s**2 * (memory + rise) / memory**2)
+    running += (dp - u + v) ** 2 / GAP_DRIFT
+    running += (ddu + du / LEADER_MEMORY) ** 2 / (2 * leader**2 / LEADER_MEMORY)
+    first = r[0] ** 2 / s**2 + dr[0] ** 2 * memory * rise / s**2 + du[0] ** 2 / leader**2
+    first += p[0] ** 2 / 100**2 + v[0] ** 2 / 50**2 + u[0] ** 2 / 50**2
+    expected = np.trapezoid(running, time) + first
+    w = weights.ravel()
+    assert w @ dense(evidence.prior(VALUES)) @ w == pytest.approx(expected, rel=1e-6)
 
 
-class TestEvidence:
-    @pytest.mark.parametrize("missing", [False, True], ids=["complete", "missing"])
-    def test_is_the_density_of_the_data_with_the_weights_integrated_out(
-        self, missing: bool
-    ) -> None:
-        """The data are N(0, Φ Λ⁻¹ Φᵀ + σ²), computed densely."""
-        series = short()
-        measured = series.measured[:, :, 0].copy()
-        if missing:
-            measured[20:30, 0] = np.nan
-            measured[25:35] = np.nan
-        evidence = LinearEvidence(measured, series.step)
-        features = np.kron(evidence.basis.values.toarray(), np.eye(OUTPUTS))
-        prior = np.linalg.inv(dense(evidence.prior(VALUES)))
-        noise = np.tile(VALUES[[6, 7, 7]] ** 2, len(measured))
-        y, there = measured.ravel(), ~np.isnan(measured.ravel())
-        covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(there, there)]
-        whitened = np.linalg.solve(covariance, y[there])
-        determinant = np.linalg.slogdet(2 * np.pi * covariance)[1]
-        assert sum(evidence.parts(VALUES)) == pytest.approx(
-            -0.5 * (y[there] @ whitened + determinant), abs=1e-3
-        )
-
-    def test_is_the_kalman_filters_likelihood_as_a_function_of_the_parameters(self) -> None:
-        series = series_of([recording(0)], "II")
-        z = np.log(VALUES) + np.concatenate([np.zeros((1, 9)), 0.2 * np.eye(9)[:6]])
-        groups = np.zeros(len(z), int)
-        ours, kalman = (
-            criterion.log_likelihood(z, groups)
-            for criterion in (Evidence(series), Criterion(series))
-        )
-        np.testing.assert_allclose(ours - ours[0], kalman - kalman[0], atol=0.8, rtol=0.03)
-
-
-@lru_cache
-def maximum(seed: int) -> Maximum:
-    segment = recording(seed)
-    return end_of(climb(Evidence(series_of([segment], "II")), joint_maxima((segment,), "II")))[0]
+@pytest.mark.parametrize("missing", [False, True], ids=["complete", "missing"])
+def test_the_evidence_is_the_density_of_the_data_with_the_weights_integrated_out(
+    missing: bool,
+) -> None:
+    """The data are N(0, Φ Λ⁻¹ Φᵀ + σ²), computed densely."""
+    series = short()
+    measured = series.measured[:, :, 0].copy()
+    if missing:
+        measured[20:30, 0] = np.nan
+        measured[25:35] = np.nan
+    evidence = LinearEvidence(measured, series.step)
+    features = np.kron(evidence.basis.values.toarray(), np.eye(OUTPUTS))
+    prior = np.linalg.inv(dense(evidence.prior(VALUES)))
+    noise = np.tile(VALUES[[6, 7, 7]] ** 2, len(measured))
+    y, there = measured.ravel(), ~np.isnan(measured.ravel())
+    covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(there, there)]
+    whitened = np.linalg.solve(covariance, y[there])
+    determinant = np.linalg.slogdet(2 * np.pi * covariance)[1]
+    assert sum(evidence.parts(VALUES)) == pytest.approx(
+        -0.5 * (y[there] @ whitened + determinant), abs=1e-3
+    )
 
 
 def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
     """Splines are 22 % too low in α on such recordings; here the mean lies within 3 errors."""
     errors, deviations = [], []
     for seed in range(4):
-        found = maximum(seed)
+        segment = recording(seed)
+        start = joint_maxima((segment,), "II")
+        (found,) = end_of(climb(Evidence(series_of([segment], "II")), start))
         estimate = Parameters.from_theta(np.exp(found.coordinates[:3])).values
         errors.append(np.log(estimate / SETS[seed % len(SETS)].values))
         deviations.append(found.errors)
@@ -134,51 +105,31 @@ def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
     assert (np.abs(np.array(errors) / deviations) < 3.5).all()
 
 
-SHORT = 40.0
-
-
 @cache
 def platoon() -> Segment:
-    return disturbed(SETS[[0, 1]], 2, Disturbance(), duration=SHORT)
+    return disturbed(SETS[[0, 1]], 2, Disturbance(), duration=40.0)
 
 
-@cache
-def fitted(case: Case = "II") -> Fit:
-    return train(platoon(), case, CALIBRATED)
-
-
-class TestResult:
-    @pytest.mark.parametrize("case", ["I", "II"])
-    def test_parameters_are_those_of_maximum_likelihood(self, case: Case) -> None:
-        """Within 0.2 of the standard errors that it states."""
-        fit, other = fitted(case), maximum_likelihood(platoon(), case)
-        apart = np.log(fit.parameters.values / other.parameters.values)
-        assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
-        assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
-
-    def test_network_follows_the_data(self) -> None:
-        errors = surrogate_errors(platoon(), fitted())
-        assert errors.gap_mae.max() < 0.2
-
-    def test_converges_to_the_loss_of_its_curves(self) -> None:
-        fit = fitted()
-        assert fit.outcome is Outcome.CONVERGED
-        terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
-        assert fit.history.total[-1] == fit.loss["total"] == pytest.approx(terms, rel=1e-12)
-
-
-class TestProgress:
-    def test_shows_evidence_and_narrowing_uncertainty(self) -> None:
-        seen: list[Progress] = []
-        fit = train(platoon(), "II", CALIBRATED, on_progress=seen.append)
-        phases = [moment.phase for moment in seen]
-        assert phases == ["evidence"] * (len(phases) - 1) + ["curves"]
-        assert [moment.iteration for moment in seen] == sorted({m.iteration for m in seen})
-        evidence = np.array([moment.evidence for moment in seen])
-        assert evidence[-1] > evidence[0]
-        np.testing.assert_array_equal(fit.history.evidence, evidence)
-        assert fit.history.deviations.shape == (len(seen), 2, 3)
-        assert fit.loss["evidence"] == evidence[-1]
+@pytest.mark.parametrize("case", ["I", "II"])
+def test_parameters_are_those_of_maximum_likelihood_and_curves_follow_the_data(case: Case) -> None:
+    """Within 0.2 of the standard errors that it states."""
+    seen: list[Progress] = []
+    fit = train(platoon(), case, CALIBRATED, on_progress=seen.append)
+    apart = np.log(fit.parameters.values / maximum_likelihood(platoon(), case).parameters.values)
+    assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
+    assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
+    assert surrogate_errors(platoon(), fit).gap_mae.max() < 0.2
+    assert fit.outcome is Outcome.CONVERGED
+    terms = fit.loss["data"] + fit.loss["physics"] + fit.loss["initial"]
+    assert fit.history.total[-1] == fit.loss["total"] == pytest.approx(terms, rel=1e-12)
+    phases = [moment.phase for moment in seen]
+    assert phases == ["evidence"] * (len(phases) - 1) + ["curves"]
+    assert [moment.iteration for moment in seen] == sorted({m.iteration for m in seen})
+    evidence = [moment.evidence for moment in seen]
+    assert evidence[-1] > evidence[0]
+    np.testing.assert_array_equal(fit.history.evidence, evidence)
+    assert fit.history.deviations.shape == (len(seen), *fit.arrays["deviations"].shape)
+    assert fit.loss["evidence"] == evidence[-1]
 
 
 @pytest.mark.parametrize("stop", [0, 3])

@@ -7,11 +7,9 @@ import pytest
 
 from accpinn.methods import Law
 from accpinn.methods.fit import Undetermined
-from accpinn.methods.following import bounds_of
-from accpinn.methods.pinn.config import FAST, PAPER, STARTS
-from accpinn.methods.pinn.following import FollowingFast, initial_scores, values_of
+from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.methods.pinn.following import FollowingFast
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, value_of
 from tests.methods.test_simulation import TRUTHS
 from tests.support.driving import MIXED, segment_of
@@ -61,15 +59,6 @@ def test_the_cthp_is_a_special_case(case: str, monkeypatch: pytest.MonkeyPatch) 
         training.advance()
     exact = train(segment, case).parameters.values
     np.testing.assert_allclose(training.fit().parameters.values, exact, rtol=1e-3)
-
-
-@pytest.mark.parametrize("initial", STARTS)
-def test_a_cthp_with_s0_begins_at_the_users_values(initial: Parameters) -> None:
-    model = FOLLOWING["cthp-s0"]
-    z = initial_scores(model, replace(PAPER, initial=initial), bounds_of(model))
-    begun = values_of(model, z[None], 2)
-    expected = [*np.maximum(initial.values, [p.lower for p in model.parameters[:3]]), 5.0]
-    np.testing.assert_allclose(begun, np.column_stack([expected] * 2))
 
 
 @pytest.mark.parametrize("key", ["idm", "idm-lag", "idm-delay"])

@@ -102,7 +102,7 @@ def test_adam_is_that_of_torch_optim_and_continues_from_its_arrays(b2: float) ->
 def test_layers_and_width_shape_the_network_and_its_curves_can_be_drawn_again(
     name: PresetName,
 ) -> None:
-    segment = sample(NOISY).segment
+    segment = sample(NOISY, 60.0).segment
     config = preset(name, iterations=10, layers=2, width=20)
     fit = train(segment, "II", config, threads=1)
     weights = [array for key, array in fit.arrays.items() if "hidden" in key and "weight" in key]

@@ -24,10 +24,8 @@ from accpinn.methods.fit import (
     Progress,
 )
 from accpinn.methods.pinn import training
-from accpinn.methods.pinn.calibrated import drawn
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig, preset
 from accpinn.methods.pinn.fast import FastTraining
-from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment.segment import Segment
 from accpinn.study.store import Store
@@ -101,20 +99,11 @@ class TestResult:
         assert fit.loss["total"] == pytest.approx(terms, rel=1e-12)
         assert fit.history.total[-1] == fit.loss["total"]
         assert fit.history.parameters[-1] == fit.parameters
-        assert fit.loss["start"] > 0
+        assert fit.loss["start"] > fit.loss["total"]
+        weighted = fitted(config=WEIGHTED)
+        assert weighted.loss["start"] > weighted.loss["total"]
         assert HiddenLayersGain(fit.loss["start"], fit.loss["total"]) in fit.findings
         assert not any(isinstance(found, IterationsExhausted) for found in fit.findings)
-
-    def test_weights_pull_towards_data_or_model(self) -> None:
-        physics_only = train(
-            noisy(), "II", preset("fast", iterations=100, weight_physics=(100.0, 100.0))
-        )
-        data_only = train(
-            noisy(), "II", preset("fast", iterations=100, weight_physics=(0.01, 0.01))
-        )
-        unweighted_physics = physics_only.loss["physics"] / 100, data_only.loss["physics"] / 0.01
-        assert unweighted_physics[0] < unweighted_physics[1]
-        assert physics_only.loss["data"] > data_only.loss["data"]
 
     def test_initial_condition_binds_the_first_instant_when_weighted(self) -> None:
         def first_error(fit: Fit) -> float:
@@ -124,22 +113,6 @@ class TestResult:
         assert free.loss["initial"] == 0
         assert bound.loss["initial"] > 0
         assert first_error(bound) < 0.1 * first_error(free)
-
-
-class TestProgress:
-    @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
-    def test_moves_forward_only(self, config: PinnConfig) -> None:
-        seen: list[Progress] = []
-        config = replace(config, initial=Parameters(0.3, 0.4, 1.1), iterations=20)
-        fit = train(noisy(), "II", config, on_progress=seen.append)
-        np.testing.assert_allclose(seen[0].parameters.values, [[0.3, 0.4, 1.1]], rtol=1e-12)
-        iterations = [moment.iteration for moment in seen]
-        assert iterations[0] == 0
-        assert (np.diff(iterations) > 0).all()
-        assert iterations[-1] == fit.iterations <= config.iterations
-        assert (np.diff([moment.seconds for moment in seen]) >= 0).all()
-        assert {moment.iterations for moment in seen} == {config.iterations}
-        assert all(moment.parameters.values.shape == (1, 3) for moment in seen)
 
 
 class TestEnds:
@@ -153,12 +126,21 @@ class TestEnds:
         assert [move <= 1e-3 for move in moved] == [False] * (len(moved) - 1) + [True]
 
     @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
-    def test_finishes_after_the_planned_iterations(self, config: PinnConfig) -> None:
-        fit = train(noisy(), "II", replace(config, iterations=13))
+    def test_moves_forward_only_and_finishes_after_the_planned_iterations(
+        self, config: PinnConfig
+    ) -> None:
+        seen: list[Progress] = []
+        config = replace(config, initial=Parameters(0.3, 0.4, 1.1), iterations=13)
+        fit = train(noisy(), "II", config, on_progress=seen.append)
+        np.testing.assert_allclose(seen[0].parameters.values, [[0.3, 0.4, 1.1]], rtol=1e-12)
+        iterations = [moment.iteration for moment in seen]
+        assert (np.diff(iterations) > 0).all()
+        assert (iterations[0], iterations[-1], fit.iterations) == (0, 13, 13)
+        assert (np.diff([moment.seconds for moment in seen]) >= 0).all()
+        assert {moment.iterations for moment in seen} == {13}
         assert fit.outcome is Outcome.FINISHED
-        assert fit.iterations == 13
-        assert (IterationsExhausted(13) in fit.findings) == (config is FAST)
-        other = train(noisy(), "II", replace(config, iterations=13, seed=1))
+        assert (IterationsExhausted(13) in fit.findings) == (config.preset == "fast")
+        other = train(noisy(), "II", replace(config, seed=1))
         assert other.parameters.values.tobytes() != fit.parameters.values.tobytes()
 
     @pytest.mark.parametrize("config", [FAST, SHORT], ids=["fast", "paper"])
@@ -201,7 +183,7 @@ class TestBounds:
 
 
 class TestPaperPreset:
-    def test_the_test_part_is_kept_out_and_its_errors_are_reported(self) -> None:
+    def test_the_test_part_changes_nothing_and_its_errors_are_reported(self) -> None:
         fit = plain(SHORT)
         assert fit.arrays["test"].sum() == round(0.2 * 301)
         assert fit.arrays["test"][0] == 0, "the first instant stays, as Ψ_R looks at it"
@@ -209,9 +191,6 @@ class TestPaperPreset:
         assert fit.loss["test_physics"] >= 0
         losses = fit.loss["test_data"], fit.loss["test_physics"]
         assert HoldoutLoss(60, *losses) in fit.findings
-
-    def test_what_is_kept_out_changes_nothing(self) -> None:
-        fit = plain(SHORT)
         bent = noisy().gaps.copy()
         bent[fit.arrays["test"] == 1] += 50.0
         other = train(segment_of(noisy().time, noisy().speeds, bent), "II", SHORT)
@@ -342,32 +321,11 @@ class TestSettings:
             PinnConfig.from_json(FAST.to_json() | {"initial": 1})
 
 
-SEGMENT = driven(MIXED, noise=0.05)
-
-
-def started(config: PinnConfig = FAST, masked: bool = False) -> FastTraining:
-    """A training after its exact rounds."""
-    mask = np.random.default_rng(1).random(SEGMENT.gaps.shape) < 0.7 if masked else None
-    training = FastTraining(replace(SEGMENT, mask=mask), "II", config)
+def test_a_cycle_that_does_not_lower_the_loss_is_taken_back_and_is_the_last() -> None:
+    config = replace(FAST, learning_rate=1.0)
+    training = FastTraining(driven(MIXED, noise=0.05), "II", config)
     while training.progress.phase == "start" and training._starting:
         training.advance()
-    return training
-
-
-@pytest.mark.parametrize("masked", [False, True])
-@pytest.mark.parametrize("config", [FAST, WEIGHTED])
-def test_training_the_hidden_layers_lowers_the_loss(config: PinnConfig, masked: bool) -> None:
-    training = started(config, masked)
-    before = training.progress.total
-    training.advance()
-    # With little data minibatches may raise the loss, and the cycle is taken back.
-    assert training.progress.total <= before
-    assert masked or training.progress.total < before
-    assert training.progress.iteration - 50 in range(3, 15)
-
-
-def test_a_cycle_that_does_not_lower_the_loss_is_taken_back_and_is_the_last() -> None:
-    training = started(replace(FAST, learning_rate=1.0))
     before, weights = training.progress, training.fit().arrays
     training.advance()
     assert training.outcome is Outcome.CONVERGED
@@ -375,12 +333,3 @@ def test_a_cycle_that_does_not_lower_the_loss_is_taken_back_and_is_the_last() ->
     assert training.progress.parameters == before.parameters
     for name, values in training.fit().arrays.items():
         np.testing.assert_array_equal(values, weights[name])
-
-
-def test_an_output_layer_for_given_parameters_has_the_loss_of_the_start() -> None:
-    """`calibrated` draws its curves by it."""
-    given = Solution.of(Parameters.of(np.tile([0.1, 0.2, 1.3], (3, 1))).theta)
-    config = replace(FAST, initial=Parameters(0.1, 0.2, 1.3))
-    fit = drawn(SEGMENT, "II", config, given, None, evidence=2.0)
-    assert fit.loss["total"] == FastTraining(SEGMENT, "II", config).progress.total
-    assert fit.loss["evidence"] == 2.0
