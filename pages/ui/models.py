@@ -23,9 +23,9 @@ LEAD = (
 )
 ABOUT = (
     "RMSE of the gap: geometric mean over the windows left out. Beyond the best: error above that"
-    " of the best model, mean ± one standard error over windows. |H| off: rms difference from the gain"
-    " measured from the recording (Welch's method), a dash where none is measured. Stability holds"
-    " for small disturbances at the stated speed."
+    " of the best model, mean ± one standard error over windows. |H| off: rms difference from the"
+    " gain measured from the recording (Welch's method), a dash where none is measured. Stability"
+    " holds for small disturbances at the stated speed."
 )
 KMH = 3.6
 
