@@ -135,7 +135,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
     (lambda: on_stability.factor(1.00002), ["1 + 2e-05"]),
     (lambda: on_stability.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
-     ["follower 6 collides at 88 s", "follower 5 at 114 s"]),
+     ["Follower 6 collides at 88 s", "follower 5 at 114 s"]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      [AFTER_COLLISION]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
