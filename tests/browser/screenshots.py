@@ -16,6 +16,7 @@ from playwright.sync_api import Page, expect
 from tests.browser.running import (
     PATIENCE_MS,
     TRAINING_MS,
+    chart,
     choose,
     fill,
     idle,
@@ -52,13 +53,13 @@ SCENES = {
                  "shoot train_stopped"),
     "stability": ("/Stability", "fold stability_empty", "press Open a published example",
                   "tour stability", "tick By hand", "shoot stability_by_hand"),
-    "platoon": ("/Platoon", "press Open a published example", "tour platoon", "tick Sinusoid",
+    "platoon": ("/Platoon", "press Open a published example", "tour platoon",
                 "tick From the leader", "tick Whole run", "tick One car", "shoot platoon_collision",
                 "choose Disturbance of the leader = Brake", "shoot platoon_brake"),
     "compare": ("/Data", "press Open this sample", "to Compare", "press Run all methods",
                 "wait Stop", "fold compare_running", "wait Maximum likelihood (90",
                 "tab Repeatability", "press Five starts", "wait All 5 trainings", "tour compare",
-                "tick Car-following models", "press Judge 4 models", "wait At 100 km/h",
+                "tick Car-following models", "press Judge 4 models", "chart models_peak",
                 "tour compare_models"),
     "snapshots": ("/", "press Train a sample now", "wait Next: string stability", "to Snapshots",
                   "tick Include the data slice",
@@ -141,6 +142,9 @@ class Camera:
 
     def choose(self, words: str) -> None:
         choose(self.page, *words.split(" = "))
+
+    def chart(self, key: str) -> None:
+        chart(self.page, key)
 
     def tab(self, title: str) -> None:
         open_tab(self.page, title)

@@ -17,6 +17,7 @@ from tests.fuzz.kinds import KINDS
 
 SECONDS = 60 * float(os.environ.get("FUZZ_MINUTES", "0")) / len(KINDS)
 """For each kind; 0 for a small corpus that is the same on every run."""
+PROFILE = settings.get_profile("default" if SECONDS else "house")
 FINDINGS = Path("fuzz_findings")
 
 
@@ -25,7 +26,7 @@ FINDINGS = Path("fuzz_findings")
 def test_what_a_stranger_hands_over(name: str) -> None:
     kind, answers, end = KINDS[name], set(), time.monotonic() + SECONDS
 
-    @settings(max_examples=kind.examples or 1, derandomize=not SECONDS)
+    @settings(PROFILE, max_examples=kind.examples or 1, deadline=None)
     @given(st.randoms(use_true_random=False))
     def holds(draw: random.Random) -> None:
         content = kind.draw(draw)

@@ -19,7 +19,7 @@ from accpinn.study.result import Result
 from accpinn.tasks import Status, Task
 from pages.ui.session.resources import FIRST_SAMPLE, sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
-from tests.support.apptest import WAIT, answer, open_page, with_pair, with_sample
+from tests.support.apptest import WAIT, answer, open_page, stop_tasks, with_pair, with_sample
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -180,7 +180,5 @@ def test_a_comparison_names_one_s_own_training_that_it_waits_for(session: Worksp
     assert said in page.plain()
     assert "The comparison then starts by itself." in page.plain()
     assert "Go to Train to stop it" in page.everything()
-    for task in session.tasks:
-        task.stop()
-        assert task.wait(WAIT)
+    stop_tasks(session)
     assert "Stopped: no result" in open_page("Compare", session).plain()

@@ -37,10 +37,10 @@ from tests.support.apptest import (
     PAGES,
     WAIT,
     WIDGETS,
-    Page,
     answer,
     fitted,
     open_page,
+    stop_tasks,
     until,
     with_pair,
     with_sample,
@@ -62,10 +62,6 @@ def with_recording(run: Recording) -> Workspace:
     session = sessions.workspaces().new()
     session.open(run)
     return session
-
-
-def labels(page: Page) -> list[str]:
-    return [b.label for b in page.button]
 
 
 # Every page
@@ -112,7 +108,7 @@ def test_one_click_on_home_trains_a_sample() -> None:
     windows = windows_in_car_following(recording, session.vehicles) or (session.window,)
     assert (asked.config, asked.windows) == (CALIBRATED, windows)
     assert session.true_parameters == truth.parameters
-    stop_training(session)
+    stop_tasks(session)
     assert "**Training** was stopped" in open_page("Home", session).texts()
 
 
@@ -186,7 +182,7 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
     assert not session.several_windows
     assert page.button(key="data_papers").disabled
     page = open_page("Data").upload("part7.csv", csv(platoon()))
-    assert "data_papers" not in {button.key for button in page.button}, "another's content"
+    assert "data_papers" not in page.buttons, "another's content"
 
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
@@ -319,7 +315,8 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(root))
     page.run()
     assert page.selectbox(key="data_file").options == ["deep/run.csv"]
-    assert "Open this recording" not in labels(page), "none is chosen unasked: it may be damaged"
+    shown = [button.label for button in page.button]
+    assert "Open this recording" not in shown, "none is chosen unasked: it may be damaged"
     page.choose("data_file", root / "deep" / "run.csv")
     assert "run\\.csv" in page.press("Open this recording").texts()
 
@@ -394,8 +391,8 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
     page.open_tab("train_tabs", "Fit")
-    assert "Start training" in labels(page)
-    assert "Stop training" not in labels(page)
+    assert "train_start" in page.buttons
+    assert "train_stop" not in page.buttons
     page.choose("train_follower", page.widget("train_follower").options[1])
     assert page.figures()[0]["layout"]["uirevision"] == "tracking-3"
     assert "90 % band" in [trace["name"] for trace in page.figures()[0]["data"]]
@@ -445,19 +442,13 @@ def test_an_unfinished_training_has_neither_intervals_nor_probabilities() -> Non
     assert "Estimate (90 % interval)" not in shown
 
 
-def stop_training(session: Workspace) -> None:
-    """As the button does, and wait for it."""
-    session.training.stop()
-    assert session.training.wait(WAIT)
-
-
 def test_stop_continue_or_begin_anew() -> None:
     session = with_pair()
     page = open_page("Train", session)
     page.segmented_control(key="train_preset").set_value("paper").run()
     page.press("Start training")
-    assert "Stop training" in labels(page)
-    assert "Start training" not in labels(page)
+    assert "train_stop" in page.buttons
+    assert "train_start" not in page.buttons
     job = session.training
     until(lambda: job.progress and job.progress.iteration)
     page.press("Stop training")
@@ -467,23 +458,23 @@ def test_stop_continue_or_begin_anew() -> None:
     other = open_page("Train", with_pair())
     other.segmented_control(key="train_preset").set_value("paper").run()
     for one in (page.run(), other):
-        assert f"Continue from iteration {at:,}" in labels(one), "another session goes on there too"
-        assert "Start training" not in labels(one)
+        start = one.button(key="train_start")
+        assert start.label == f"Continue from iteration {at:,}", "another session goes on there too"
     page.press(f"Continue from iteration {at:,}")
     assert session.training is not job
-    assert "Stop training" in labels(page)
+    assert "train_stop" in page.buttons
     until(lambda: session.training.progress and session.training.progress.iteration > at)
     iterations = session.training.history().iteration
     assert iterations[0] == 0, "of the whole training"
     assert (np.diff(iterations) > 0).all()
-    stop_training(session)
+    stop_tasks(session)
     assert session.result.fit.iterations > at
     assert session.runs == (), "none is finished"
     page.run()
     page.press("Start anew")
     until(lambda: session.training.progress)
     assert session.training.history().iteration[0] == 0
-    stop_training(session)
+    stop_tasks(session)
     assert not any(isinstance(f, Continued) for f in session.result.fit.findings)
 
 

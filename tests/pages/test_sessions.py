@@ -18,7 +18,7 @@ from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, library, sample
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import ALL_WINDOWS
 from pages.ui.snapshots.listing import restore_run
-from tests.support.apptest import WAIT, Page, answer, fitted, open_page, with_sample
+from tests.support.apptest import WAIT, answer, fitted, open_page, with_sample
 from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -27,15 +27,11 @@ ANN = {"is_logged_in": True, "email": "Ann@lab.org", "email_verified": True, "su
 BOB = {"is_logged_in": True, "email": "bob@school.edu", "sub": "2"}
 
 
-def buttons(page: Page) -> set[str]:
-    return {str(button.key) for button in page.button}
-
-
 class TestSignIn:
     @pytest.mark.parametrize("title", ["Home", "Snapshots"])
     def test_nothing_is_shown_and_no_session_begins_before(self, title: str) -> None:
         page = open_page(title, user={"is_logged_in": False}, session=with_sample().id)
-        assert buttons(page) == {"sign_in"}
+        assert page.buttons == {"sign_in"}
         assert "synthetic" not in page.texts()
 
     def test_a_session_is_opened_by_its_own_user_only(self) -> None:
@@ -67,8 +63,8 @@ class TestSignIn:
     ) -> None:
         monkeypatch.setenv(sessions.USERS_VARIABLE, named)
         page = open_page("Home", user=user)
-        assert (len(buttons(page)) > 1) is admitted
-        assert "sign_out" in buttons(page)
+        assert (len(page.buttons) > 1) is admitted
+        assert "sign_out" in page.buttons
 
     def test_settings_that_cannot_be_read_admit_nobody(self, tmp_path: Path) -> None:
         """Streamlit takes such a file for none, and would ask nobody."""
@@ -78,7 +74,7 @@ class TestSignIn:
                 secrets.write_text(content)
                 config.set_option("secrets.files", [str(secrets)])
                 st.secrets._reset()
-                assert (buttons(open_page("Home")) != {"sign_in"}) is admitted
+                assert (open_page("Home").buttons != {"sign_in"}) is admitted
         finally:
             config.set_option("secrets.files", before)
             st.secrets._reset()
@@ -89,7 +85,7 @@ class TestSignIn:
         for variable in (sessions.USERS_VARIABLE, sessions.ADMINS_VARIABLE):
             with monkeypatch.context() as named:
                 named.setenv(variable, "ann@lab.org")
-                assert buttons(open_page("Home")) == {"sign_in"}
+                assert open_page("Home").buttons == {"sign_in"}
 
 
 class TestDeletion:
@@ -103,14 +99,14 @@ class TestDeletion:
         open_page("Snapshots", own).press("Save")
         own.viewed = ""
         (entry,) = library().entries()
-        assert self.delete_key() in buttons(open_page("Snapshots"))
+        assert self.delete_key() in open_page("Snapshots").buttons
         monkeypatch.setattr(sessions, "is_shared", lambda: True)
-        assert self.delete_key() not in buttons(open_page("Snapshots"))
+        assert self.delete_key() not in open_page("Snapshots").buttons
         page = open_page("Snapshots", own).press(self.delete_key())
         assert not library().entries()
         page.press("snapshots_undo_button")
         assert library().read(entry.id).id == entry.id
-        assert self.delete_key() in buttons(open_page("Snapshots", own))
+        assert self.delete_key() in open_page("Snapshots", own).buttons
 
     def test_with_sign_in_the_user_and_an_administrator_may(
         self, monkeypatch: pytest.MonkeyPatch
@@ -120,10 +116,10 @@ class TestDeletion:
         source = fitted()
         own.recording, own.segment, own.training = source.recording, source.segment, source.training
         page.run().press("Save")
-        assert self.delete_key() in buttons(open_page("Snapshots", user=ANN)), "in another session"
-        assert self.delete_key() not in buttons(open_page("Snapshots", user=BOB))
+        assert self.delete_key() in open_page("Snapshots", user=ANN).buttons, "in another session"
+        assert self.delete_key() not in open_page("Snapshots", user=BOB).buttons
         monkeypatch.setenv(sessions.ADMINS_VARIABLE, "bob@school.edu")
-        assert self.delete_key() in buttons(open_page("Snapshots", user=BOB))
+        assert self.delete_key() in open_page("Snapshots", user=BOB).buttons
 
     def test_a_server_is_shared_unless_it_listens_to_this_computer_alone(self) -> None:
         before = config.get_option("server.address")

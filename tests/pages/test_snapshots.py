@@ -12,7 +12,7 @@ from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, library, sample
 from pages.ui.snapshots.listing import other_vehicles, parameter_differences, what_differs
 from pages.ui.snapshots.page import suggested_name
-from tests.support.apptest import PAGES, fitted, open_page
+from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -65,7 +65,7 @@ class TestList:
         assert "Reproduced: Estimate" in page.plain()
         page.press("snapshots_open")
         assert page.workspace().restored is not None
-        assert not [b.key for b in page.button if b.key == "snapshots_open"]
+        assert "snapshots_open" not in page.buttons
 
     def test_words_find_rows(self) -> None:
         for name in ("alfa", "bravo", "charlie", "delta", "echo", "foxtrot"):
@@ -130,7 +130,6 @@ class TestTwo:
             snapshot, replace(snapshot, infos=(replace(snapshot.info, names=names),))
         )
         assert f"{snapshot.info.labels[1]} stands beside 2 Lada." in said
-        assert said.count("stands beside") == 1
 
 
 class TestLink:
@@ -148,12 +147,11 @@ class TestLink:
             if title in ("Data", "Compare", "Train"):
                 assert (snapshot.analysis.source.sha256 in page.plain()) == (not complete)
             if title == "Snapshots":
-                keys = [button.key or "" for button in page.button]
-                assert not [key for key in keys if "delete" in key or "save" in key]
+                assert not [key for key in page.buttons if "delete" in key or "save" in key]
                 assert "From the snapshot" in page.press("snapshots_back").plain()
             if title == "Train":
                 assert f"{whole().fit.parameters[0].alpha:.4f}" in page.texts()
-                assert ("train_start" in [button.key for button in page.button]) == complete
+                assert ("train_start" in page.buttons) == complete
 
     def test_foreign_text_in_it_is_shown_as_it_is(self) -> None:
         image = "![x](http://evil.org/x.png)"
@@ -217,7 +215,6 @@ class TestRestoring:
         session.comparison.stop()
         session.train(PAPER)
         assert session.result is session.restored, "what was there stays while a training runs"
-        session.training.stop()
-        assert session.training.wait(120)
+        stop_tasks(session)
         assert session.result.segment == session.segment, "the snapshot, or what was learned so far"
         assert len(session.runs) == 1

@@ -90,6 +90,11 @@ class Page(AppTest):
         """The same as a person reads it: without the marks that make foreign text literal."""
         return self.texts().replace("\\", "")
 
+    @property
+    def buttons(self) -> set[str]:
+        """The keys of its buttons."""
+        return {str(button.key) for button in self.button}
+
     def boxes(self, kind: str) -> list[str]:
         """The sentences in its boxes of one kind, as "warning", without those marks."""
         return [box.value.replace("\\", "") for box in self.get(kind)]
@@ -145,6 +150,13 @@ def until(holds: Callable[[], object]) -> None:
     while not holds():
         assert time.monotonic() < end
         time.sleep(0.01)
+
+
+def stop_tasks(session: Workspace) -> None:
+    """As their buttons do, and wait for them."""
+    for task in session.tasks:
+        task.stop()
+    assert all(task.wait(WAIT) for task in session.tasks)
 
 
 def with_sample() -> Workspace:
