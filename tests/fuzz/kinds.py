@@ -37,7 +37,6 @@ from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
-from accpinn.study.result import Result
 from accpinn.study.rows import COLUMNS
 from accpinn.study.snapshot import load, named, to_bytes
 from accpinn.study.studies import FILE, Answer, KnownFile, read_failures, read_request, written
@@ -103,10 +102,10 @@ def draw_recording(draw: Random) -> bytes:
 
 def spoilt(data: bytes, draw: Random, header: int) -> bytes:
     """A table, spoilt as such or as bytes, or both; ``header`` as in `spoil_table`."""
-    if draw.random() < 0.7:
+    if draw.random() < 0.6:
         with suppress(UnicodeDecodeError):
             data = spoil_table(data, draw, header)
-    return spoil_bytes(data, draw) if draw.random() < 0.5 else data
+    return spoil_bytes(data, draw) if draw.random() < 0.4 else data
 
 
 def use_recording(data: bytes, _: Path) -> bool:
@@ -267,14 +266,8 @@ def use_snapshot(data: bytes, _: Path) -> bool:
     checked = verify(snapshot, refit_within=QUICK)
     assert checked.sentence
     assert verification_table(checked).to_text()
-    show(snapshot)
     if len(data) % 16 == 0:  # it takes most of a second
         render_report(snapshot, checked)
-    return True
-
-
-def show(snapshot: Result) -> None:
-    """Tables, sentences and files of a snapshot."""
     words.title(snapshot), words.summary(snapshot), words.about_data(snapshot)
     words.cautions(snapshot)
     for one in tables_of(snapshot).values():
@@ -282,6 +275,7 @@ def show(snapshot: Result) -> None:
     with suppress(AccpinnError):
         parameter_card(snapshot)
         snapshot_types(snapshot, 5)
+    return True
 
 
 # Studies
@@ -440,7 +434,7 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("recording", draw_recording, use_recording, ".csv", 200),
-        Kind("pairs", draw_pairs, use_pairs, ".csv", 25),
+        Kind("pairs", draw_pairs, use_pairs, ".csv", 40),
         Kind("mapping", draw_mapping, use_mapping, ".json", 50),
         Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 50),
         Kind("study", draw_study, use_study, ".sqlite", 40),
