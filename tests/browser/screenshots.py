@@ -62,7 +62,7 @@ SCENES = {
                 "tick Car-following models", "press Judge 4 models", "chart models_peak",
                 "tour compare_models"),
     "snapshots": ("/", "press Train a sample now", "wait Next: string stability", "to Snapshots",
-                  "tick Include the data slice",
+                  "check Include the data slice",
                   "fill Name = Before the update", "press Save", "wait Saved as",
                   "press All snapshots", "fill Name = After the update", "press Save",
                   "wait Saved as", "press All snapshots", "shoot snapshots",
@@ -77,8 +77,8 @@ OF_REAL_RECORDINGS = {
     "recordings": ("/Data", "file Vicolungo/JRC-VC_260219_part3.csv", "shoot data_vicolungo",
                    "file JRC low speed/part12.csv", "shoot data_low_speed",
                    "file Cherasco/JRC-Cher_300818_rec1_part2.csv", "shoot data_cherasco",
-                   "file ZalaZone/handling_part10.csv", "tab Regimes", "tick Standstill",
-                   "tick Catching up", "shoot data_zalazone"),
+                   "file ZalaZone/handling_part10.csv", "tab Regimes", "check Standstill",
+                   "check Catching up", "shoot data_zalazone"),
     "casale": ("/Data", "file Casale/part7.csv", "tick Δv", "fold data_relative", "tick Time gap",
                "fold data_time_gap", "press Train on ", "wait Next: string stability",
                "tour train_casale", "to ", "shoot home_session", "to Data", "tab Validation",
@@ -125,14 +125,17 @@ class Camera:
         for title in self.page.get_by_role("tab").all_inner_texts() or [""]:
             if title:
                 open_tab(self.page, title)
-            self.shoot("_".join([name, *title.lower().split()]))
+            self.shoot("_".join([name, *re.findall(r"\w+", title.lower())]))
 
     def press(self, button: str) -> None:
         self.page.get_by_role("button", name=button).first.click()
 
     def tick(self, text: str) -> None:
-        """Click on a choice, a toggle or a fold."""
+        """Click on a choice, a toggle or a fold that says just this."""
         self.page.get_by_text(text, exact=True).first.click()
+
+    def check(self, text: str) -> None:
+        self.page.get_by_test_id("stCheckbox").filter(has_text=text).click()
 
     def wait(self, text: str) -> None:
         self.page.get_by_text(text).first.wait_for(timeout=BATCH_MS)
