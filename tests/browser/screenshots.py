@@ -62,9 +62,8 @@ SCENES = {
                 "tick Car-following models", "press Judge 4 models", "chart models_peak",
                 "tour compare_models"),
     "snapshots": ("/", "press Train a sample now", "wait Next: string stability", "to Snapshots",
-                  "check Include the data slice",
-                  "fill Name = Before the update", "press Save", "wait Saved as",
-                  "press All snapshots", "fill Name = After the update", "press Save",
+                  "check Include the data slice", "fill Name = Before the update",
+                  "wait Saved as", "press All snapshots", "fill Name = After the update",
                   "wait Saved as", "press All snapshots", "shoot snapshots",
                   "press Before the update", "tour snapshot", "press Share", "link Data",
                   "shoot snapshot_on_data", "to Train", "shoot snapshot_on_train", "to Compare",
@@ -128,6 +127,7 @@ class Camera:
             self.shoot("_".join([name, *re.findall(r"\w+", title.lower())]))
 
     def press(self, button: str) -> None:
+        self.page.wait_for_function(DRAWN)  # a click on a page that still grows may miss
         self.page.get_by_role("button", name=button).first.click()
 
     def tick(self, text: str) -> None:
