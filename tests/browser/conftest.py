@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.browser.running import PATIENCE_MS, exceptions, idle, installed, launched, watched
-from tests.support.server import FEW_DRAWS, free_port, running
+from tests.support.server import FEW_DRAWS, running
 
 Open = Callable[..., Page]
 
@@ -40,19 +40,15 @@ class App:
     snapshots: Path
     recordings: Path
     studies: Path
-    mirror: int
-    """The port at which the app looks for published runs."""
 
 
 @pytest.fixture(scope="session")
 def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[App]:
     """One server for all journeys: it starts in seconds, and trains nothing twice."""
     place = tmp_path_factory.mktemp("app")
-    mirror = free_port()
-    extra = {"ACCPINN_MIRROR": f"http://127.0.0.1:{mirror}"}
-    with running(place / "cache", place / "log", extra=extra, program=FEW_DRAWS) as server:
+    with running(place / "cache", place / "log", program=FEW_DRAWS) as server:
         folders = (place / name for name in ("snapshots", "recordings", "studies"))
-        yield App(server.address, *folders, mirror)
+        yield App(server.address, *folders)
 
 
 @pytest.fixture(scope="session")

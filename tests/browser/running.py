@@ -113,27 +113,6 @@ def go(page: Page, title: str) -> None:
     idle(page)
 
 
-def open_sample(page: Page) -> None:
-    """On Data: the first sample."""
-    page.get_by_role("button", name="Open this sample").click()
-    page.get_by_text("Preview of the window").wait_for()
-    idle(page)
-
-
-def open_example(page: Page) -> None:
-    """On Stability or Platoon, without a fit: published parameters."""
-    page.get_by_role("button", name="Open a published example").click()
-    page.get_by_text("Published: ").wait_for()
-    idle(page)
-
-
-def train_sample(page: Page) -> None:
-    """On Home: the first sample's result at one click."""
-    page.get_by_role("button", name="Train a sample now").click()
-    table(page, ESTIMATES).wait_for(timeout=TRAINING_MS)
-    idle(page)
-
-
 def number(page: Page, label: str) -> Locator:
     """A field for a number."""
     return page.get_by_role("spinbutton", name=label)

@@ -1,6 +1,6 @@
 """What a stranger may hand over, by kind: how an example is drawn, and what is done with it.
 
-An example is one file, or what a link or a command line says as a JSON text. Whatever is done with
+An example is one file, or what a command line says as a JSON text. Whatever is done with
 it ends in one of two ways: it is refused in the project's own error, or it is used.
 """
 
@@ -9,15 +9,13 @@ import json
 import os
 import sqlite3
 from collections.abc import Callable
-from contextlib import closing, redirect_stderr, redirect_stdout, suppress
+from contextlib import chdir, closing, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
-from types import SimpleNamespace
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
@@ -38,21 +36,13 @@ from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
 from accpinn.segment.suggestion import suggest_window
 from accpinn.serial import Arrays
-from accpinn.study.groups import BY, GROUPABLE, group, read_study
-from accpinn.study.result import Result
+from accpinn.study.groups import BY, group, read_study
 from accpinn.study.rows import COLUMNS
 from accpinn.study.snapshot import load, named, to_bytes
-from accpinn.study.snapshot_library import Library
-from accpinn.study.studies import (
-    FILE,
-    Answer,
-    KnownFile,
-    read_failures,
-    read_request,
-    written,
-)
+from accpinn.study.studies import FILE, Answer, KnownFile, read_failures, read_request, written
 from accpinn.study.verification import QUICK, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
+from tests.support.command import strict
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
 from tests.support.snapshots import (
@@ -83,6 +73,8 @@ class Kind:
     of it. A refusal may be an `AccpinnError`, too."""
     ending: str
     """Of the file's name."""
+    examples: int = 0
+    """How many of them are tried with all other tests; `make fuzz` goes on from there."""
     most_seconds: float = 5.0
     """Of processor time for one example."""
 
@@ -105,11 +97,15 @@ def recordings() -> tuple[bytes, ...]:
 
 def draw_recording(draw: Random) -> bytes:
     """A recording, spoilt."""
-    data = draw.choice(recordings())
+    return spoilt(draw.choice(recordings()), draw, 5)
+
+
+def spoilt(data: bytes, draw: Random, header: int) -> bytes:
+    """A table, spoilt as such or as bytes, or both; ``header`` as in `spoil_table`."""
     if draw.random() < 0.6:
         with suppress(UnicodeDecodeError):
-            data = spoil_table(data, draw, 5)
-    return spoil_bytes(data, draw) if draw.random() < 0.5 else data
+            data = spoil_table(data, draw, header)
+    return spoil_bytes(data, draw) if draw.random() < 0.4 else data
 
 
 def use_recording(data: bytes, _: Path) -> bool:
@@ -152,10 +148,7 @@ def pair_tables() -> tuple[bytes, ...]:
 
 def draw_pairs(draw: Random) -> bytes:
     """A table of pairs, spoilt."""
-    data = draw.choice(pair_tables())
-    if draw.random() < 0.7:
-        data = spoil_table(data, draw, 0)
-    return spoil_bytes(data, draw) if draw.random() < 0.4 else data
+    return spoilt(draw.choice(pair_tables()), draw, 0)
 
 
 def use_pairs(data: bytes, _: Path) -> bool:
@@ -181,12 +174,10 @@ MAPPING = {
 
 
 @cache
-def mapped_table() -> Path:
-    """The table that mappings are tried on, in a file of this process."""
+def mapped_table() -> bytes:
+    """The table that mappings are tried on."""
     frame = platoon(2, 150).assign(Driver2="ACC", Run="a")
-    place = Path(os.environ.get("TMPDIR", "/tmp")) / f"accpinn_fuzz_{os.getpid()}.csv"
-    frame.to_csv(place, index=False)
-    return place
+    return frame.to_csv(index=False).encode()
 
 
 def draw_mapping(draw: Random) -> bytes:
@@ -206,11 +197,11 @@ def use_mapping(data: bytes, folder: Path) -> bool:
     """Read it, and a table by it."""
     (folder / "mapping.json").write_bytes(data)
     mapping = load_mapping(folder / "mapping.json")
-    table = mapped_table().read_bytes()
-    found = [one for one in read_all(table, "t.csv", mapping=mapping) if isinstance(one, Recording)]
-    for recording in found:
-        look_at(recording)
-    read(table, "t.csv", mapping=mapping, trajectory="a" if mapping.trajectory else None)
+    for found in read_all(mapped_table(), "t.csv", mapping=mapping):
+        if isinstance(found, Recording):
+            look_at(found)
+    trajectory = "a" if mapping.trajectory else None
+    read(mapped_table(), "t.csv", mapping=mapping, trajectory=trajectory)
     return True
 
 
@@ -275,14 +266,8 @@ def use_snapshot(data: bytes, _: Path) -> bool:
     checked = verify(snapshot, refit_within=QUICK)
     assert checked.sentence
     assert verification_table(checked).to_text()
-    show(snapshot)
     if len(data) % 16 == 0:  # it takes most of a second
         render_report(snapshot, checked)
-    return True
-
-
-def show(snapshot: Result) -> None:
-    """Tables, sentences and files of a snapshot."""
     words.title(snapshot), words.summary(snapshot), words.about_data(snapshot)
     words.cautions(snapshot)
     for one in tables_of(snapshot).values():
@@ -290,6 +275,7 @@ def show(snapshot: Result) -> None:
     with suppress(AccpinnError):
         parameter_card(snapshot)
         snapshot_types(snapshot, 5)
+    return True
 
 
 # Studies
@@ -334,59 +320,19 @@ def draw_study(draw: Random) -> bytes:
             data = database.serialize()
     if draw.random() < 0.4:
         data = spoil_bytes(data, draw)
-    by = [draw.choice((*GROUPABLE, *TOKENS[:20])) for _ in range(draw.randrange(3))]
-    return json.dumps({"by": by or list(BY), "file": data.decode("latin-1")}).encode()
+    return data
 
 
 def use_study(data: bytes, folder: Path) -> bool:
     """Group its rows, print all tables, and go on with it."""
-    given = json.loads(data)
-    (folder / FILE).write_bytes(given["file"].encode("latin-1"))
-    rows = read_study(folder)
-    table = group_table(group(rows, given["by"]))
+    (folder / FILE).write_bytes(data)
+    table = group_table(group(read_study(folder), BY))
     table.to_text(), table.to_csv(), table.to_latex()
     failure_table(read_failures(folder)).to_text()
     read_request(folder)
     with written(folder, REQUEST) as study:
         study.known_file("r"), study.rows_of(analysis())
         return True
-
-
-# Links
-
-
-def draw_link(draw: Random) -> bytes:
-    """The parameters of a link, some of them sound."""
-    names = ("session", "snapshot", "page", text(draw))
-    shown = {name: draw.choice((*TOKENS, "SOUND", "OTHER", "0" * 16, "f" * 16, "../" * 5 + "a"))
-             for name in names if draw.random() < 0.7}  # fmt: skip
-    return json.dumps(shown).encode()
-
-
-def use_link(data: bytes, folder: Path) -> bool:
-    """Follow it as a browser does, twice."""
-    from pages.ui.session import sessions
-
-    kept = Library(folder / "library")
-    sound = kept.add(small_bytes())
-    registry = sessions.Workspaces()
-    words = {"SOUND": sound, "OTHER": registry.new().id}
-    params = {name: words.get(value, value) for name, value in json.loads(data).items()}
-    browser = SimpleNamespace(query_params=params, session_state={})
-    store = SimpleNamespace(session=lambda name: None)
-    with (
-        patch.object(sessions, "st", browser),
-        patch.object(sessions, "task_queue", lambda: None),
-        patch.object(sessions, "library", lambda: kept),
-        patch.object(sessions, "store", lambda: store),
-        patch.object(sessions, "workspaces", lambda: registry),
-        patch.dict(os.environ, {"ACCPINN_CACHE": str(folder / "cache")}),
-    ):
-        first = sessions.current()
-        assert sessions.current() is first
-    assert browser.query_params["session"] == first.id
-    assert [path.name for path in folder.iterdir()] == ["library"], "a link writes nothing"
-    return not browser.session_state["snapshot_fault"]
 
 
 # Command lines
@@ -436,81 +382,41 @@ def use_arguments(data: bytes, folder: Path) -> bool:
     (folder / "mapping.json").write_text(json.dumps(MAPPING))
     (folder / "folder").mkdir()
     out, err = io.StringIO(), io.StringIO()
-    before = Path.cwd()
-    places = ("ACCPINN_CACHE", "ACCPINN_MAPPINGS", "ACCPINN_SNAPSHOTS", "ACCPINN_RECORDINGS")
-    os.chdir(folder)
-    try:
-        with (
-            redirect_stdout(out),
-            redirect_stderr(err),
-            patch.dict(os.environ, {name: str(folder / name) for name in places}),
-        ):
-            try:
-                status = cli.main(given)
-            except SystemExit as end:
-                status = int(end.code or 0)
-    finally:
-        os.chdir(before)
+    with chdir(folder), redirect_stdout(out), redirect_stderr(err):
+        try:
+            status = cli.main(given)
+        except SystemExit as end:
+            status = int(end.code or 0)
     said = [line for line in err.getvalue().splitlines() if line.startswith("error: ")]
     assert status in (0, 1, 2), status
     assert len(said) == (1 if status else 0), err.getvalue()
     assert "Traceback" not in err.getvalue(), err.getvalue()
     if status == 0 and "--json" in given and not {"-h", "--help", "--version"} & set(given):
-        json.loads(out.getvalue(), parse_constant=_refuse)
+        strict(out.getvalue())
     return status == 0
-
-
-def _refuse(constant: str) -> None:
-    raise AssertionError(f"{constant} is no JSON")
 
 
 # Large files
 
-
-def _filled(head: Callable[[], bytes], part: bytes, size: int) -> bytes:
-    return head() + part * (size // len(part))
-
-
-def _head(table: bytes, rows: int = 1) -> bytes:
-    return b"\n".join(table.split(b"\n")[:rows]) + b"\n"
-
-
-def _rows(size: int, table: bytes, last: bytes, at: int) -> bytes:
-    """A table with its first row repeated, its time, which has that place, running on."""
-    head, _, body = table.rpartition(last)
-    *before, _, after = body.split(b"\n")[1].rstrip().split(b",", at)
-    row = b",".join([*before, b"%.1f", after]) + b"\n"
-    count = size // (len(row) + 2)
-    return head + last + b"\n" + b"".join(row % (k / 10) for k in range(count))
-
-
-SHAPES: dict[str, Callable[[int], bytes]] = {
-    **{f"only {part!r}": partial(_filled, bytes, part)
-       for part in (b"1,", b"\n", b"\r", b",", b'"', b"\0", b"a", b"[")},
-    **{f"{part!r} below a recording": partial(_filled, lambda: recordings()[0][:500], part)
-       for part in (b'"a\n', b"9", b"1,2\n")},
-    **{f"{part!r} below names": partial(_filled, lambda: _head(recordings()[1], 6), part)
-       for part in (b"\n", b"1\n", b",\n")},
-    "empty pairs": partial(_filled, lambda: _head(pair_tables()[0]), b",,,,,,,\n"),
-    "foreign rows": partial(_filled, lambda: b"a,b\n", b"1,2\n"),
-    "columns": partial(_filled, lambda: b"Time,", b"Speed1,"),
-    "columns of vehicles": lambda size: b"Time," + b",".join(
-        f"Speed{k}".encode() for k in range(size // 20)) + b"\n1.0,",
-    "many rows": lambda size: _rows(size, recordings()[0], b"IVS2", 1),
-    "many rows of words": lambda size: _rows(size, recordings()[0], b"IVS2", 1).replace(
-        b".0", b".x"),
-    "many pairs": lambda size: _rows(size, pair_tables()[0], b"Spatial_Gap", 2),
-    "a run a row": lambda size: _head(pair_tables()[0]) + b"".join(
-        b"t%d,0.1,1,0,20.1234,1.2345,20.1234,30.1234\n" % k for k in range(size // 48)),
-    "pairs of one vehicle": lambda size: _head(pair_tables()[0]) + b"".join(
-        b"t%d,0.%d,1,0,20,1,20,30\n" % (k // 120, k % 10) for k in range(size // 28)),
-}  # fmt: skip
+HEADS = (b"", b"a,b\n", b"Time,")
+"""Beside the first rows of sound files."""
+ROWS = (
+    b"1,", b"\n", b"\r", b",", b'"', b"\0", b"a", b"[", b'"a\n', b"9", b"1\n", b"1,2\n", b",\n",
+    b",,,,,,,\n", b"Speed1,", b"Speed%d,", b"%d.0,20.1,20.1,20.1,30.1,30.1\n",
+    b"%d.x,20.1,20.1,20.1,30.1,30.1\n", b"t1,%d.0,1,0,20.1,1.2,20.1,30.1\n",
+    b"t%d,0.1,1,0,20.1,1.2,20.1,30.1\n",
+)  # fmt: skip
+"""Repeated without end, with a number that counts them."""
 
 
 def draw_large(draw: Random) -> bytes:
-    """A file up to the upload limit, of one of the shapes."""
-    size = draw.choice((UPLOAD, UPLOAD, UPLOAD // 5))
-    content = SHAPES[draw.choice(sorted(SHAPES))](size)[:UPLOAD]
+    """A file up to the upload limit: a head, and one row again and again."""
+    tables = (recordings()[0], recordings()[1], pair_tables()[0])
+    starts = [b"\n".join(table.split(b"\n")[:rows]) + b"\n" for table in tables for rows in (1, 6)]
+    head, row = draw.choice((*HEADS, *starts)), draw.choice(ROWS)
+    count = draw.choice((UPLOAD, UPLOAD, UPLOAD // 5)) // len(row)
+    many = b"".join(row % k for k in range(count)) if b"%d" in row else row * count
+    content = (head + many)[:UPLOAD]
     return content if draw.random() < 0.3 else content.rpartition(b"\n")[0] + b"\n"
 
 
@@ -527,13 +433,12 @@ def use_large(content: bytes, folder: Path) -> bool:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("recording", draw_recording, use_recording, ".csv"),
-        Kind("pairs", draw_pairs, use_pairs, ".csv"),
-        Kind("mapping", draw_mapping, use_mapping, ".json"),
-        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip"),
-        Kind("study", draw_study, use_study, ".json"),
-        Kind("link", draw_link, use_link, ".json"),
-        Kind("arguments", draw_arguments, use_arguments, ".json", 20.0),  # some estimate
+        Kind("recording", draw_recording, use_recording, ".csv", 200),
+        Kind("pairs", draw_pairs, use_pairs, ".csv", 40),
+        Kind("mapping", draw_mapping, use_mapping, ".json", 50),
+        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 50),
+        Kind("study", draw_study, use_study, ".sqlite", 40),
+        Kind("arguments", draw_arguments, use_arguments, ".json", 20, 20.0),  # some estimate
         Kind("large", draw_large, use_large, ".csv"),
     )
 }

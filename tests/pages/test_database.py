@@ -1,7 +1,6 @@
 """Page Database, and on page Data the tables of one's own, trajectories and published runs."""
 
 import os
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,14 +22,13 @@ from accpinn.tasks import Status, batches
 from pages.ui.data.sources import ASK
 from pages.ui.database import page as database_page
 from pages.ui.session.resources import batch_queue, download_queue
-from tests.support.apptest import DATA, HOME, WAIT, Page, numbers, open_page
+from tests.support.apptest import WAIT, Page, numbers, open_page, until
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.publisher import publisher
 from tests.support.studies import REQUEST, analysis, row, write_study
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
-DATABASE = "pages/7_Database.py"
 NAMES = ("Audi(A8)", "Tesla(Model3)", "Kia(Niro)")
 
 
@@ -62,7 +60,7 @@ def study(recording: Path) -> Path:
 
 
 def opened(**address: str) -> Page:
-    page = open_page(DATABASE, **address)
+    page = open_page("Database", **address)
     assert not page.boxes("error")
     return page
 
@@ -73,7 +71,7 @@ def test_without_a_study_it_says_what_to_do(recording: Path) -> None:
     assert page.selectbox(key="database_source").options == ["all recordings", "Casale"]
     assert "1 file: " in page.plain(), "an estimate before the start"
     assert not page.button(key="database_start").disabled
-    page = open_page(DATABASE)
+    page = open_page("Database")
     page.choose("database_name", "../../etc")
     assert "is no name" in page.boxes("error")[0]
     assert page.button(key="database_start").disabled
@@ -165,17 +163,10 @@ def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) ->
 def test_a_study_that_is_damaged_says_so(study: Path) -> None:
     write_study(study.parent / "other", made())
     (study / FILE).write_bytes(b"SQLite format 3\0 no more")
-    page = open_page(DATABASE, study="mine")
+    page = open_page("Database", study="mine")
     assert "is damaged" in page.boxes("error")[0]
     page.choose("database_study", "other")
     assert "1 follower window" in page.plain()
-
-
-def until(holds: Callable[[], bool]) -> None:
-    end = time.monotonic() + WAIT
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_a_batch_is_started_stopped_and_continued(
@@ -226,7 +217,7 @@ def test_a_batch_is_started_stopped_and_continued(
     assert again.status is Status.DONE
     assert asked[1] == asked[0]
     page.run()
-    assert "database_continue" not in [button.key for button in page.button]
+    assert "database_continue" not in page.buttons
 
 
 def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continued(
@@ -244,8 +235,7 @@ def test_a_batch_that_is_refused_says_why_and_one_from_elsewhere_is_not_continue
     for source, offered in ((recording.parent, True), (study, False), (Path("/etc"), False)):
         with written(study, replace(REQUEST, sources=(str(source),))):
             pass
-        keys = [button.key for button in opened(study="mine").button]
-        assert ("database_continue" in keys) is offered
+        assert ("database_continue" in opened(study="mine").buttons) is offered
 
 
 # Page Data
@@ -265,11 +255,11 @@ def foreign(vehicles: int = 2) -> bytes:
 
 
 def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> None:
-    page = open_page(HOME)
+    page = open_page("Home")
     page.upload("own.csv", foreign())  # which leads to page Data
     page.press("data_cancel")
     assert page.file_uploader
-    page = open_page(DATA)
+    page = open_page("Data")
     page.upload("own.csv", foreign())
     assert not page.boxes("error")
     assert "Which columns of own.csv hold what?" in page.plain()
@@ -284,7 +274,7 @@ def test_a_table_of_ones_own_is_opened_by_its_columns_which_are_remembered() -> 
     np.testing.assert_allclose(session.recording.gap[:, 0], platoon(2, 400)["IVS1"], atol=1e-9)
     np.testing.assert_allclose(session.recording.speed[:, 1], platoon(2, 400)["Speed2"], atol=1e-9)
     assert [Mode(one) for one in session.recording.mode[[0, 200], 1]] == [Mode.HUMAN, Mode.ACC]
-    other = open_page(DATA)
+    other = open_page("Data")
     other.upload("next.csv", foreign())
     assert other.workspace().recording.source == "next.csv", "remembered"
     assert "columns and units as in an earlier file" in other.plain()
@@ -296,7 +286,7 @@ def test_columns_are_guessed_by_names_and_numbers_and_never_twice() -> None:
         "zeit": frame["Time"], "kanal a": 3.6 * frame["Speed1"], "speed limit": 1000.0,
         "v": frame["Speed2"], "x": frame["IVS1"],
     })  # fmt: skip
-    page = open_page(DATA)
+    page = open_page("Data")
     page.upload("odd.csv", odd.to_csv(index=False).encode())
     fields = ("time", "speed_0", "speed_1", "gap_1")
 
@@ -304,7 +294,7 @@ def test_columns_are_guessed_by_names_and_numbers_and_never_twice() -> None:
         return [page.selectbox(key=f"data_map_{field}").value for field in fields]
 
     assert chosen() == ["zeit", "v", "choose…", "choose…"]
-    assert "data_open_mapped" not in [button.key for button in page.button]
+    assert "data_open_mapped" not in page.buttons
     page.choose("data_map_speed_0", "kanal a").choose("data_map_gap_1", "x")
     assert page.selectbox(key="data_map_speed_unit_0").value == "km/h"
     page.choose("data_map_speed_1", "kanal a")
@@ -316,7 +306,7 @@ def test_columns_are_guessed_by_names_and_numbers_and_never_twice() -> None:
 
 def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
     for unit in ("m/s", "km/h"):
-        page = open_page(DATA)
+        page = open_page("Data")
         page.session_state[ASK] = True
         page.upload("own.csv", foreign())
         for vehicle in (0, 1):
@@ -328,7 +318,7 @@ def test_one_file_read_by_another_mapping_has_charts_of_its_own() -> None:
 
 def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
     raw = table(*(pair(platoon(2, 300) + k, 1, name) for k, name in enumerate("ab")))
-    page = open_page(DATA)
+    page = open_page("Data")
     page.upload("p.csv", raw)
     assert "holds 2 runs" in page.plain()
     page.choose("data_trajectory", "b")
@@ -339,7 +329,7 @@ def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
 def test_a_published_run_is_downloaded_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     run = next(run for run in catalogue() if run.sha256 is None)
     content = csv(platoon(2, 400), metadata(NAMES[:2]))
-    page = open_page(DATA)
+    page = open_page("Data")
     page.choose("data_run", run)
     monkeypatch.setenv("ACCPINN_MIRROR", "http://127.0.0.1:9")
     page.press("data_download")

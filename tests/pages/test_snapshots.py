@@ -4,33 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.config import PAPER, preset
+from accpinn.methods.pinn.config import PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
-from accpinn.tasks import Status
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, library, sample
-from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import other_vehicles, parameter_differences, what_differs
 from pages.ui.snapshots.page import suggested_name
-from tests.support.apptest import (
-    COMPARE,
-    DATA,
-    PAGES,
-    SNAPSHOTS,
-    STABILITY,
-    TRAIN,
-    open_page,
-    with_pair,
-)
+from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
-
-FIGURES = {DATA: 1, TRAIN: 1, STABILITY: 1, SNAPSHOTS: 1}
-"""Charts on a page that shows a snapshot with its data."""
 
 
 def bare() -> Result:
@@ -38,30 +23,19 @@ def bare() -> Result:
     return replace(whole(), segments=(), name="bare")
 
 
-def with_fit() -> Workspace:
-    session = with_pair()
-    session.train(preset("fast", iterations=20))
-    assert session.training.wait(120)
-    assert session.training.status is Status.DONE
-    return session
-
-
 class TestSaving:
     def test_a_result_is_kept_and_listed_with_data_only_when_asked(self) -> None:
-        session = with_fit()
-        page = open_page(SNAPSHOTS, session)
-        assert "No snapshot is kept here yet" in page.plain()
+        session = fitted()
+        page = open_page("Snapshots", session)
         assert page.checkbox(key="snapshots_with_data").value, "samples include their data"
         page.checkbox(key="snapshots_with_data").uncheck()
         page.text_input(key="snapshots_name").input("<b>mine</b>")
         page.text_input(key="snapshots_note").input("first try")
         page.press("Save")
-        assert "Saved as" in page.plain()
         (entry,) = library().entries()
         assert (entry.name, entry.note, entry.with_data) == ("<b>mine</b>", "first try", False)
         assert "first try" in page.plain(), "the result that was saved is shown"
         assert "data are not at hand" not in page.plain(), "the open recording has them"
-        assert "<b>mine" not in page.texts()
         kept = library().read(entry.id)
         assert kept.fit.parameters.values.tobytes() == session.result.parameters.values.tobytes()
 
@@ -71,60 +45,32 @@ class TestSaving:
         page.press("Save")
         (with_data,) = [one for one in library().entries() if one.with_data]
         assert with_data.name == suggested_name(session)
-        assert session.segment.labels[1] in with_data.name
         page.press("snapshots_back")
         library().cap_count = 0
         page.text_input(key="snapshots_name").input("one more")
         assert "is full" in page.press("Save").plain()
 
-    def test_a_stopped_training_is_called_so_and_saved_again_with_what_is_known(self) -> None:
-        facts = {"campaign": "Ispra", "date": "2019-04-01", "acc_flag": 1}
-        fits = (replace(whole().fit, outcome=Outcome.STOPPED, iterations=7),)
-        stopped = replace(whole(), facts=facts, fits=fits)
-        page = open_page(SNAPSHOTS, snapshot=library().add(stopped))
-        assert "stopped at 7 of 20 iterations" in page.plain()
-        assert "stopped at 7 of 20 iterations" in page.press("snapshots_back").plain()
-        page.text_input(key="snapshots_name").input("again")
-        page.press("Save")
-        (again,) = (entry for entry in library().entries() if entry.name == "again")
-        kept = library().read(again.id).facts
-        assert {name: kept[name] for name in facts} == facts
-
 
 class TestList:
     def test_a_row_opens_the_result_which_is_verified_and_opened_on_every_page(self) -> None:
         name = library().add(whole())
-        page = open_page(SNAPSHOTS)
-        assert "no result to save yet" in page.plain()
+        page = open_page("Snapshots")
         page.press(f"snapshots_open_{name}")
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
         assert page.workspace().restored is None, "looking at it changes nothing"
-        assert len(page.figures()) == 1
         page.open_tab("snapshots_tabs", "Verify")
-        for said in ("Recomputed: ", "Not checked: Estimate", "running the method again takes"):
-            assert said in page.plain()
-        agreed = verify(whole(), refit_within=QUICK).counted
-        assert agreed.split()[0] == agreed.split()[2], "all of them"
-        assert agreed in page.plain()
+        assert "Not checked: Estimate" in page.plain()
+        assert verify(whole(), refit_within=QUICK).counted in page.plain()
         page.press("snapshots_again")
         assert "Reproduced: Estimate" in page.plain()
-        assert "Estimate (Recursive" in page.plain()
         page.press("snapshots_open")
         assert page.workspace().restored is not None
-        assert not [b.key for b in page.button if b.key == "snapshots_open"]
-
-    def test_what_is_deleted_can_be_brought_back(self) -> None:
-        name = library().add(whole())
-        page = open_page(SNAPSHOTS).press(f"snapshots_delete_{name}")
-        assert library().entries() == ()
-        page.press("snapshots_undo_button")
-        assert [entry.id for entry in library().entries()] == [name]
-        assert library().read(name).id == name
+        assert "snapshots_open" not in page.buttons
 
     def test_words_find_rows(self) -> None:
         for name in ("alfa", "bravo", "charlie", "delta", "echo", "foxtrot"):
             library().add(replace(whole(), name=name))
-        page = open_page(SNAPSHOTS)
+        page = open_page("Snapshots")
         page.text_input(key="snapshots_search").input("BRAVO").run()
         shown = [b.label for b in page.button if (b.key or "").startswith("snapshots_open_")]
         assert shown == ["bravo"]
@@ -132,7 +78,7 @@ class TestList:
     def test_one_deleted_elsewhere_can_be_kept_again(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sessions, "is_shared", lambda: True)
         name = library().add(whole())
-        page = open_page(TRAIN, snapshot=name)
+        page = open_page("Train", snapshot=name)
         assert "deleted from the server" not in page.plain()
         library().delete(name)
         page.run()
@@ -146,7 +92,7 @@ class TestList:
         path = library().folder / f"{name}.accpinn.zip"
         sound = path.read_bytes()
         path.write_bytes(sound[:-9])
-        page = open_page(SNAPSHOTS)
+        page = open_page("Snapshots")
         assert "damaged" in page.plain()
         assert page.press(f"snapshots_open_{name}").error
         page.press("snapshots_back").press(f"snapshots_delete_{name}")
@@ -162,7 +108,7 @@ class TestTwo:
         asked = replace(asked, settings=asked.settings | {"seed": 7})
         fits = (replace(whole().fit, config=asked.settings),)
         name = library().add(replace(whole(), name="other seed", analysis=asked, fits=fits))
-        page = open_page(SNAPSHOTS).press(f"snapshots_open_{name}")
+        page = open_page("Snapshots").press(f"snapshots_open_{name}")
         page.open_tab("snapshots_tabs", "Beside another")
         *_, curves = page.figures()
         drawn = {trace.get("name") for trace in curves["data"]}
@@ -184,63 +130,56 @@ class TestTwo:
             snapshot, replace(snapshot, infos=(replace(snapshot.info, names=names),))
         )
         assert f"{snapshot.info.labels[1]} stands beside 2 Lada." in said
-        assert said.count("stands beside") == 1
 
 
 class TestLink:
-    @pytest.mark.parametrize("path", PAGES)
-    def test_opens_on_every_page_with_and_without_its_data(self, path: str) -> None:
+    @pytest.mark.parametrize("title", PAGES)
+    def test_opens_on_every_page_with_and_without_its_data(self, title: str) -> None:
         for snapshot in (whole(), bare()):
-            page = open_page(path, snapshot=library().add(snapshot))
+            page = open_page(title, snapshot=library().add(snapshot))
             assert not page.error
             session, complete = page.workspace(), bool(snapshot.segments)
             assert session.restored is not None
             assert session.result is not None
             assert (session.segment is not None) == complete
-            # History and the network's curves are in the snapshot.
-            expected = 0 if path == DATA and not complete else FIGURES.get(path, 0)
-            assert len(page.figures()) >= expected
-            if path in (DATA, COMPARE, TRAIN):
+            if title in ("Train", "Stability", "Snapshots"):
+                assert page.figures(), "the network's curves are in the snapshot"
+            if title in ("Data", "Compare", "Train"):
                 assert (snapshot.analysis.source.sha256 in page.plain()) == (not complete)
-            if path == COMPARE:
-                assert "Least squares" in page.plain()
-            if path == SNAPSHOTS:
-                keys = [button.key or "" for button in page.button]
-                assert not [key for key in keys if "delete" in key or "save" in key]
+            if title == "Snapshots":
+                assert not [key for key in page.buttons if "delete" in key or "save" in key]
                 assert "From the snapshot" in page.press("snapshots_back").plain()
-            if path == TRAIN:
-                _, table, *_ = [e.proto.body for e in page.get("html") if "<table" in e.proto.body]
-                assert f"{whole().fit.parameters[0].alpha:.4f}" in table
-                keys = [b.key for b in page.button]
-                assert ("train_start" in keys) == complete
+            if title == "Train":
+                assert f"{whole().fit.parameters[0].alpha:.4f}" in page.texts()
+                assert ("train_start" in page.buttons) == complete
 
     def test_foreign_text_in_it_is_shown_as_it_is(self) -> None:
         image = "![x](http://evil.org/x.png)"
         info = replace(bare().info, excluded_regimes=(image,), excluded_share=(0.1,) * 4)
-        page = open_page(TRAIN, snapshot=library().add(replace(bare(), infos=(info,))))
+        page = open_page("Train", snapshot=library().add(replace(bare(), infos=(info,))))
         assert image in page.plain()
         written = [one.value for kind in ("markdown", "caption") for one in page.get(kind)]
         assert image not in "".join(written)
 
     @pytest.mark.parametrize("name", ["0" * 16, "../../etc"])
     def test_to_nothing_says_so(self, name: str) -> None:
-        assert "There is no snapshot" in open_page(TRAIN, snapshot=name).plain()
+        assert "There is no snapshot" in open_page("Train", snapshot=name).plain()
 
     def test_is_followed_in_a_session_that_exists_and_again_after_other_work(self) -> None:
-        session, name = with_fit(), library().add(bare())
-        page = open_page(TRAIN, session, snapshot=name)
+        session, name = fitted(), library().add(bare())
+        page = open_page("Train", session, snapshot=name)
         assert page.workspace() is session
         assert session.restored.id == name
         session.open(replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64))
         page.run()
         assert (session.restored, session.result) == (None, None), "for good"
         assert "snapshot" not in page.query_params
-        open_page(TRAIN, session, snapshot=name)
+        open_page("Train", session, snapshot=name)
         assert session.restored is not None
 
     def test_gives_way_to_what_is_opened_later(self) -> None:
         first, second = library().add(bare()), library().add(replace(bare(), name="second"))
-        page = open_page(TRAIN, snapshot=first)
+        page = open_page("Train", snapshot=first)
         session = page.workspace()
         session.restore(library().read(second))
         for stale in (second, first):  # the browser may send the old address once more
@@ -260,7 +199,7 @@ class TestRestoring:
         assert session.result is session.restored
 
     def test_its_data_are_trained_on_with_its_settings_and_nothing_is_lost(self) -> None:
-        page = open_page(TRAIN, snapshot=library().add(whole()))
+        page = open_page("Train", snapshot=library().add(whole()))
         session = page.workspace()
         assert session.config.to_json() == whole().fit.config
         page.press("train_start")
@@ -271,11 +210,11 @@ class TestRestoring:
             "nobody saw the recording"
         )
         assert [entry.id for entry in session.runs] == [session.result.analysis.fit_key]
+        assert session.as_snapshot().facts == whole().facts, "as the snapshot knows them"
         session.compare()
         session.comparison.stop()
         session.train(PAPER)
         assert session.result is session.restored, "what was there stays while a training runs"
-        session.training.stop()
-        assert session.training.wait(120)
+        stop_tasks(session)
         assert session.result.segment == session.segment, "the snapshot, or what was learned so far"
         assert len(session.runs) == 1

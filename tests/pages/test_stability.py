@@ -1,5 +1,6 @@
 """The pages Stability and Platoon without a browser: source, verdicts, orders, disturbances."""
 
+import json
 from contextlib import suppress
 from dataclasses import replace
 from math import isfinite, pi
@@ -27,21 +28,11 @@ from accpinn.study.snapshot import named
 from accpinn.study.snapshot_library import Library
 from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
-from pages.ui.platoon import parse_order
+from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.stability import clicked_point
-from tests.support.apptest import (
-    PLATOON,
-    STABILITY,
-    TRAIN,
-    Page,
-    answer,
-    fitted,
-    numbers,
-    open_page,
-    with_example,
-)
+from tests.support.apptest import Page, answer, fitted, numbers, open_page, with_example
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -56,55 +47,44 @@ CALM = ("calm", 0.05, 0.6, 1.8)
 
 
 def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
-    page = open_page(STABILITY, with_example())
+    page = open_page("Stability", with_example())
     said = page.plain()
-    assert "All four vehicles amplify disturbances, Audi A6 the most: up to 1.51 times" in said
-    assert "L₂ **NO**, L∞ **NO**" in said
     assert GIVEN_PARAMETERS in said
-    # The paper's yes and the exact no catch the eye.
-    assert "Tesla Model 3 meets the paper's L∞ criterion, which is necessary but not" in said
-    (bode,) = page.figures()
-    assert bode["layout"]["xaxis"]["type"] == "log"
     for vehicle in stability_report(ASTAZERO.parameters).vehicles:
         for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
             assert reason(verdict, vehicle) in said
-
     criteria = page.open_tab("stability", "Criteria").figures()[1]
     named = [name.replace("<br>", " ") for name in criteria["layout"]["xaxis2"]["ticktext"]]
     assert named == [*ASTAZERO.labels]
+
     page.open_tab("stability", "Map")
-    assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("β")
     page.choose("stability_plane", "alpha")
     page.choose("stability_held", 1)
     assert page.figures()[1]["layout"]["xaxis"]["title"]["text"].startswith("α")
     assert "BMW X5's β" in page.plain()
-
+    page.choose("frame_pictures", "PNG")
+    (_, plane) = page.get("plotly_chart")
+    saved = json.loads(plane.proto.config)["toImageButtonOptions"]
+    assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
     page.choose("stability_example", CASALE.title)
-    assert "meets the paper's" not in page.plain()
-    assert "Hyundai amplifies disturbances up to 1.49 times at 0.0879 rad/s" in page.plain()
     assert "Hyundai's β" in page.plain()
 
 
 def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     session = fitted()
-    page = open_page(STABILITY, session)
-    for label in session.segment.labels[1:]:
-        assert label in page.plain()
+    page = open_page("Stability", session)
+    assert all(label in page.plain() for label in session.segment.labels[1:])
     said = headline(page)
     assert said.startswith("Answer: synthetic_astazero_like.csv, 0–60 s")
     assert "probability of L₂ string stability" in said
     # Vehicle 3 keeps the colour it has on the other pages.
     curves = [trace for trace in page.figures()[0]["data"] if "line" in trace]
     assert curves[0]["line"]["color"] == "#d8660c"
-    assert "Shaded: 90 % bands" in page.plain()
-    assert "synthetic_astazero_like.csv · 0–60 s" in page.caption[0].value.replace("\\", "")
     assert assumption(session.result.answer) in page.plain()
+    banded = len(page.figures()[0]["data"])
     page.choose("stability_uncertainty", False)
-    assert "Shaded" not in page.plain()
-    assert "90 % intervals" in page.plain(), "with and without the bands"
+    assert len(page.figures()[0]["data"]) < banded
     page.choose("stability_source", "published")
-    assert "Audi A6" in page.plain()
-    assert "In brackets" not in page.plain()
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
     session.training.results = (replace(session.result),)
     assert headline(page.run()).startswith("Answer: "), "a new fit takes its place"
@@ -115,11 +95,11 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
 
 
-@pytest.mark.parametrize("path", [STABILITY, PLATOON])
-def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: str) -> None:
+@pytest.mark.parametrize("title", ["Stability", "Platoon"])
+def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(title: str) -> None:
     stopped = {"outcome": Outcome.STOPPED, "iterations": 930}
     session = fitted(**stopped)
-    page = open_page(path, session)
+    page = open_page(title, session)
     assert "stopped at 930 iterations" in page.boxes("warning")[0]
     assert headline(page).endswith("#### No verdict")
     assert "NO" not in page.plain().split()
@@ -134,37 +114,25 @@ def test_a_stopped_training_has_no_verdict_and_excluded_regimes_are_named(path: 
     assert "No verdict" not in page.plain()
 
 
-def test_followers_that_share_their_parameters_are_one_row_and_one_colour() -> None:
+def test_followers_that_share_their_parameters_have_one_colour() -> None:
     session = fitted()
     answer(session, "I")
-    page = open_page(STABILITY, session)
+    page = open_page("Stability", session)
     assert EVERY_FOLLOWER in headline(page)
-    bode, *_ = page.figures()
-    colours = {trace["line"]["color"] for trace in bode["data"] if "line" in trace}
-    assert SHARED in colours
-    assert not colours & {LEADER, *FOLLOWERS}
-    tables = [html.proto.body for html in page.get("html") if "<tbody>" in html.proto.body]
-    assert {table.partition("<tbody>")[2].count("<tr>") for table in tables} == {1}
-
-
-@pytest.mark.parametrize("path", [STABILITY, PLATOON])
-def test_without_a_fit_nothing_is_shown_until_an_example_is_opened(path: str) -> None:
-    page = open_page(path)
-    assert not page.get("plotly_chart")
-    assert page.info
-    page.press(f"{path[8:].lower()[:-3]}_open_example")
-    assert headline(page).startswith("Published: AstaZero")
+    curves = [trace["line"]["color"] for trace in page.figures()[0]["data"] if "line" in trace]
+    assert SHARED in curves
+    assert not {*curves} & {LEADER, *FOLLOWERS}
 
 
 def test_every_new_training_turns_to_the_current_fit() -> None:
     session = fitted()
     session.choose_source("published")
     session.training = Task(session.id, "training", lambda _: iter(()))  # waits
-    assert headline(open_page(STABILITY, session)).startswith("Published"), "as it was asked for"
+    assert headline(open_page("Stability", session)).startswith("Published"), "as it was asked for"
     answer(session)
     assert session.parameter_source == "fit"
     session.choose_source("published")
-    open_page(TRAIN, session).press("train_next")
+    open_page("Train", session).press("train_next")
     assert session.parameter_source == "fit"
     session.choose_source("published")
     session.train(replace(FAST, iterations=5))
@@ -176,33 +144,31 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
 
 
 def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
-    page = open_page(STABILITY, with_example()).choose("stability_example", CASALE.title)
+    page = open_page("Stability", with_example()).choose("stability_example", CASALE.title)
     page.choose("stability_source", "hand")
     session = page.workspace()
     assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52),)
     assert "Hyundai amplifies disturbances" in page.plain()
     session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
-    again = open_page(STABILITY, session)
+    again = open_page("Stability", session)
     assert "One of two vehicles amplifies disturbances: Vehicle 2" in again.plain()
-    assert "Vehicle 2" in open_page(PLATOON, session).plain()
+    assert "Vehicle 2" in open_page("Platoon", session).plain()
 
 
-@pytest.mark.parametrize("path", [STABILITY, PLATOON])
-def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -> None:
+@pytest.mark.parametrize("title", ["Stability", "Platoon"])
+def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(title: str) -> None:
     session = sessions.workspaces().new()
     session.chosen_source = "hand"
-    refused = [
+    for rows, sentence in (
         ((("A", None, 0.1, 1.0),), "Parameter set 1: α is missing"),
         ((("A", 0.1, -0.1, 1.0),), "β = -0.1 is negative"),
-        ((("A", 1e60, 0.1, 1.0),), "is beyond any vehicle"),
         ((), "0 vehicles; give at least one"),
-    ]
-    for rows, sentence in refused if path == STABILITY else refused[:1]:
+    ):
         session.choices[ROWS] = rows
-        (error,) = open_page(path, session).boxes("error")
+        (error,) = open_page(title, session).boxes("error")
         assert sentence in error
     session.choices[ROWS] = (("<script>*x*</script>", 0.08, 0.12, 1.5), ("$a_b$", 0.08, 0.12, 1.5))
-    page = open_page(path, session)
+    page = open_page(title, session)
     assert "<script>" not in page.texts().replace("\\<script", "")
     assert "$a_b$" not in "\n".join(m.value for m in page.markdown)
 
@@ -210,9 +176,9 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(path: str) -
 # From a snapshot
 
 
-@pytest.mark.parametrize("path", [STABILITY, PLATOON])
+@pytest.mark.parametrize("title", ["Stability", "Platoon"])
 def test_a_snapshot_is_a_source_that_is_read_once(
-    path: str, monkeypatch: pytest.MonkeyPatch
+    title: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = sessions.workspaces().new()
     session.chosen_source = "snapshot"
@@ -222,7 +188,7 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     other = replace(whole(), name="other", parts=parts)
     name, newer = library().add(other), library().add(whole())
     session.choices[SNAPSHOT] = name
-    page = open_page(path, session)
+    page = open_page(title, session)
     assert not page.error
     held = parameters_from(session, "snapshot", library().entries())
     assert held.vehicles.parameters == changed
@@ -248,30 +214,27 @@ def test_a_snapshot_is_a_source_that_is_read_once(
     ("which", "chosen"), [(1, ("repeated", 1, 0.2657)), (-1, ("learned", 0, 0.2189))]
 )
 def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> None:
-    page = open_page(STABILITY, with_example()).choose("stability_simulate", which)
+    page = open_page("Stability", with_example()).choose("stability_simulate", which)
     session = page.press("stability_open_platoon").workspace()
     drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
     assert drive == [*chosen[:2], "sinusoid"]
     omega = session.choices["platoon_frequency"]
     assert omega == pytest.approx(chosen[2], abs=1e-4)
     if which == 1:
-        other = open_page(PLATOON, session)
+        other = open_page("Platoon", session)
         assert other.widget("platoon_frequency").value == omega
         assert "Follower 8: BMW X5" in other.plain()
 
 
 def test_the_measured_gain_stands_beside_the_model() -> None:
     session = fitted()
-    page = open_page(STABILITY, session).open_tab("stability", "Measured")
-    for follower in (0, 1):
-        if follower:
-            page.choose("stability_measured", follower)
-        chart = page.figures()[1]["data"]
-        label = session.segment.labels[follower + 1]
-        measured = measured_gain(session.segment, follower)
-        (drawn,) = (one for one in chart if one.get("name") == f"{label}, measured")
-        np.testing.assert_allclose(numbers(drawn["x"]), measured.omega[measured.coherent])
-        assert any(one.get("name") == f"{label}, model" for one in chart)
+    page = open_page("Stability", session).open_tab("stability", "Measured")
+    page.choose("stability_measured", 1)
+    chart = {trace.get("name"): trace for trace in page.figures()[1]["data"]}
+    label, measured = session.segment.labels[2], measured_gain(session.segment, 1)
+    drawn = numbers(chart[f"{label}, measured"]["x"])
+    np.testing.assert_allclose(drawn, measured.omega[measured.coherent])
+    assert f"{label}, model" in chart
     page.choose("stability_source", "published")
     assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
     page.choose("stability_example", CASALE.title)
@@ -279,7 +242,7 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
     assert "no measured gain" in page.run().boxes("error")[0]
-    alone = open_page(STABILITY, with_example()).open_tab("stability", "Measured")
+    alone = open_page("Stability", with_example()).open_tab("stability", "Measured")
     assert "needs the recorded speeds" in alone.boxes("info")[0]
 
 
@@ -310,58 +273,49 @@ MAP = "Map of speeds"
 @pytest.mark.usefixtures("fresh_server")
 class TestPage:
     def test_a_published_example_drives_before_anything_was_trained(self) -> None:
-        page = open_page(PLATOON, with_example())
-        said = page.plain()
+        page = open_page("Platoon", with_example())
         assert page.widget("platoon_frequency").value == pytest.approx(0.2189)
-        assert "The oscillation grows to 2.44 times the leader's" in said
-        assert len(page.get("plotly_chart")) == 3
+        assert "The oscillation grows to 2.44 times the leader's" in page.plain()
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
-        assert "[m/s]" in page.figures()[2]["layout"]["yaxis"]["title"]["text"]
         page.choose("platoon_db", True)
         assert "[dB re leader]" in page.figures()[2]["layout"]["yaxis"]["title"]["text"]
         assert "From 6 to 235 s of 500 s." in page.open_tab("platoon", MAP).plain()
         assert "From 414 to 500 s of 500 s." in page.open_tab("platoon", "Animation").plain()
-        said = page.open_tab("platoon", "The paper's four panels").plain()
+        said = page.open_tab("platoon", PANELS).plain()
         assert "(a) Mercedes A-Class at 0.25 rad/s: grows to 4.2" in said
         assert "(d) Tesla Model 3 at 0.3 rad/s: fades to 0.42" in said
         assert len(page.get("plotly_chart")) == 6
 
     def test_both_charts_show_the_part_and_the_view_that_were_chosen(self) -> None:
-        page = open_page(PLATOON, with_example())
+        page = open_page("Platoon", with_example())
         start, period = 500 - 3 * 2 * pi / 0.2189, 0.2
-        for chart in page.figures()[:2]:
-            assert chart["data"][0]["hovertemplate"]
-        assert reach(page, 0) == pytest.approx((start, 500), abs=period)
-        assert reach(page, 1) == pytest.approx((start, 500), abs=period)
+        for place in (0, 1):
+            assert reach(page, place) == pytest.approx((start, 500), abs=period)
         page.choose("platoon_whole", True)
         assert reach(page, 0) == reach(page, 1) == (0, 500)
-        assert "at 20.0 m/s" in page.figures()[1]["layout"]["yaxis"]["title"]["text"]
         page.choose("platoon_view", "road")
         assert "on the road" in page.figures()[1]["layout"]["yaxis"]["title"]["text"]
 
     def test_one_vehicle_is_repeated_at_its_peak_until_a_frequency_is_given(self) -> None:
-        page = open_page(PLATOON, with_example()).choose("platoon_order", "repeated")
+        page = open_page("Platoon", with_example()).choose("platoon_order", "repeated")
         assert page.widget("platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
         page.choose("platoon_vehicle", 2)
         page.choose("platoon_frequency", 0.25)
         gain = 4.233  # |H(0.25j)| of AstaZero's vehicle 3 to the eighth power
         assert f"grows to {gain:.3g} times" in page.plain()
         page.choose("platoon_followers", 3)
-        assert "Follower 3: Mercedes A-Class" in page.plain()
         assert "Follower 4: Mercedes A-Class" not in page.plain()
         assert "grows to 1.72 times" in page.plain()
         page.choose("platoon_vehicle", 3)
         assert page.widget("platoon_frequency").value == 0.25
         page.press("platoon_peak")
         assert page.widget("platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
-        page.choose("platoon_followers", 8)
         # Other vehicles begin without what was chosen among the former.
         page.choose("platoon_example", CASALE.title)
         assert page.widget("platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
-        assert "Follower 8: Hyundai" in page.plain()
 
     def test_an_order_of_ones_own(self) -> None:
-        page = open_page(PLATOON, with_example()).choose("platoon_order", "own")
+        page = open_page("Platoon", with_example()).choose("platoon_order", "own")
         assert "Follower 8: Tesla Model 3" in page.plain(), "twice in order to begin with"
         page.choose("platoon_own", "4, 1-2")
         for name in ("1: Tesla Model 3", "2: Audi A6", "3: BMW X5"):
@@ -371,21 +325,17 @@ class TestPage:
         assert not page.get("plotly_chart")
 
     def test_steps_brakes_and_the_recorded_leader(self) -> None:
-        page = open_page(PLATOON, fitted())
+        page = open_page("Platoon", fitted())
         page.choose("platoon_source", "published")
         for kind, setting, plenty in (("step", "change", -20.0), ("brake", "drop", 20.0)):
-            said = page.choose("platoon_kind", kind).plain()
-            assert "The largest speed deviation grows to" in said
-            assert "The smallest gap is" in said
+            assert "The smallest gap is" in page.choose("platoon_kind", kind).plain()
             said = page.choose(f"platoon_{kind}_{setting}", plenty).plain()
             assert AFTER_COLLISION in said
             assert "Audi A6 collides at" in said
             assert not any("collides" in box for box in page.boxes("warning")), "named once"
         session = page.workspace()
         session.segment = replace(session.segment, start=40.0)
-        said = page.choose("platoon_kind", "recorded").plain()
-        assert "as recorded" in said
-        assert "largest speed deviation" in said
+        page.choose("platoon_kind", "recorded")
         names = [f"{label}, measured" for label in session.segment.labels[1:]]
         assert [one for one in traces(page, 0) if one in names] == names
         page.choose("platoon_measured", False)
@@ -396,7 +346,7 @@ class TestPage:
         assert page.widget("platoon_followers").value == 3, "as many as recorded"
 
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
-        page = open_page(PLATOON, with_example()).choose("platoon_sinusoid_duration", -5.0)
+        page = open_page("Platoon", with_example()).choose("platoon_sinusoid_duration", -5.0)
         (error,) = page.boxes("error")
         assert "Leader: duration = -5" in error
         assert page.widget("platoon_sinusoid_duration").value == -5.0

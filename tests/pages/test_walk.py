@@ -2,16 +2,17 @@
 
 import random
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import pytest
-from streamlit.proto.WidgetStates_pb2 import WidgetState
+from streamlit.proto.WidgetStates_pb2 import WidgetState, WidgetStates
 
 from accpinn.methods.registry import METHODS
 from accpinn.units import Seconds
 from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import Workspace
-from tests.support.apptest import PAGES, Page, open_page, with_sample
+from tests.support.apptest import PAGES, WIDGETS, Page, open_page, with_sample
 
 SEED = 26
 PAGES_MORE = 8
@@ -24,53 +25,33 @@ QUICK = ("maximum-likelihood", "least-squares", "splines")
 LEFT_OUT = ("data_download", "database_start", "database_form_start")
 """Buttons that reach the publisher, or run a batch."""
 TEXTS = ("", "1-2", "4, 1-2", "3 3 3", "alpha", "<b>*x*</b>", "π ≈ 3,14", "-1e9", "a" * 50)
-TABS = {
-    "app.py": "home_tabs", "pages/1_Data.py": "data_tabs", "pages/2_Train.py": "train_tabs",
-    "pages/3_Stability.py": "stability", "pages/4_Platoon.py": "platoon",
-    "pages/5_Compare.py": "compare_tabs", "pages/6_Snapshots.py": "snapshots_tabs",
-    "pages/7_Database.py": "database_tabs",
-}  # fmt: skip
-KINDS = (
-    "button", "button_group", "selectbox", "multiselect", "number_input", "text_input", "toggle",
-    "checkbox", "slider",
-)  # fmt: skip
+TABS = {"Stability": "stability", "Platoon": "platoon"}
+KINDS = ("button", *WIDGETS)
 
 
-def choose(state: WidgetState, kind: str, widget: Any, dice: random.Random) -> object:
-    """Set a state, as a browser sends it, to a value that the widget allows; what was chosen."""
+def choose(kind: str, widget: Any, dice: random.Random) -> WidgetState:
+    """A state that a widget allows, as a browser sends it."""
+    state, options = partial(WidgetState, id=widget.id), getattr(widget, "options", ())
     if kind == "button":
-        state.trigger_value = True
-        return "pressed"
+        return state(trigger_value=True)
     if kind in ("toggle", "checkbox"):
-        state.bool_value = dice.random() < 0.5
-        return state.bool_value
+        return state(bool_value=dice.random() < 0.5)
     if kind == "text_input":
-        state.string_value = dice.choice(TEXTS)
-        return state.string_value
-    if kind in ("selectbox", "button_group"):
-        chosen = dice.choice(widget.options)
-        if kind == "selectbox":
-            state.string_value = chosen
-        else:
-            state.string_array_value.data[:] = [chosen]
-        return chosen
+        return state(string_value=dice.choice(TEXTS))
+    if kind == "selectbox":
+        return state(string_value=dice.choice(options))
+    if kind == "button_group":
+        return state(string_array_value={"data": [dice.choice(options)]})
     if kind == "multiselect":
-        most = widget.proto.max_selections or len(widget.options)
-        several = dice.sample(widget.options, dice.randint(0, min(most, len(widget.options))))
-        state.string_array_value.data[:] = several
-        return several
+        most = min(widget.proto.max_selections or len(options), len(options))
+        return state(string_array_value={"data": dice.sample(options, dice.randint(0, most))})
     if kind == "slider":
-        low, high = widget.min, widget.max
-        ends = sorted(round(dice.uniform(low, high), 1) for _ in widget.value)
-        state.double_array_value.data[:] = ends
-        return ends
+        ends = sorted(round(dice.uniform(widget.min, widget.max), 1) for _ in widget.value)
+        return state(double_array_value={"data": ends})
     number = chosen_number(widget, dice)
     if widget.proto.data_type == widget.proto.INT:
-        number = int(number)
-        state.int_value = number
-    else:
-        state.double_value = number
-    return number
+        return state(int_value=int(number))
+    return state(double_value=number)
 
 
 def chosen_number(widget: Any, dice: random.Random) -> float:
@@ -104,25 +85,24 @@ def settle(session: Workspace) -> None:
 def test_no_control_of_any_page_ends_in_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("accpinn.tasks.METHODS", {key: METHODS[key] for key in QUICK})
     dice, session, trail = random.Random(SEED), with_sample(), list[str]()
-    for path in (*PAGES, *dice.choices(PAGES, k=PAGES_MORE)):
-        page = open_page(path, session)
-        trail.append(path)
+    for title in (*PAGES, *dice.choices([*PAGES], k=PAGES_MORE)):
+        page = open_page(title, session)
+        trail.append(title)
         for _ in range(dice.randint(1, 2 * STAY)):
             # What is pressed next may train: with little work.
             session.preset, session.settings["fast"] = "fast", {"iterations": 20}
             if page.tabs and dice.random() < 0.2:
-                title = dice.choice([tab.label for tab in page.tabs])
-                session.choices[TABS[path]] = title
-                trail.append(f"tab {title}")
+                tab = dice.choice([tab.label for tab in page.tabs])
+                session.choices[TABS.get(title, f"{title.lower()}_tabs")] = tab
+                trail.append(f"tab {tab}")
                 page.run()
             elif known := [*controls(page)]:
                 kind, widget = dice.choice(known)
                 states = page._tree.get_widget_states()
-                state = next((one for one in states.widgets if one.id == widget.id), None)
-                state = state or states.widgets.add(id=widget.id)
-                chosen = choose(state, kind, widget, dice)
+                chosen = choose(kind, widget, dice)
+                others = [state for state in states.widgets if state.id != widget.id]
                 trail.append(f"{kind} {widget.key or widget.label} = {chosen}")
-                page._run(states)
+                page._run(WidgetStates(widgets=[*others, chosen]))
             assert not page.exception, f"seed {SEED}: {trail}\n{page.exception}"
             session = page.workspace()
             settle(session)

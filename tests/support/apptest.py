@@ -3,6 +3,8 @@
 import base64
 import json
 import re
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from streamlit.testing.v1 import AppTest
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Case
 from accpinn.recordings.recording import Window
+from accpinn.results.tables import Table
 from accpinn.study.result import Result, result_of
 from accpinn.tasks import Task
 from pages.ui.session import sessions
@@ -20,10 +23,10 @@ from pages.ui.session.resources import FIRST_SAMPLE, sample, store
 from pages.ui.session.workspace import Workspace
 
 ROOT = Path(__file__).parents[2]
-HOME = "app.py"
-DATA, TRAIN, STABILITY = "pages/1_Data.py", "pages/2_Train.py", "pages/3_Stability.py"
-PLATOON, COMPARE, SNAPSHOTS = "pages/4_Platoon.py", "pages/5_Compare.py", "pages/6_Snapshots.py"
-PAGES = [HOME, *sorted(f"pages/{path.name}" for path in (ROOT / "pages").glob("[0-9]*.py"))]
+PAGES = {"Home": "app.py"} | {
+    path.stem[2:]: f"pages/{path.name}" for path in sorted((ROOT / "pages").glob("[0-9]*.py"))
+}
+"""Their scripts by their titles."""
 WIDGETS = (
     "button_group", "selectbox", "multiselect", "number_input", "text_input", "toggle", "checkbox",
     "slider",
@@ -87,6 +90,11 @@ class Page(AppTest):
         """The same as a person reads it: without the marks that make foreign text literal."""
         return self.texts().replace("\\", "")
 
+    @property
+    def buttons(self) -> set[str]:
+        """The keys of its buttons."""
+        return {str(button.key) for button in self.button}
+
     def boxes(self, kind: str) -> list[str]:
         """The sentences in its boxes of one kind, as "warning", without those marks."""
         return [box.value.replace("\\", "") for box in self.get(kind)]
@@ -94,6 +102,12 @@ class Page(AppTest):
     def everything(self) -> str:
         """All that it shows, tables and figures included."""
         return " ".join(str(element.proto) for element in self.main if hasattr(element, "proto"))
+
+    def shows(self, table: Table, rows: int = 1) -> bool:
+        """Whether all cells of a table's first rows are written on it."""
+        written = self.texts()
+        cells = (pair for row in table.rows[:rows] for pair in zip(table.columns, row, strict=True))
+        return all(str(column.html(cell)) in written for column, cell in cells)
 
     def figures(self) -> list[dict[str, Any]]:
         """The charts as plotly has them."""
@@ -108,26 +122,41 @@ def numbers(values: Any) -> Any:
 
 
 def open_page(
-    path: str, found: Workspace | None = None, user: dict[str, Any] | None = None, **address: str
+    title: str, found: Workspace | None = None, user: dict[str, Any] | None = None, **address: str
 ) -> Page:
     """A page as a direct link opens it: the first page has not run before.
 
     Args:
-        path: of the page.
+        title: of the page.
         found: the session that the address names.
         user: who is signed in, on a server that asks who one is.
         address: what else the address says.
     """
-    page = Page(ROOT / HOME, default_timeout=60)
+    page = Page(ROOT / PAGES["Home"], default_timeout=60)
     if user:
         page.user = user
-    if path != HOME:
-        page.switch_page(path)
+    if title != "Home":
+        page.switch_page(PAGES[title])
     if found:
         address["session"] = found.id
     for name, value in address.items():
         page.query_params[name] = value
     return page.sound()
+
+
+def until(holds: Callable[[], object]) -> None:
+    """Wait for it."""
+    end = time.monotonic() + WAIT
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def stop_tasks(session: Workspace) -> None:
+    """As their buttons do, and wait for them."""
+    for task in session.tasks:
+        task.stop()
+    assert all(task.wait(WAIT) for task in session.tasks)
 
 
 def with_sample() -> Workspace:

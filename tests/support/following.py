@@ -1,11 +1,14 @@
 """Platoons that drive by a model of the registry, as segments."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from accpinn.model.following import FollowingModel
 from accpinn.recordings.synthetic import LeaderProfile, leader_speed
 from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
+from tests.support.driving import segment_of
 
 LEADER = LeaderProfile(24.0, 6.0, 33.0, (8.0, 20.0), (0.5, 1.5), 0.2)
 """A drive over all speeds, so that the shape of a model over speed can be seen."""
@@ -24,14 +27,10 @@ def driven(
     speeds = run.speeds + noise * rng.standard_normal(run.speeds.shape)
     measured = run.gaps + 2 * noise * rng.standard_normal(run.gaps.shape)
     return [
-        Segment(
-            time=instants,
-            speeds=speeds[:, k : k + 2],
-            gaps=measured[:, k : k + 1],
+        replace(
+            segment_of(instants, speeds[:, k : k + 2], measured[:, k : k + 1]),
             vehicles=(k + 1, k + 2),
-            names=("ahead", "behind"),
             start=1000.0 * seed,
-            source="made.csv",
             sha256=str(seed),
         )
         for k in range(len(theta))

@@ -4,10 +4,10 @@ import os
 import socket
 import subprocess
 import sys
-import urllib.error
+import time
 import urllib.request
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +32,6 @@ def running(
     log: Path,
     recordings: Path | None = None,
     options: Sequence[str] = (),
-    extra: Mapping[str, str] | None = None,
     port: int | None = None,
     program: str = "streamlit",
 ) -> Iterator[Server]:
@@ -43,7 +42,6 @@ def running(
         log: what it prints.
         recordings: a folder it offers.
         options: of the server, as "--server.disconnectedSessionTTL=1".
-        extra: environment variables.
         port: of the server; a free one by default.
         program: the module that starts the server.
     """
@@ -53,7 +51,6 @@ def running(
         environment[f"ACCPINN_{name.upper()}"] = str(cache.with_name(name))
     if recordings:
         environment["ACCPINN_RECORDINGS"] = str(recordings)
-    environment |= extra or {}
     command = [sys.executable, "-m", program, "run", "app.py", f"--server.port={port}"]
     with log.open("w") as output:
         process = subprocess.Popen(
@@ -82,14 +79,9 @@ def free_port() -> int:
 
 def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:
     for _ in range(300):
-        try:
-            with urllib.request.urlopen(f"{address}/_stcore/health", timeout=5):
-                return
-        except (urllib.error.URLError, ConnectionError):
-            pass
-        try:
-            process.wait(0.1)
-        except subprocess.TimeoutExpired:
-            continue
-        break
+        with suppress(OSError), urllib.request.urlopen(f"{address}/_stcore/health", timeout=5):
+            return
+        if process.poll() is not None:
+            break
+        time.sleep(0.1)
     raise AssertionError(f"the app did not start:\n{log.read_text()}")
