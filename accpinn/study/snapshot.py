@@ -156,7 +156,8 @@ SHAPES: dict[type, dict[str, str]] = {
 """Lengths of arrays and tuples by type and field; a field may be None.
 
 N samples, M followers and V = M + 1 vehicles are the window's. K entries, P parameter sets and D
-draws are the same number within one object. An exclamation mark asks for finite numbers.
+draws, one at least, are the same number within one object. An exclamation mark asks for finite
+numbers.
 """
 
 
@@ -487,7 +488,7 @@ def _check_shape(name: str, values: Any, letters: str, lengths: dict[str, int]) 
     shape, asked = np.shape(values), letters.rstrip("!")
     expected = tuple(map(lengths.setdefault, asked, shape))
     _require(
-        shape == expected and len(shape) == len(asked),
+        shape == expected and len(shape) == len(asked) and lengths.get("D") != 0,
         f"its {name.replace('_', ' ')} has the shape {shape}, which does not fit the rest",
     )
     is_finite = asked == letters or np.isfinite(values).all()

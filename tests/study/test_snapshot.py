@@ -336,6 +336,10 @@ class TestContents:
     def test_data_that_are_not_those_of_the_window(self, values: np.ndarray) -> None:
         refused(with_arrays(**{SPEEDS: values}))
 
+    def test_a_posterior_without_draws(self) -> None:
+        draws = small().uncertainty.draws.everything[:0]
+        refused(with_arrays(**{"parts.uncertainty.draws": draws}))
+
     def test_data_that_would_take_minutes_to_compute_anew(self) -> None:
         count = 1 + MOST_COMPUTED // small().info.followers
         segment = small().segments[0]
