@@ -16,11 +16,10 @@ from accpinn.methods.pinn.config import DEFAULT
 from accpinn.methods.pinn.config import preset as named_config
 from accpinn.methods.registry import METHODS, method_of, usual_method
 from accpinn.model.cthp import Case
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Recording, Window
 from accpinn.segment.cut import DURATION, parse_windows
-from accpinn.study import comparison, snapshot, verification
-from accpinn.study.analysis import Analysis, single_window
+from accpinn.study import Analysis, comparison, single_window, snapshot, verification
 from accpinn.study.plan import AUTO, car_following
 from accpinn.study.result import Result
 from accpinn.study.run import run

@@ -18,7 +18,7 @@ from scipy.linalg import expm
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.recordings import synthetic
 from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds
 from tests.support.driving import segment_of
 

@@ -22,7 +22,7 @@ import psutil
 
 from accpinn.methods.pinn.config import FAST
 from accpinn.recordings.openacc import read
-from accpinn.study.analysis import Analysis, single_window
+from accpinn.study import Analysis, single_window
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot_library import Library

@@ -21,8 +21,8 @@ from accpinn.inference.population import PARTS, Population, sampled_population
 from accpinn.inference.window_posterior import count_of, log_prior, window_posterior
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.recordings.files import read
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from accpinn.study.plan import files_of, plan
 from accpinn.units import FloatArray, Seconds
 

@@ -36,7 +36,7 @@ from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, PAPER
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import FloatArray, Metres

@@ -14,7 +14,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
-from accpinn.stability.report import stability_report
+from accpinn.stability import stability_report
 from accpinn.units import Seconds
 from bench.measurement import Measurement, Spent, spent_on, timed
 from bench.start import SAMPLE

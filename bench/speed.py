@@ -25,9 +25,9 @@ from accpinn.methods.pinn.config import FAST, preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.units import Seconds
 from bench.measurement import Measurement, Spent, spent_on, timed

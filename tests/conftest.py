@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
 from tests.support import draws
 
 # The same examples on every run, and no time limit an example: machines and their load differ.

@@ -15,8 +15,8 @@ from accpinn.inference.identifiability import WeakIdentification
 from accpinn.inference.intervals import ParameterInterval
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.methods.fit import HiddenLayersGain, IterationsExhausted
-from accpinn.recordings.recording import SamplesMissing, Window
-from accpinn.segment.segment import Bridged, DrivenByHand
+from accpinn.recordings import SamplesMissing, Window
+from accpinn.segment import Bridged, DrivenByHand
 
 KINDS = [
     kind

@@ -35,7 +35,7 @@ from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, JUDGED, PAPER, following_model
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.documents import (
     describe_comparison,
     describe_fit,

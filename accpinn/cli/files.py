@@ -9,8 +9,8 @@ from accpinn.channels import PARAMETERS, by_key, fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
 from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError, SnapshotError
+from accpinn.recordings import Recording
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Recording
 from accpinn.results.documents import parameter_card
 from accpinn.results.export import SAMPLES, snapshot_types
 from accpinn.results.reproduction import verification_table

@@ -8,10 +8,10 @@ from accpinn.cli.recordings import add_json_option, add_recording, chosen_record
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings import Recording, Window
 from accpinn.segment.cut import DURATION, disjoint_windows, parse_vehicles, parse_windows
 from accpinn.segment.quality import EXCLUDABLE, as_typed, parse_regimes
-from accpinn.study.analysis import Analysis, single_window
+from accpinn.study import Analysis, single_window
 from accpinn.study.plan import AUTO, car_following
 from accpinn.study.store import Store
 

@@ -27,7 +27,7 @@ from accpinn.results.messages.stability import (
 from accpinn.results.tables.estimates import answer
 from accpinn.results.tables.stability import amplitude_table, stability_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
-from accpinn.stability.report import StabilityReport, VehicleStability, Verdict, stability_report
+from accpinn.stability import StabilityReport, VehicleStability, Verdict, stability_report
 from accpinn.study.result import Result
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")

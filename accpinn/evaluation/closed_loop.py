@@ -18,8 +18,8 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import simulate
+from accpinn.segment import Segment
 from accpinn.segment.cut import BRIDGE, SLACK
-from accpinn.segment.segment import Segment
 from accpinn.units import (
     FloatArray,
     Mask,

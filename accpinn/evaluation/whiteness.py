@@ -32,7 +32,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, OneSecondMeans, one_second_means
 from accpinn.model.cthp import regressors
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
 LAGS = np.arange(2, 7)

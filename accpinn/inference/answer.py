@@ -49,7 +49,7 @@ from accpinn.methods import one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters, collides
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
-from accpinn.segment.segment import Segment, median_speeds
+from accpinn.segment import Segment, median_speeds
 from accpinn.units import Estimate, FloatArray, Metres, MetresPerSecond, Seconds
 
 THINNING = 2

@@ -19,10 +19,10 @@ from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.answer import Answer
 from accpinn.inference.intervals import gain_band
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
+from accpinn.stability import assessment
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import LEVEL, MeasuredGain, measured_gain
-from accpinn.stability.report import assessment
 from accpinn.units import FloatArray, Mask, RadiansPerSecond
 
 COHERENT = 0.8

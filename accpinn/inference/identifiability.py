@@ -22,9 +22,9 @@ from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
 from accpinn.methods.regression import Regression, solve_bounded
 from accpinn.model.cthp import LARGEST, Case, Parameters
-from accpinn.recordings.recording import LITTLE_LEADER_MOTION
+from accpinn.recordings import LITTLE_LEADER_MOTION
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import LARGE_CONDITION, LITTLE_RELATIVE_MOTION, Quality, assess_quality
-from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
 
 WIDE = 5.0

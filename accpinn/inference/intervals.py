@@ -31,7 +31,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, Held
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.stability.criteria import (
     crossovers,
     exact_margin,

@@ -31,7 +31,7 @@ from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import complete, coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import FOLLOWING, TITLES
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
 LEARNED = 2 / 3

@@ -30,7 +30,7 @@ from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
 from accpinn.methods.state_space import discretise
 from accpinn.model.cthp import Case, Parameters, collides, motion_matrix
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
 SIMULATIONS = 200

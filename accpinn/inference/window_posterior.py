@@ -23,7 +23,7 @@ from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, Held
-from accpinn.segment.segment import Segment, median_speeds
+from accpinn.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.units import FloatArray, Mask
 

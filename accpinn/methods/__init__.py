@@ -15,7 +15,7 @@ from accpinn.errors import SegmentError
 from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import PAPER, Held
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 P = ParamSpec("P")

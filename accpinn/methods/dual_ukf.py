@@ -31,7 +31,7 @@ from accpinn.methods import direct, online
 from accpinn.methods.fit import FilterDiverged, Fit, Outcome
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
 UNCERTAIN = (0.3, 1.0, 1.0)

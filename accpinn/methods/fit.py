@@ -11,7 +11,7 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import LONGEST_HEADWAY, Case, Parameters, Trajectories
 from accpinn.model.registry import PAPER
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.serial import NamedEnum
 from accpinn.units import FloatArray, Seconds
 

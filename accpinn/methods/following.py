@@ -36,7 +36,7 @@ from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
 from accpinn.model.registry import FOLLOWING, Held
-from accpinn.segment.segment import Segment, median_speeds
+from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
 STEP: Seconds = 0.4

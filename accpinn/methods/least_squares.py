@@ -26,7 +26,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import PAPER
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 WINDOW: Seconds = 2.0

@@ -23,7 +23,7 @@ from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, complete, state_space
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, Held
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, frozen
 
 KEY = "maximum-likelihood"

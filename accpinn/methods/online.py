@@ -20,7 +20,7 @@ import numpy as np
 
 from accpinn.methods.fit import FilterUncertain, ParameterTrack
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 UNIT = np.eye(2, 4)

@@ -32,7 +32,7 @@ import numpy as np
 from accpinn.methods import direct, online
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
 PARTICLES = 4000

@@ -32,7 +32,7 @@ from accpinn.methods.fit import BoundActiveAtTimes, Fit, MethodFinding, Outcome,
 from accpinn.methods.online import kept_samples, track
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import LINEAR_NAMES, Case, regressors
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 MEMORY: Seconds = 60.0

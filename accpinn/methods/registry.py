@@ -15,9 +15,9 @@ from accpinn.methods import (
 )
 from accpinn.methods.pinn import training as pinn
 from accpinn.model.registry import CTHPS
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
 from accpinn.segment.cut import IncompleteWindow, cut
-from accpinn.segment.segment import Segment
 from accpinn.units import Seconds
 
 METHODS: dict[str, Method] = {

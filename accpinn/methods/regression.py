@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 STEP: Seconds = 1.0

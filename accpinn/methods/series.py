@@ -13,7 +13,7 @@ import numpy as np
 
 from accpinn.errors import SegmentError
 from accpinn.model.cthp import Case
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, stretches
 
 SPACING: Seconds = 0.5

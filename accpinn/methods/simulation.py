@@ -54,7 +54,7 @@ from accpinn.model.cthp import (
     respond,
 )
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds, frozen, stretches
 
 if TYPE_CHECKING:

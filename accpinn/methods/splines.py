@@ -23,7 +23,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.least_squares import MODELS, solved
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
 KNOTS_EVERY: Seconds = 0.5

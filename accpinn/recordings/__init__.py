@@ -1,1 +1,464 @@
-"""Recordings: OpenACC files as data with findings about them, and synthetic ones."""
+"""A recording: metadata, vehicles, speeds, gaps and modes over time, and findings about them."""
+
+import datetime
+import hashlib
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cached_property
+from typing import TypedDict, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.channels import GAP, RECORDED, SPEED, Quantity
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
+
+EVEN_TOLERANCE: Seconds = 1e-6
+"""Largest distance of even time stamps from a regular grid; float noise is below 1e-9 s."""
+
+AGREEMENT_LIMIT = 0.5
+"""Least correlation between a gap's rate of change and the speed difference that counts as sound;
+the sound recordings of the database reach 0.8 and more."""
+AGREEMENT_WINDOW: Seconds = 1.0
+"""Time over which rates are taken, so that measurement noise does not hide the agreement."""
+AGREEMENT_MINIMUM = 30
+"""Least instants of a correlation."""
+RELATIVE_MOTION: MetresPerSecond = 0.2
+"""Least deviation of the speed difference at which noise does not dominate the correlation."""
+FROZEN: Seconds = 0.5
+"""Longest repetition of a value in motion that is no fault of the receiver."""
+MOVING: MetresPerSecond = 1.0
+"""Speed up to which a vehicle stands: values may repeat, and a time gap has no meaning."""
+LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
+"""Least deviation of a leader's speed that excites its followers."""
+BLOCKS_LISTED = 3
+"""Missing blocks that a finding lists."""
+_JOINED = re.compile(r"(.*\w)(\([^()]*\))")
+"""Make and model joined, as "Mercedes(AClass)"."""
+HUMAN_FLAG = 0
+"""The file's ACC flag of a run with human drivers."""
+
+
+class Mode(IntEnum):
+    """Who controls a vehicle's speed at one instant."""
+
+    UNKNOWN = -1
+    HUMAN = 0
+    ACC = 1
+
+
+@dataclass(frozen=True)
+class Window:
+    """An interval of a recording, in s from its first sample, both ends included."""
+
+    start: Seconds
+    end: Seconds
+
+    @property
+    def duration(self) -> Seconds:
+        """The window's length in s."""
+        return round(self.end - self.start, 9)
+
+    def __str__(self) -> str:
+        """The window as tables and sentences name it: "0–300 s"."""
+        return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
+
+
+def rounded_percent(share: float) -> str:
+    """A share in percent; a share below 1 % with one significant digit."""
+    return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.1g} %"
+
+
+def longest(windows: Sequence[Window]) -> tuple[Window, ...]:
+    """The longest windows in order of time."""
+    listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
+    return tuple(sorted(listed, key=lambda window: window.start))
+
+
+def listed(windows: Sequence[Window], others: int) -> str:
+    """Windows, and how many shorter ones there are."""
+    text = ", ".join(map(str, windows))
+    return text + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
+
+
+class SamplesMissing(Finding, frozen=True):
+    """A channel of a vehicle has no value; for gaps, only where both speeds are known."""
+
+    text = "{column} is missing in {part} of the samples{note}, at {where}."
+
+    channel: str
+    """Stem of the column's name in the file, as Speed or IVS; likewise below."""
+    vehicle: int
+    share: float
+    """Share of all samples, 0 to 1."""
+    windows: tuple[Window, ...]
+    """The longest blocks, in order of time."""
+    shorter: int
+    """How many blocks there are besides."""
+
+    def _words(self, about: Labelled) -> Words:
+        column, is_gap = RECORDED[self.channel].of(self.vehicle), self.channel == GAP.column
+        return {
+            "column": column if is_gap else f"{column} ({about.label(self.vehicle)})",
+            "part": rounded_percent(self.share),
+            "note": " although both speeds are known" if is_gap else "",
+            "where": listed(self.windows, self.shorter),
+        }
+
+
+class GapContradictsSpeeds(Finding, frozen=True):
+    """The space-gap behind a vehicle does not change as the two speeds demand."""
+
+    text = (
+        "{gap} contradicts the speeds of vehicles {ahead} and {behind}: its rate of change"
+        " correlates with their difference by {correlation:.2f} (sound data: 1); do not trust"
+        " results for vehicle {behind}."
+    )
+
+    vehicle: int
+    correlation: float
+    """Correlation of the gap's rate of change with the speeds' difference; 1 for sound data."""
+
+    def _words(self, about: Labelled) -> Words:
+        ahead = self.vehicle
+        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": ahead + 1}
+
+
+class ValuesOutOfRange(Finding, frozen=True):
+    """A channel of a vehicle leaves its plausible range on one side."""
+
+    text = (
+        "{column} exceeds {limit:g} {unit} in {samples} samples, up to {extreme:.4g}; check its"
+        " unit."
+    )
+    text_below = "{column} is negative in {samples} samples, the lowest {extreme:.2g} {unit}."
+
+    channel: str
+    vehicle: int
+    samples: int
+    extreme: float
+    """The value furthest outside."""
+
+    def sentence(self, about: Labelled) -> str:
+        """The side on which the values lie outside decides."""
+        is_below = self.extreme < RECORDED[self.channel].lowest
+        return self.filled(self.text_below if is_below else self.text, about)
+
+    def _words(self, about: Labelled) -> Words:
+        channel = RECORDED[self.channel]
+        column = channel.of(self.vehicle)
+        return {"column": column, "limit": channel.highest, "unit": channel.unit}
+
+
+class ValuesFrozen(Finding, frozen=True):
+    """A channel repeats one value while the vehicle behind the sensor moves."""
+
+    text = "The {name} of {vehicle} is frozen for {seconds:.1f} s while it moves, at {window}."
+
+    channel: str
+    vehicle: int
+    """The one whose speed, or whose gap to the vehicle ahead, it is."""
+    window: Window
+    """The longest repetition."""
+
+    def _words(self, about: Labelled) -> Words:
+        name = RECORDED[self.channel].name.lower()
+        return {"name": name, "seconds": self.window.duration}
+
+
+class MappingRemembered(Finding, frozen=True):
+    """The columns were read as a mapping says that an earlier file with the same columns had."""
+
+    text = "The columns were read by the mapping of an earlier file with the same columns."
+
+
+class LittleLeaderMotion(Finding, frozen=True):
+    """The leader's speed varies so little that it excites nothing."""
+
+    text = (
+        "The speed of the leader, {vehicle}, varies by only {deviation:.2f} m/s (standard"
+        " deviation); this excitation may be too small to identify the parameters."
+    )
+
+    vehicle: int
+    deviation: MetresPerSecond
+    """Standard deviation."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """One vehicle of the platoon, numbered as in the file."""
+
+    index: int
+    """1 = first."""
+    name: str
+    present: bool
+    """Whether the file has at least one speed of it."""
+    missing: int
+    """Number of its speed samples that are missing."""
+    missing_share: float
+    """Share of its speed samples that are missing, 0 to 1."""
+    modes: dict[str, int] | None
+    """Numbers of samples under "ACC" and under "Human"; None where the file has no modes."""
+
+
+def vehicle_label(number: int, name: str) -> str:
+    """Number and name of a vehicle, as "4 Mercedes (AClass)"; without a name "Vehicle 4"."""
+    if name == unnamed(number):
+        return name
+    joined = _JOINED.fullmatch(name)
+    return f"{number} {' '.join(joined.groups()) if joined else name}"
+
+
+def unnamed(number: int) -> str:
+    """The name of a vehicle to which the file gives none."""
+    return f"Vehicle {number}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording:
+    """A run of V vehicles over N samples. Arrays are read-only."""
+
+    source: str
+    """File name; with the trajectory's name where the file holds several."""
+    sha256: str
+    """SHA-256 of the file's bytes, and of the trajectory's name where the file holds several."""
+    campaign: str | None = None
+    """Campaign; None where folder, file name and date do not determine it."""
+    date: datetime.date | None = None
+    acc_flag: int | None = None
+    """The file's flag: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
+    distance_setting: str | None = None
+    vehicles: tuple[Vehicle, ...] = ()
+    """(V,) vehicles, also those that the header names but the columns lack."""
+    time: FloatArray
+    """(N,) in s from the first sample."""
+    speed: FloatArray
+    """(N, V) in m/s; NaN where missing, column i - 1 is vehicle i."""
+    gap: FloatArray
+    """(N, V-1) in m; NaN where missing, column i - 1 is IVS<i>, between vehicles i and i+1."""
+    mode: NDArray[np.int8]
+    """(N, V) values of `Mode`."""
+    findings: tuple[Finding, ...] = ()
+    """Findings about the data that the user should know."""
+    trajectory: str | None = None
+    """Name of the table's trajectory; None where the file holds one run."""
+
+    def __post_init__(self) -> None:
+        """Copy the arrays and lock them."""
+        for name in ("time", "speed", "gap"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
+
+    @cached_property
+    def data_digest(self) -> str:
+        """SHA-256 of times, speeds, space-gaps and driver modes."""
+        content = hashlib.sha256()
+        for values in (self.time, self.speed, self.gap, self.mode):
+            content.update(repr(values.shape).encode() + values.tobytes())
+        return content.hexdigest()
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that was read, as several mappings make several recordings of a file."""
+        read = (self.data_digest, self.source, self.vehicles, self.findings)
+        return hashlib.sha256(repr(read).encode()).hexdigest()
+
+    @property
+    def samples(self) -> int:
+        """The number of samples, N."""
+        return len(self.time)
+
+    @property
+    def duration(self) -> Seconds:
+        """Time from the first to the last sample."""
+        return round(float(self.time[-1]), 6)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the arrays take in memory."""
+        return self.time.nbytes + self.speed.nbytes + self.gap.nbytes + self.mode.nbytes
+
+    @property
+    def is_even(self) -> bool:
+        """Whether the samples lie on a regular grid."""
+        grid = np.arange(self.samples) * self._mean_step
+        return bool(np.abs(self.time - grid).max() <= EVEN_TOLERANCE)
+
+    @property
+    def sample_time(self) -> Seconds:
+        """The regular step, or the most typical one where steps are uneven.
+
+        Float noise is rounded off; a step with endless digits, as 1/15 s, is kept as it is.
+        """
+        if not self.is_even:
+            return round(float(np.median(np.diff(self.time))), 9)
+        step, rounded = self._mean_step, round(self._mean_step, 9)
+        return rounded if abs(rounded - step) * self.samples < EVEN_TOLERANCE / 2 else step
+
+    @property
+    def _mean_step(self) -> Seconds:
+        return float(self.time[-1]) / (self.samples - 1)
+
+    @property
+    def present(self) -> tuple[int, ...]:
+        """Numbers of the vehicles that have data."""
+        return tuple(vehicle.index for vehicle in self.vehicles if vehicle.present)
+
+    def label(self, number: int) -> str:
+        """Number and name of vehicle ``number``."""
+        return vehicle_label(number, self.vehicles[number - 1].name)
+
+    def speed_of(self, number: int) -> FloatArray:
+        """(N,) speed of vehicle ``number`` in m/s."""
+        return self.speed[:, number - 1]
+
+    def gap_behind(self, number: int) -> FloatArray:
+        """(N,) IVS<number>: space-gap between vehicles ``number`` and ``number`` + 1, in m."""
+        return self.gap[:, number - 1]
+
+    def window(self, stretch: Stretch) -> Window:
+        """The time that a stretch of samples covers, to the microsecond."""
+        first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
+        return Window(first, last)
+
+
+class Facts(TypedDict, total=False):
+    """Facts that a recording states of itself; None where it does not."""
+
+    campaign: str | None
+    date: str | None
+    """Date by ISO 8601."""
+    acc_flag: int | None
+    """Flag of the file: 0 human, 1 ACC, 2 mixed."""
+    distance_setting: str | None
+    samples: int | None
+    duration: float | None
+    """Duration in s."""
+    sample_time: float | None
+    """Typical step between samples in s."""
+
+
+def facts_of(recording: Recording | None) -> Facts:
+    """The facts of a recording; none without one."""
+    if recording is None:
+        return {}
+    facts = {name: getattr(recording, name) for name in Facts.__annotations__}
+    return cast("Facts", facts | {"date": recording.date and recording.date.isoformat()})
+
+
+def completed(
+    recording: Recording, names: Mapping[int, str], findings: Iterable[Finding]
+) -> Recording:
+    """Describe the vehicles of a recording and check its data.
+
+    Args:
+        recording: without vehicles and findings.
+        names: names by vehicle number; a vehicle without one goes by its number.
+        findings: made while reading; those about the data follow them.
+    """
+    vehicles = tuple(
+        _vehicle(recording, number, names.get(number) or unnamed(number))
+        for number in range(1, recording.speed.shape[1] + 1)
+    )
+    described = replace(recording, vehicles=vehicles)
+    return replace(described, findings=(*findings, *check(described)))
+
+
+def _vehicle(recording: Recording, number: int, name: str) -> Vehicle:
+    absent, mode = np.isnan(recording.speed_of(number)), recording.mode[:, number - 1]
+    counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
+    return Vehicle(
+        index=number,
+        name=name,
+        present=not absent.all(),
+        missing=int(absent.sum()),
+        missing_share=float(absent.mean()),
+        modes=counts if any(counts.values()) else None,
+    )
+
+
+def check(recording: Recording) -> Iterator[Finding]:
+    """All findings about the data of a recording."""
+    gaps = _gaps(recording)
+    channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
+    channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
+    for number in recording.present:
+        yield from _missing(recording, SPEED, number, np.isnan(recording.speed_of(number)))
+    for number in gaps:
+        # Gaps vanish along with a speed; only what goes beyond that is news.
+        speeds = recording.speed[:, number - 1 : number + 1]
+        alone = np.isnan(recording.gap_behind(number)) & np.isfinite(speeds).all(axis=1)
+        yield from _missing(recording, GAP, number, alone)
+    for number in gaps:
+        value = agreement(recording, number)
+        if value is not None and value < AGREEMENT_LIMIT:
+            yield GapContradictsSpeeds(vehicle=number, correlation=value)
+    for channel, number, values in channels:
+        if count := int((values < channel.lowest).sum()):
+            yield ValuesOutOfRange(channel.column, number, count, float(np.nanmin(values)))
+    for channel, number, values in channels:
+        if count := int((values > channel.highest).sum()):
+            yield ValuesOutOfRange(channel.column, number, count, float(np.nanmax(values)))
+    for channel, number, values in channels:
+        yield from _frozen(recording, channel, number, values)
+    leader = recording.present[0]
+    deviation = float(np.nanstd(recording.speed_of(leader)))
+    if deviation < LITTLE_LEADER_MOTION:
+        yield LittleLeaderMotion(leader, deviation)
+
+
+def agreement(recording: Recording, number: int) -> float | None:
+    """Correlation between dIVS/dt and the speed difference of vehicles number and number + 1.
+
+    1 for a sound recording; None where the two vehicles hardly move against each other.
+    """
+    half = max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
+    width = 2 * half
+    gap = recording.gap_behind(number)
+    if len(gap) <= width:
+        return None
+    span = recording.time[width:] - recording.time[:-width]
+    rate = (gap[width:] - gap[:-width]) / span
+    difference = recording.speed_of(number) - recording.speed_of(number + 1)
+    smooth = np.convolve(difference, np.full(width + 1, 1 / (width + 1)), "valid")
+    known = np.isfinite(rate) & np.isfinite(smooth)
+    if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
+        return None
+    if rate[known].std() < 1e-9:
+        return 0.0
+    return float(np.corrcoef(rate[known], smooth[known])[0, 1])
+
+
+def _gaps(recording: Recording) -> list[int]:
+    """The numbers of the space-gaps that hold a value, between two present vehicles."""
+    present = set(recording.present)
+    return [
+        number
+        for number in range(1, recording.gap.shape[1] + 1)
+        if {number, number + 1} <= present and np.isfinite(recording.gap_behind(number)).any()
+    ]
+
+
+def _missing(
+    recording: Recording, channel: Quantity, number: int, mask: Mask
+) -> Iterator[SamplesMissing]:
+    if blocks := tuple(map(recording.window, stretches(mask))):
+        share, shown = float(mask.mean()), longest(blocks)
+        yield SamplesMissing(channel.column, number, share, shown, len(blocks) - len(shown))
+
+
+def _frozen(
+    recording: Recording, channel: Quantity, number: int, values: FloatArray
+) -> Iterator[ValuesFrozen]:
+    follower = number if channel is SPEED else number + 1
+    moving = recording.speed_of(follower)[1:] > MOVING
+    repeats = stretches((values[1:] == values[:-1]) & moving)
+    most = max(repeats, key=len, default=None)
+    if most and len(most) * recording.sample_time > FROZEN:
+        # A stretch of k repeats is k + 1 equal samples.
+        equal = Stretch(most.first, most.last + 1)
+        yield ValuesFrozen(channel.column, follower, recording.window(equal))

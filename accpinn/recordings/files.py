@@ -6,10 +6,9 @@ from functools import cached_property
 
 from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
+from accpinn.recordings import Recording, openacc, pairs
 from accpinn.recordings import mapping as mapped
-from accpinn.recordings import openacc, pairs
 from accpinn.recordings.mapping import CsvMapping, recall, remember
-from accpinn.recordings.recording import Recording
 from accpinn.recordings.source import Source, SourceFile, read_bytes
 from accpinn.recordings.tables import Layout, TableRun, choose_run, layout_of
 

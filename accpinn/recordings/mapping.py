@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
-from accpinn.recordings.recording import MappingRemembered, Mode, Recording, completed
+from accpinn.recordings import MappingRemembered, Mode, Recording, completed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import Columns, Layout, TableRun, layout_of, read_columns
 from accpinn.storage import folder, reported, write_whole

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding, Labelled, Words
+from accpinn.recordings import Mode, Recording, completed
 from accpinn.recordings.catalogue import catalogue
-from accpinn.recordings.recording import Mode, Recording, completed
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
 from accpinn.units import FloatArray

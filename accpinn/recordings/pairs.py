@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.recordings.recording import Mode, Recording, completed
+from accpinn.recordings import Mode, Recording, completed
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
 from accpinn.units import FloatArray, MetresPerSecond

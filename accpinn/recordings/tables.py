@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from accpinn.channels import Quantity
 from accpinn.errors import RecordingError
 from accpinn.findings import joined
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.units import FloatArray, Seconds
 

@@ -31,9 +31,9 @@ from accpinn.model.registry import PAPER
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import columns_of
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import assess_quality
-from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.stability.report import stability_at
+from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result

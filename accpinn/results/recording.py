@@ -11,7 +11,7 @@ import numpy as np
 from accpinn.findings import percent
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.recording import HUMAN_FLAG, Recording, Vehicle, Window, agreement
+from accpinn.recordings import HUMAN_FLAG, Recording, Vehicle, Window, agreement
 from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells
 from accpinn.results.tables.estimates import (
     TITLES,
@@ -20,6 +20,7 @@ from accpinn.results.tables.estimates import (
     parameter_cells,
     where,
 )
+from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.quality import (
     LARGE_CONDITION,
     MOST_CAR_FOLLOWING,
@@ -28,7 +29,6 @@ from accpinn.segment.quality import (
     Question,
     Regimes,
 )
-from accpinn.segment.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.suggestion import Suggestion
 from accpinn.study.comparison import COMPARED, SensitivityResult
 

@@ -21,11 +21,11 @@ from accpinn.model.published import (
     VICOLUNGO_ALIKE,
     ParameterSet,
 )
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings import Recording, Window
 from accpinn.results.tables import Column, Table
 from accpinn.results.tables.estimates import answer, parameter_cells
 from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT
-from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.stability import StabilityReport, stability_report
 from accpinn.study.verification import Verification
 
 L2, LINF = "L₂", "L∞"

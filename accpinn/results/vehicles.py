@@ -17,7 +17,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.estimates import learned_parameters
-from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.stability import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.units import MetresPerSecond
 

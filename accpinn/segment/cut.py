@@ -17,8 +17,8 @@ import numpy as np
 
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
-from accpinn.recordings.recording import HUMAN_FLAG, Mode, Recording, Window
-from accpinn.segment.segment import (
+from accpinn.recordings import HUMAN_FLAG, Mode, Recording, Window
+from accpinn.segment import (
     BlocksMissing,
     Bridged,
     DrivenByHand,

@@ -4,7 +4,7 @@
     excitation         standard deviations of v_0, of Δv_i and of dv_i/dt
     condition number   of the regressors (p, -v, Δv), each scaled to unit length, over the instants
                        that the segment's mask does not exclude; all else is of all instants
-    car-following      share of instants in car-following (see `segment.segment`)
+    car-following      share of instants in car-following (see `segment`)
 
 Samples that are missing are left out of all of these.
 
@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 from accpinn.errors import SegmentError
 from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import regressors
-from accpinn.recordings.recording import (
+from accpinn.recordings import (
     LITTLE_LEADER_MOTION,
     MOVING,
     GapContradictsSpeeds,
@@ -55,8 +55,7 @@ from accpinn.recordings.recording import (
     Recording,
     agreement,
 )
-from accpinn.segment.cut import MINIMUM_DURATION, SLACK
-from accpinn.segment.segment import (
+from accpinn.segment import (
     BlocksMissing,
     Bridged,
     DrivenByHand,
@@ -64,6 +63,7 @@ from accpinn.segment.segment import (
     RegimesExcluded,
     Segment,
 )
+from accpinn.segment.cut import MINIMUM_DURATION, SLACK
 from accpinn.units import (
     FloatArray,
     Mask,

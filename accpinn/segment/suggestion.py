@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from accpinn.model.cthp import regressors
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings import Recording, Window
+from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, SLACK, complete_windows, cut
 from accpinn.segment.quality import FOLLOWING, MANUAL, Regimes, label_regimes
-from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 GRID: Seconds = 5.0

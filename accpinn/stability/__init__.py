@@ -1,1 +1,265 @@
-"""String stability: what a learned controller does to disturbances, from closed forms."""
+"""The string stability of vehicles, and of the platoon they form, as numbers and verdicts.
+
+A nonlinear model answers small disturbances differently at every speed in equilibrium. Its
+linearisation at a speed is a CTHP (see `model.following`), so verdict, Bode magnitude and gains are
+those of the CTHP; they say nothing of disturbances so large that the linearisation does not hold.
+The sentences about them are in `results.messages.stability`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from math import isnan
+from typing import Literal
+
+import numpy as np
+
+from accpinn.errors import ParameterError
+from accpinn.model.cthp import Parameters
+from accpinn.model.following import FollowingModel, Values
+from accpinn.stability.criteria import (
+    MARGINAL,
+    Peak,
+    checked,
+    crossovers,
+    exact_margin,
+    l2_criterion,
+    l2_margin,
+    paper_criterion,
+    paper_margin,
+    peaks,
+    poles,
+    smallest_headway_exact,
+    smallest_headway_l2,
+    smallest_headway_paper,
+    step_metrics,
+)
+from accpinn.stability.head_to_tail import Gains, head_to_tail_gains, head_to_tail_peaks
+from accpinn.stability.lagged import is_lagged
+from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
+
+CERTAIN = 0.95
+"""A vehicle is called string stable from this probability on, and unstable up to its complement."""
+Assessment = Literal["unstable", "stable", "open", "not determined"]
+
+
+def assessment(stable: float) -> Assessment:
+    """The assessment by a probability of string stability; nan is that of unknown parameters."""
+    if isnan(stable):
+        return "not determined"
+    return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "open"
+
+
+class Behaviour(Enum):
+    """The kind of motion that the parameters make."""
+
+    REAL_POLES = "real poles"
+    COMPLEX_POLES = "complex poles"
+    UNDAMPED = "undamped"
+    NO_GAP_CONTROL = "no gap control"
+    NO_REACTION = "no reaction"
+
+
+class Criterion(Enum):
+    """A question that a verdict answers: three about a vehicle, four about a platoon."""
+
+    L2 = "L2"
+    LINF_PAPER = "Linf, paper"
+    LINF_EXACT = "Linf, exact"
+    L2_STRICT = "L2, strict"
+    L2_WEAK = "L2, weak"
+    LINF_STRICT = "Linf, strict"
+    LINF_WEAK = "Linf, weak"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a vehicle or a platoon is string stable by one criterion."""
+
+    criterion: Criterion
+    stable: bool
+    marginal: bool
+    """Whether it is so close to the boundary that the verdict means nothing, see `MARGINAL`."""
+    value: float
+    """κ or D in 1/s² for `L2` and `LINF_PAPER`, stable above 0; otherwise the gain, stable at 1."""
+
+
+@dataclass(frozen=True)
+class Headways:
+    """The smallest τ that meets each criterion at the vehicle's α and β."""
+
+    l2: Seconds
+    linf_paper: Seconds
+    """Headway above which the paper's criterion holds."""
+    linf_exact: Seconds
+
+
+@dataclass(frozen=True)
+class VehicleStability:
+    """The string stability of one vehicle."""
+
+    parameters: Parameters
+    behaviour: Behaviour
+    l2: Verdict
+    """Is no frequency amplified? By κ = α²τ² + 2αβτ - 2α."""
+    linf_paper: Verdict
+    """Are both poles real? By D = (ατ+β)² - 4α, the paper's criterion for L∞."""
+    linf_exact: Verdict
+    """Is no peak amplified? By the exact gain ‖h‖₁."""
+    overshoot: float
+    """Overshoot of the response to a unit step of the speed ahead."""
+    peak: Peak
+    crossover: RadiansPerSecond | None
+    """ω_c: lower frequencies are amplified; None where none is."""
+    damping_ratio: float | None
+    """Damping ratio ζ; None where α = 0, and with a lag or a delay."""
+    poles: tuple[complex, ...]
+    """Poles in rad/s, the slow one first."""
+    smallest_tau: Headways | None
+    """Smallest headways; None where α = 0, as τ then has no effect, and with a lag or a delay."""
+
+    @property
+    def linf_gain(self) -> float:
+        """‖h‖₁: the largest factor by which a peak can grow."""
+        return self.linf_exact.value
+
+
+@dataclass(frozen=True, eq=False)
+class PlatoonStability:
+    """The vehicles as a platoon, in the order given.
+
+    Strict: no vehicle amplifies a disturbance. Weak: the last follower's disturbance is no larger
+    than the leader's, whatever happens between them.
+    """
+
+    peaks: tuple[Peak, ...]
+    """Peaks of the responses from the leader to follower 1, 2, .., M."""
+    linf: Gains
+    """L∞ gains from the leader to follower 1, 2, .., M, found numerically."""
+    l2_strict: Verdict
+    l2_weak: Verdict
+    linf_strict: Verdict
+    linf_weak: Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityReport:
+    """The string stability of some vehicles, one by one and as a platoon."""
+
+    vehicles: tuple[VehicleStability, ...]
+    platoon: PlatoonStability
+
+
+@lru_cache(maxsize=64)  # pages ask for the same again and again
+def stability_report(parameters: Parameters) -> StabilityReport:
+    """Numbers and verdicts for each vehicle and for the platoon they form in this order.
+
+    Args:
+        parameters: one entry a follower, first follower first.
+
+    Raises:
+        ParameterError: for values that are missing, negative or beyond all bounds.
+    """
+    parameters = Parameters.of(parameters.flat.complete)  # a single one as a platoon of one
+    clean = checked(parameters)
+    vehicles = tuple(map(_vehicle, parameters, clean))
+    return StabilityReport(vehicles, _platoon(vehicles, clean))
+
+
+def stability_at(
+    model: FollowingModel, theta: Values, speed: MetresPerSecond
+) -> VehicleStability | None:
+    """The string stability of a vehicle (n,) at a speed; None where it has no equilibrium there."""
+    try:
+        return stability_report(model.linearised(theta, speed)[None]).vehicles[0]
+    except ParameterError:
+        return None
+
+
+def peak_gains(
+    model: FollowingModel, theta: Values, speeds: Iterable[MetresPerSecond]
+) -> FloatArray:
+    """(S,) the largest gain in dB at each speed; nan where there is no equilibrium.
+
+    The parameters are (n,), or (n, S) of their own at each speed.
+    """
+    speeds, theta = np.fromiter(speeds, float), np.asarray(theta, float)
+    near = model.linearisations(theta if theta.ndim > 1 else theta[:, None], speeds)
+    known = np.isfinite(near.alpha)
+    gains = np.full(len(speeds), np.nan)
+    if known.any():
+        gains[known] = peaks(near[known]).db
+    return gains
+
+
+def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
+    """The string stability of one vehicle, by its parameters as given and as checked."""
+    metrics, (peak,) = step_metrics(vehicle), peaks(vehicle[None])
+    gain, crossover = float(metrics.gain), float(crossovers(vehicle))
+    paper, value = float(paper_margin(vehicle)), float(paper_criterion(vehicle))
+    closeness = float(l2_margin(vehicle)) if vehicle.alpha else 0.0  # without α on the boundary
+    kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
+    has_headways = vehicle.alpha and not is_lagged(vehicle)
+    headways = Headways(*(float(kind(vehicle)) for kind in kinds)) if has_headways else None
+    kappa, exact = float(l2_criterion(vehicle)), float(exact_margin(vehicle))
+    return VehicleStability(
+        parameters=given,
+        behaviour=_behaviour(vehicle, value),
+        l2=Verdict(Criterion.L2, *_against(closeness, peak.gain), kappa),
+        linf_paper=Verdict(Criterion.LINF_PAPER, paper > MARGINAL, abs(paper) <= MARGINAL, value),
+        linf_exact=Verdict(Criterion.LINF_EXACT, *_against(exact, gain), gain),
+        overshoot=float(metrics.overshoot),
+        peak=peak,
+        crossover=crossover if crossover > 0 else None,
+        damping_ratio=_damping_ratio(vehicle),
+        poles=poles(vehicle),
+        smallest_tau=headways,
+    )
+
+
+def _against(margin: float, gain: float) -> tuple[bool, bool]:
+    """Whether stable, and whether marginal, by the distance to the boundary and the gain."""
+    stable = margin >= -MARGINAL
+    return stable, abs(margin) <= MARGINAL or (not stable and gain <= 1.0 + MARGINAL)
+
+
+def _behaviour(vehicle: Parameters, discriminant: float) -> Behaviour:
+    if not vehicle.alpha:
+        return Behaviour.NO_GAP_CONTROL if vehicle.beta else Behaviour.NO_REACTION
+    if not vehicle.beta and not vehicle.tau:
+        return Behaviour.UNDAMPED
+    if is_lagged(vehicle):
+        slowest = poles(vehicle)[0]
+        return Behaviour.COMPLEX_POLES if slowest.imag else Behaviour.REAL_POLES
+    return Behaviour.REAL_POLES if discriminant >= 0 else Behaviour.COMPLEX_POLES
+
+
+def _damping_ratio(vehicle: Parameters) -> float | None:
+    """The damping ratio ζ of s² + (ατ+β)s + α; None where α = 0, and with a lag or a delay."""
+    if not vehicle.alpha or is_lagged(vehicle):
+        return None
+    return float((vehicle.alpha * vehicle.tau + vehicle.beta) / vehicle.alpha**0.5 / 2.0)
+
+
+def _platoon(vehicles: tuple[VehicleStability, ...], parameters: Parameters) -> PlatoonStability:
+    along, linf = tuple(head_to_tail_peaks(parameters)), head_to_tail_gains(parameters)
+    l2_strict = _strict(Criterion.L2_STRICT, [(v.l2, v.peak.gain) for v in vehicles])
+    linf_strict = _strict(Criterion.LINF_STRICT, [(v.linf_exact, v.linf_gain) for v in vehicles])
+    # Is no frequency larger at the last follower than at the leader?
+    gain = along[-1].gain
+    marginal = 1.0 < gain <= 1.0 + MARGINAL or (l2_strict.stable and l2_strict.marginal)
+    l2_weak = Verdict(Criterion.L2_WEAK, gain <= 1.0 or l2_strict.stable, marginal, gain)
+    # Is no peak, as far as can be computed?
+    gain, error = float(linf.gain[-1]), float(linf.error[-1])
+    none = gain <= 1.0 + max(MARGINAL, error)
+    marginal = linf_strict.marginal if linf_strict.stable else none or isnan(gain)
+    linf_weak = Verdict(Criterion.LINF_WEAK, linf_strict.stable or none, marginal, gain)
+    return PlatoonStability(along, linf, l2_strict, l2_weak, linf_strict, linf_weak)
+
+
+def _strict(criterion: Criterion, pairs: list[tuple[Verdict, float]]) -> Verdict:
+    """Stable where every vehicle is; ``pairs`` are each vehicle's verdict and gain."""
+    value = max(gain for _, gain in pairs)
+    marginal = any(verdict.marginal for verdict, _ in pairs) and value <= 1.0 + MARGINAL
+    return Verdict(criterion, all(verdict.stable for verdict, _ in pairs), marginal, value)

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
+from accpinn.segment import Segment
 from accpinn.segment.cut import BRIDGE
-from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray, Mask, RadiansPerSecond, Seconds, frozen, stretches
 
 LEVEL = 0.9

@@ -1,1 +1,270 @@
-"""Studies: several methods on one segment, several windows, batches over many recordings."""
+"""What is asked: an `Analysis` names data, model, method and settings; its key names the answer.
+
+An analysis is a few lines of JSON. Two analyses with equal keys have equal answers: the key is the
+SHA-256 of the data read from the recording, the vehicles, the windows, the Case, the excluded
+regimes, the model, the method with its version, and the settings. A renamed file keeps its key.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from hashlib import sha256
+from numbers import Integral, Real
+from typing import Any, Self
+
+from accpinn.errors import ConfigError, SegmentError
+from accpinn.inference.answer import checked_held
+from accpinn.methods import PAPERS, Law
+from accpinn.methods.registry import METHODS, method_of, segment_for
+from accpinn.model.cthp import Case
+from accpinn.model.registry import BEST, PAPER, Held, following_model
+from accpinn.recordings import Recording, Window
+from accpinn.segment import Segment
+from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
+from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
+from accpinn.units import Seconds
+
+FORMAT = 3
+"""Raised whenever equal analyses would have other answers for a reason that no method's version
+tells, as a change in how windows are cut."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which recording the data come from."""
+
+    name: str
+    """File name; it is no part of the key."""
+    sha256: str
+    """SHA-256 of the file's bytes, and of the trajectory's name where a file holds several."""
+    trajectory: str | None
+    """The trajectory of a table with several; None where the file holds one run."""
+    data: str
+    """SHA-256 of what was read: times, speeds, space-gaps and driver modes."""
+
+    @classmethod
+    def of(cls, recording: Recording) -> Self:
+        """The source that a recording is."""
+        about = (recording.source, recording.sha256, recording.trajectory)
+        return cls(*about, recording.data_digest)
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """One question: the parameters of these vehicles in these windows, by this method."""
+
+    source: Source
+    vehicles: tuple[int, ...]
+    """(M+1,) consecutive numbers in the file (1 = first), leader first."""
+    windows: tuple[Window, ...]
+    """One window, or several that share one likelihood, in s from the recording's first sample."""
+    case: Case = "II"
+    excluded: tuple[str, ...] = ()
+    """Regimes whose instants do not count in the model's equation."""
+    model: str = BEST
+    """The model of the answer."""
+    held: Held = ()
+    """Terms of that model that keep their values, by name."""
+    fitted: str = PAPER
+    """The model of the fit, for a method that can estimate it; others estimate the paper's."""
+    method: str = "pinn"
+    """Key of the method in `METHODS`."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """All settings of the method, seed included, ready for JSON; empty for one without any."""
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        windows: Sequence[Window] = (),
+        vehicles: str | Sequence[int] | None = None,
+        *,
+        case: Case = "II",
+        excluded: str | Sequence[str] = (),
+        model: str | None = None,
+        held: Mapping[str, float] | None = None,
+        method: str = "pinn",
+        settings: Any = None,
+    ) -> Self:
+        """The analysis of a recording, checked as far as that takes no data.
+
+        Args:
+            recording: the data.
+            windows: by default the first `DURATION`.
+            vehicles: consecutive numbers, leader first, also as "1-5"; by default the longest run
+                of vehicles with data from the first one on.
+            case: "I" for one parameter set, "II" for one per follower.
+            excluded: regimes, as `parse_regimes` takes them.
+            model: key of the model of answer and fit; by default `BEST` for the answer and the
+                paper's for the fit.
+            held: terms of it that keep their values, as {"s0": 4.0}.
+            method: key of a method.
+            settings: an object of the method's own type, or its JSON; None for the defaults.
+
+        Raises:
+            AccpinnError: one sentence that names what is not allowed, and what is.
+        """
+        chosen = _settings(method, settings)
+        if case not in ("I", "II"):
+            raise ConfigError(f"case: {case} is not known; choose I or II.")
+        named = parse_regimes(excluded) if excluded else ()
+        return cls(
+            Source.of(recording),
+            _numbers(recording, vehicles),
+            tuple(windows) or (Window(0.0, DURATION),),
+            case,
+            tuple(regime for regime in EXCLUDABLE if regime in named),
+            following_model(model or BEST).key,
+            checked_held(model or BEST, held or {}),
+            model or PAPER,
+            method=method,
+            settings=chosen,
+        )
+
+    def with_method(self, method: str, settings: Any = None) -> Self:
+        """The same question to another method, by default with its default settings."""
+        return replace(self, method=method, settings=_settings(method, settings))
+
+    @property
+    def window(self) -> Window:
+        """The first window, which is the only one but where several were asked for."""
+        return self.windows[0]
+
+    @property
+    def law(self) -> Law:
+        """The model that the method estimates, with what is held of it."""
+        if self.fitted not in METHODS[self.method].models(self.settings):
+            return PAPERS
+        return Law(self.fitted, self.held)
+
+    @cached_property
+    def key(self) -> str:
+        """The content address of all that is found, 64 hexadecimal digits."""
+        return self._address(self.settings, model=self.model, answer_held=self.held)
+
+    @cached_property
+    def fit_key(self) -> str:
+        """The content address of the fit alone, which does not depend on the answer's model."""
+        return self._address(self.settings)
+
+    @cached_property
+    def checkpoint_key(self) -> str:
+        """Content address of the checkpoint that a training may go on from; empty for others.
+
+        A longer training goes on where a shorter one ends, so the number of iterations is no part.
+        """
+        resumable = METHODS[self.method].resumable_settings
+        shared = resumable(self.settings) if resumable else None
+        return self._address(shared) if shared is not None else ""
+
+    def _address(self, settings: dict[str, Any], **answer: Any) -> str:
+        asked = {
+            "format": FORMAT,
+            "data": self.source.data,
+            "vehicles": self.vehicles,
+            "windows": [(float(window.start), float(window.end)) for window in self.windows],
+            "case": self.case,
+            "excluded": self.excluded,
+            "fitted": self.law.model,
+            "held": self.law.held,
+            "method": self.method,
+            "version": METHODS[self.method].version,
+            "settings": settings,
+            **answer,
+        }
+        return sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def config(self) -> Any:
+        """The settings as an object of the method's own type; None for a method without any.
+
+        Raises:
+            ConfigError: for settings that the method cannot have, as in somebody's file.
+        """
+        kind = METHODS[self.method].settings
+        return kind.from_json(self.settings) if kind else None
+
+    def segments(
+        self, recording: Recording | None, known: tuple[Segment, ...] = ()
+    ) -> tuple[Segment, ...]:
+        """(K,) the data of the windows: those that are known already, else cut from the recording.
+
+        Raises:
+            SegmentError: one sentence of what is wrong with a window, and what would be possible.
+        """
+        if known:
+            return known
+        if recording is None:
+            raise SegmentError(f"{self.source.name}: the data are not at hand; open the recording.")
+        return tuple(self._segment(recording, window) for window in self.windows)
+
+    def _segment(self, recording: Recording, window: Window) -> Segment:
+        segment = segment_for(
+            [self.method], recording, window.start, window.duration, self.vehicles
+        )
+        if not self.excluded:
+            return segment
+        return exclude_regimes(segment, label_regimes(segment, recording), self.excluded)
+
+
+def differences(then: Analysis, now: Analysis) -> tuple[str, ...]:
+    """What differs between two analyses, a few words each; empty where nothing does."""
+    before, after = _asked(then), _asked(now)
+    if then.method == now.method:
+        before |= then.settings
+        after |= now.settings
+    return tuple(
+        f"{name.replace('_', ' ')}: {before.get(name, '–')} → {after.get(name, '–')}"
+        for name in before | after
+        if before.get(name, "–") != after.get(name, "–")
+    )
+
+
+def _asked(analysis: Analysis) -> dict[str, Any]:
+    return {
+        "recording": analysis.source.name,
+        "window": ", ".join(map(str, analysis.windows)),
+        "vehicles": ", ".join(map(str, analysis.vehicles)),
+        "excluded": ", ".join(analysis.excluded) or "nothing",
+        "case": analysis.case,
+        "model": " ".join([analysis.model, *(f"{name}={v:g}" for name, v in analysis.held)]),
+        "model of the fit": analysis.law.model,
+        "method": analysis.method,
+    }
+
+
+def single_window(start: Seconds = 0.0, duration: Seconds = DURATION) -> tuple[Window]:
+    """The window that begins at ``start`` and lasts ``duration``, both in s.
+
+    Raises:
+        ConfigError: for what are no numbers.
+    """
+    _require(start, Real, "start", "seconds, as 0")
+    _require(duration, Real, "duration", "seconds, as 300")
+    return (Window(start, start + duration),)
+
+
+def _settings(method: str, given: Any) -> dict[str, Any]:
+    """All settings of a method, of which some may be given; none for a method without any."""
+    kind = method_of(method).settings
+    if kind is None:
+        return {}
+    if given is None or isinstance(given, dict):
+        given = kind.from_json(kind().to_json() | (given or {}))
+    return dict(given.to_json())
+
+
+def _numbers(recording: Recording, vehicles: str | Sequence[int] | None) -> tuple[int, ...]:
+    if vehicles is None:
+        return default_vehicles(recording)
+    if isinstance(vehicles, str):
+        return parse_vehicles(vehicles)
+    for number in vehicles:
+        _require(number, Integral, "vehicles", "whole numbers, as (1, 2)")
+    return tuple(int(number) for number in vehicles)
+
+
+def _require(value: object, kind: type, name: str, allowed: str) -> None:
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise ConfigError(f"{name}: {repr(value)[:40]} is not allowed; choose {allowed}.")

@@ -25,14 +25,14 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, following_model
+from accpinn.recordings import Recording, facts_of
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.recordings.recording import Recording, facts_of
+from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
-from accpinn.segment.segment import Segment
 from accpinn.storage import reported
-from accpinn.study.analysis import Analysis, Source
+from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
 from accpinn.study.plan import LEAST, Sources, files_of, plan
 from accpinn.study.rows import rows_of

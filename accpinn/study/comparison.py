@@ -28,10 +28,10 @@ from accpinn.methods.pinn.config import STARTS, PinnConfig
 from accpinn.methods.registry import METHODS, segment_for
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, PAPER
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.run import estimate
 from accpinn.units import FloatArray

@@ -46,7 +46,7 @@ from accpinn.inference.window_posterior import (
 )
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
-from accpinn.segment.segment import median_by_duration
+from accpinn.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import read_posteriors, read_request, read_rows

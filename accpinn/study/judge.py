@@ -30,9 +30,9 @@ from accpinn.methods.following import Drives, estimate
 from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, following_model
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings import Recording, Window
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import cut, default_vehicles
-from accpinn.segment.segment import Segment, SegmentInfo
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following

@@ -4,7 +4,7 @@ A follower qualifies at an instant where
 
     its speed, the speed ahead and the space-gap are known (short blocks bridged, as `cut` does);
     no driver controls it: by its driver mode, or by the file's flag where there are no modes;
-    it is in car-following by its time gap (see `segment.segment`).
+    it is in car-following by its time gap (see `segment`).
 
 Departures of up to 10 s from the last of these, as behind a car that cuts in, do not interrupt a
 stretch. Stretches in which all followers of a chain qualify are taken together; where only one
@@ -27,8 +27,9 @@ import numpy as np
 from accpinn.errors import AccpinnError, RecordingError, SegmentError
 from accpinn.methods import FURTHER
 from accpinn.methods.registry import METHODS
+from accpinn.recordings import HUMAN_FLAG, MOVING, Mode, Recording, Window
 from accpinn.recordings.files import read_all
-from accpinn.recordings.recording import HUMAN_FLAG, MOVING, Mode, Recording, Window
+from accpinn.segment import time_gaps
 from accpinn.segment.cut import (
     DURATION,
     MAX_FOLLOWERS,
@@ -40,7 +41,6 @@ from accpinn.segment.cut import (
     longest_in,
     parse_vehicles,
 )
-from accpinn.segment.segment import time_gaps
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 DEPARTURE: Seconds = 10.0

@@ -19,8 +19,8 @@ import numpy as np
 
 from accpinn import __version__
 from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentError
+from accpinn.evaluation import Evaluation, evaluate
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.evaluation.evaluation import Evaluation, evaluate
 from accpinn.inference.answer import Answer, answer
 from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.intervals import Uncertainty, intervals
@@ -32,13 +32,13 @@ from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap
-from accpinn.recordings.recording import Facts, Recording, facts_of
+from accpinn.recordings import Facts, Recording, facts_of
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import transfer_function
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
-from accpinn.stability.report import StabilityReport, stability_report
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.judge import Judgement
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.inference.window_posterior import WindowPosterior
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, value_of
+from accpinn.recordings import unnamed
 from accpinn.recordings.catalogue import make_and_model
-from accpinn.recordings.recording import unnamed
-from accpinn.stability.report import stability_report
+from accpinn.stability import stability_report
 from accpinn.study.result import Result
 from accpinn.units import known_mean
 

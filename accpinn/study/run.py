@@ -13,10 +13,10 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
 from accpinn.segment.cut import SLACK
-from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis, Source
+from accpinn.study import Analysis, Source
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
 

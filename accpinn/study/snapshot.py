@@ -39,8 +39,8 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING
+from accpinn.segment import SegmentInfo
 from accpinn.segment.quality import Quality
-from accpinn.segment.segment import SegmentInfo
 from accpinn.serial import Arrays, check_numbers, dump, read_arrays, restore, sanitise
 from accpinn.stability.criteria import checked
 from accpinn.storage import reported, write_whole

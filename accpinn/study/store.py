@@ -26,7 +26,7 @@ from accpinn.methods.fit import Checkpoint
 from accpinn.model.cthp import Parameters
 from accpinn.serial import dump, read_arrays, restore
 from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, read, read_file, to_bytes
 from accpinn.units import Estimate, MetresPerSecond, Seconds

@@ -27,7 +27,7 @@ from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import CsvMapping
 from accpinn.storage import folder, reason_of, reported, write_whole, written_whole
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.rows import COLUMNS
 from accpinn.units import FloatArray, Seconds
 

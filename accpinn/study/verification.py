@@ -21,13 +21,13 @@ from typing import Any, Literal
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.evaluation.evaluation import pooled_holdout_errors
+from accpinn.evaluation import pooled_holdout_errors
 from accpinn.inference.intervals import SLACK, agree, from_draws, with_estimates
 from accpinn.methods.fit import Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
-from accpinn.recordings.recording import Recording, facts_of
-from accpinn.segment.segment import SegmentInfo, WindowMoved, WindowShortened
+from accpinn.recordings import Recording, facts_of
+from accpinn.segment import SegmentInfo, WindowMoved, WindowShortened
 from accpinn.serial import NOT_FINITE, dump, flatten, sanitise
 from accpinn.study.judge import judged_again, seconds_of
 from accpinn.study.result import Parts, Result

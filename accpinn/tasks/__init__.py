@@ -33,9 +33,9 @@ from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Trajectories
 from accpinn.model.registry import following_model
-from accpinn.recordings.recording import Recording
-from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
+from accpinn.study import Analysis
 from accpinn.study.comparison import Refused, compare, starts
 from accpinn.study.judge import Judgement, Subject, judge
 from accpinn.study.result import Result

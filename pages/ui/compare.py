@@ -36,8 +36,8 @@ from accpinn.results.messages.summary import (
 )
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
+from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
-from accpinn.segment.segment import Segment
 from accpinn.study.comparison import Refused, refused_among, spread_of
 from accpinn.study.result import Result
 from accpinn.tasks import comparison_seconds

@@ -32,7 +32,7 @@ from accpinn.results.messages.stability import (
 )
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import at_speed
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import Chosen, choose_parameters

@@ -38,9 +38,9 @@ from accpinn.results.tables.stability import (
     verdict_table,
 )
 from accpinn.results.vehicles import at_speed
+from accpinn.stability import CERTAIN, StabilityReport, VehicleStability, Verdict
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import CERTAIN, StabilityReport, VehicleStability, Verdict
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import Chosen, choose_parameters

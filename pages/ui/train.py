@@ -15,8 +15,8 @@ from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES
 from accpinn.results.figures.training import thinned_history, tracking, training_figures
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from accpinn.study.result import Result
 from accpinn.tasks import Task
 from accpinn.units import Seconds

@@ -9,8 +9,8 @@ from accpinn.cli import main
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid
+from accpinn.stability import stability_report
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import stability_report
 from accpinn.study.snapshot import load, save
 from tests.recordings.test_mapping import MAPPING, foreign
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused

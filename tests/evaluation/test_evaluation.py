@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.evaluation.evaluation import (
+from accpinn.evaluation import (
     Block,
     OtherVehicles,
     ValidationOverlaps,
@@ -19,14 +18,15 @@ from accpinn.evaluation.evaluation import (
     validate,
     without,
 )
+from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.methods import Law, least_squares, splines
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording, Window
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven
 from tests.support.methods import RIVALS
 from tests.support.samples import FOLDER, PLATOON

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.evaluation.evaluation import part
+from accpinn.evaluation import part
 from accpinn.evaluation.whiteness import (
     NEGLIGIBLE,
     CorrelatedResidual,
@@ -19,7 +19,7 @@ from accpinn.evaluation.whiteness import (
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven
 from tests.support.following import driven as followed

@@ -22,9 +22,9 @@ import numpy as np
 from accpinn import cli
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.methods.registry import METHODS
+from accpinn.recordings import Recording
 from accpinn.recordings.files import read, read_all
 from accpinn.recordings.mapping import load_mapping
-from accpinn.recordings.recording import Recording
 from accpinn.results.database import failure_table, group_table
 from accpinn.results.documents import parameter_card
 from accpinn.results.export import snapshot_types

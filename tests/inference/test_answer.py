@@ -12,7 +12,7 @@ from accpinn.methods.likelihood import Criterion
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
 

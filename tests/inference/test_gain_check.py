@@ -13,8 +13,8 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables import Marked
 from accpinn.results.tables.stability import verdict_table
-from accpinn.segment.segment import Segment
-from accpinn.stability.report import stability_report
+from accpinn.segment import Segment
+from accpinn.stability import stability_report
 from bench.disturbed import Disturbance, disturbed
 
 LOUD, CALM = Parameters([0.07], 0.1, 1.1), Parameters([0.05], 0.6, 2.5)

@@ -17,7 +17,7 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 

@@ -26,7 +26,7 @@ from accpinn.methods import least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven, standing_still

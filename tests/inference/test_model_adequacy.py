@@ -13,7 +13,7 @@ from accpinn.inference.posterior import STAGES, sample
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 

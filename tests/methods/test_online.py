@@ -9,9 +9,9 @@ from accpinn.methods import dual_ukf, particle, recursive
 from accpinn.methods.fit import BoundActive, BoundActiveAtTimes, FilterDiverged, Fit, Outcome
 from accpinn.methods.online import TRACK_EVERY
 from accpinn.model.cthp import Case, regressors
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of
 
 both_filters = pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
 from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE, ParameterSet
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from tests.support.methods import train
 
 LIMIT_I = [[0.01045, 0.07176, 1.5222]]

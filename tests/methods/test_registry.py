@@ -17,9 +17,9 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.series import measured_of, series_of
 from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.units import Stretch
 from tests.support.command import ROOT

@@ -10,7 +10,7 @@ from accpinn.inference.answer import answer as answer_of
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.registry import METHODS
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.messages import messages
 from accpinn.results.messages.summary import outside_intervals
 from accpinn.results.tables.answer import answer_table

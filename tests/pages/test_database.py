@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 
 from accpinn.errors import RecordingError
+from accpinn.recordings import Mode, Window
 from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Mode, Window
 from accpinn.results.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study

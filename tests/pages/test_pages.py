@@ -13,7 +13,7 @@ from accpinn.model import registry
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.model.registry import BEST
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings import Recording, Window
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table

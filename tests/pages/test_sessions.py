@@ -11,8 +11,8 @@ from streamlit import config
 
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST
+from accpinn.recordings import Window
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Window
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, library, sample
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces

@@ -17,13 +17,13 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE
 from accpinn.platoon import AFTER_COLLISION
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.stability import stability_report
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import stability_report
 from accpinn.study.snapshot import named
 from accpinn.study.snapshot_library import Library
 from accpinn.tasks import Task

@@ -8,13 +8,12 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
+from accpinn import recordings as data
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
-from accpinn.recordings import openacc, source
-from accpinn.recordings import recording as data
+from accpinn.recordings import Mode, Recording, Window, agreement, openacc, source
 from accpinn.recordings.catalogue import Run, catalogue
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Mode, Recording, Window, agreement
 from tests.support.openacc_files import csv, metadata, platoon
 
 F = TypeVar("F", bound=Finding)

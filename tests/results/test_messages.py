@@ -23,8 +23,8 @@ from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.platoon import AFTER_COLLISION, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
+from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Window
 from accpinn.results import checks as of_fit
 from accpinn.results import database as on_batch
 from accpinn.results.checks import MEANING, Check, checks, label_of
@@ -38,7 +38,7 @@ from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.suggestion import Suggestion
-from accpinn.stability.report import (
+from accpinn.stability import (
     StabilityReport,
     assessment,
     stability_report,

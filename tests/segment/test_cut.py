@@ -10,7 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
+from accpinn.segment import (
+    BlocksMissing,
+    Bridged,
+    Resampled,
+    Segment,
+    WindowMoved,
+    WindowShortened,
+)
 from accpinn.segment.cut import (
     DECIMALS,
     chains,
@@ -20,14 +28,6 @@ from accpinn.segment.cut import (
     disjoint_windows,
     parse_vehicles,
     parse_windows,
-)
-from accpinn.segment.segment import (
-    BlocksMissing,
-    Bridged,
-    Resampled,
-    Segment,
-    WindowMoved,
-    WindowShortened,
 )
 from tests.support.driving import segment_of
 from tests.support.openacc_files import platoon, recording

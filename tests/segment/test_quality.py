@@ -10,13 +10,14 @@ import pandas as pd
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.evaluation import part
+from accpinn.evaluation import part
 from accpinn.inference.intervals import intervals
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings import LittleLeaderMotion, Mode, Recording
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import LittleLeaderMotion, Mode, Recording
 from accpinn.results.recording import MEANING, WORDS
+from accpinn.segment import NothingToExclude, RegimesExcluded, Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import (
     CATCHING_UP,
@@ -37,7 +38,6 @@ from accpinn.segment.quality import (
     rate,
     worst,
 )
-from accpinn.segment.segment import NothingToExclude, RegimesExcluded, Segment
 from tests.support import openacc_files
 from tests.support.driving import driven, in_turn, segment_of
 from tests.support.methods import RIVALS as ESTIMATORS

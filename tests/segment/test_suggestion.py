@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters, simulate
-from accpinn.recordings.recording import Mode, Recording, Window
+from accpinn.recordings import Mode, Recording, Window
 from accpinn.segment.cut import complete_windows, cut
 from accpinn.segment.suggestion import GRID, Suggestion, information, suggest_window
 from tests.support.openacc_files import platoon, recording

@@ -9,9 +9,9 @@ from scipy.signal import lti
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
+from accpinn.stability import stability_report
 from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
 from accpinn.stability.lagged import is_lagged, lagged_stability, step_gain
-from accpinn.stability.report import stability_report
 
 
 def drawn(count: int, seed: int, lag: float = 0.0, delay: float = 0.0) -> Parameters:

@@ -8,7 +8,7 @@ from scipy.signal import coherence, lfilter
 
 from accpinn.errors import SegmentError
 from accpinn.model.cthp import Parameters, Trajectories, simulate
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.units import FloatArray, Stretch

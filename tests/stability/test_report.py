@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
-from accpinn.stability.criteria import MARGINAL
-from accpinn.stability.report import (
+from accpinn.stability import (
     Behaviour,
     VehicleStability,
     peak_gains,
     stability_at,
     stability_report,
 )
+from accpinn.stability.criteria import MARGINAL
 from tests.stability.references import TABLE, Reference, integral_of_magnitude
 from tests.support.vehicles import (
     CALM,

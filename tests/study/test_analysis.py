@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 
 import accpinn
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.evaluation.evaluation import part
+from accpinn.evaluation import part
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import CacheProblem, Continued, Outcome, ParameterTrack
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording, Window
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.serial import dump, flatten, restore
+from accpinn.study import Analysis, differences
 from accpinn.study import result as module
-from accpinn.study.analysis import Analysis, differences
 from accpinn.study.result import TRACK_INSTANTS, Result
 from accpinn.study.run import fit_windows, run
 from accpinn.study.snapshot import SCHEMA

@@ -26,11 +26,11 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import Held
+from accpinn.recordings import Recording
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results

@@ -13,12 +13,12 @@ from accpinn.methods import TaskContext
 from accpinn.methods.pinn.config import STARTS
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording, Window
 from accpinn.results.recording import regimes_table, sensitivity_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.comparison import (
     CHOICES,
     COMPARED,

@@ -9,12 +9,12 @@ import pytest
 from accpinn.errors import SegmentError, SnapshotError
 from accpinn.methods.fit import Undetermined
 from accpinn.model.registry import BASES, FOLLOWING
+from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Window
 from accpinn.results.documents import judgement_document
 from accpinn.results.report import tables_of
-from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis
+from accpinn.segment import Segment
+from accpinn.study import Analysis
 from accpinn.study.judge import Describes, Subject, blocks, judge, subjects_of, wins
 from accpinn.study.run import run
 from accpinn.study.snapshot import named, to_bytes

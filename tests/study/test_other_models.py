@@ -23,9 +23,9 @@ from accpinn.results.figures.platoon import cast_of, profiles
 from accpinn.results.messages.stability import by_linearisation
 from accpinn.results.report import training_pictures
 from accpinn.results.vehicles import at_speed, known_vehicles
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.comparison import starts
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load

@@ -24,11 +24,11 @@ from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
+from accpinn.segment import Segment
 from accpinn.segment.quality import exclude_regimes, label_regimes
-from accpinn.segment.segment import Segment
 from accpinn.serial import Arrays
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import (

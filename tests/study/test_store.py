@@ -15,7 +15,7 @@ import pytest
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.pinn.config import preset
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.snapshot_library import RESTORABLE, Library
 from accpinn.study.store import INDEX, SESSION_KEPT, Store

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.evaluation.evaluation import pooled_holdout_errors
+from accpinn.evaluation import pooled_holdout_errors
 from accpinn.inference.intervals import from_draws, with_estimates
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Parameters
+from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Window
-from accpinn.segment.segment import WindowShortened
+from accpinn.segment import WindowShortened
 from accpinn.serial import flatten
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import DOCUMENT, load, named, to_bytes

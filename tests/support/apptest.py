@@ -14,7 +14,7 @@ from streamlit.testing.v1 import AppTest
 
 from accpinn.methods import least_squares
 from accpinn.model.cthp import Case
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.tables import Table
 from accpinn.study.result import Result, result_of
 from accpinn.tasks import Task

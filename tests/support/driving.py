@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
 LAW = (0.08, 0.12, 1.5)

@@ -6,7 +6,7 @@ import numpy as np
 
 from accpinn.model.following import FollowingModel
 from accpinn.recordings.synthetic import LeaderProfile, leader_speed
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 from tests.support.driving import segment_of
 

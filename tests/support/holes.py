@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.segment.segment import BlocksMissing, Segment
+from accpinn.segment import BlocksMissing, Segment
 from accpinn.units import Stretch
 
 FALSE_VALUE = 1e3

@@ -7,7 +7,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 
 RIVALS = {key: method.fit for key, method in METHODS.items() if not method.is_iterative}
 """Every method but the network, which takes longer."""

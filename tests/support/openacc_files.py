@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording
 
 STEP = 0.1
 

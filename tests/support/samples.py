@@ -8,8 +8,8 @@ import pandas as pd
 
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
-from accpinn.segment.segment import Segment
 from accpinn.units import FloatArray
 
 FOLDER = Path(__file__).parents[2] / "sample_data"

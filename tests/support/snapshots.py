@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.evaluation.evaluation import part
+from accpinn.evaluation import part
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case, Parameters
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Recording, Window
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.serial import Arrays, dump
-from accpinn.study.analysis import Analysis, Source
+from accpinn.study import Analysis, Source
 from accpinn.study.comparison import compare, results_among
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate, fit_windows, run

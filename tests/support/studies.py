@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.recordings.recording import Window
-from accpinn.study.analysis import Analysis, Source
+from accpinn.recordings import Window
+from accpinn.study import Analysis, Source
 from accpinn.study.groups import POSTERIOR
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import Answer, Request, written

@@ -17,8 +17,8 @@ from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, History, Outcome, Progress
 from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
 from accpinn.model.cthp import Parameters
-from accpinn.recordings.recording import Recording
-from accpinn.study.analysis import Analysis, single_window
+from accpinn.recordings import Recording
+from accpinn.study import Analysis, single_window
 from accpinn.study.result import Result, result_of
 from accpinn.study.store import Store
 from accpinn.tasks import Status, Task, TaskQueue, training_task

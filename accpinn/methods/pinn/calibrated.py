@@ -41,7 +41,7 @@ from accpinn.methods.series import series_of
 from accpinn.methods.state_space import Form, complete
 from accpinn.model.cthp import Case
 from accpinn.model.registry import PAPER
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, frozen
 
 

@@ -43,7 +43,7 @@ from accpinn.methods.pinn.projection import (
 )
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
 CYCLE = 50

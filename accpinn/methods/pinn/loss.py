@@ -37,7 +37,7 @@ from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import DELAY, FollowingModel
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
 if TYPE_CHECKING:

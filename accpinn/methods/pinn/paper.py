@@ -29,7 +29,7 @@ from accpinn.methods.pinn.loss import (
 from accpinn.methods.pinn.network import Network, State
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
 Part = tuple[Tensor, Tensor, Tensor | None]

@@ -44,7 +44,7 @@ from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.model.registry import PAPER as PAPER_MODEL
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
 Running = TypeVar("Running", bound=Training)
@@ -163,8 +163,7 @@ def _begun(segment: Segment, case: Case, config: PinnConfig, threads: int, law: 
         return CalibratedTraining(segment, case, config, law)
     import_module("torch")
     if law.model != PAPER_MODEL:
-        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
-        from accpinn.methods.pinn.late import LateFast
+        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper, LateFast
 
         fast = LateFast if FOLLOWING[law.model].is_late else FollowingFast
         kind = fast if config.preset == "fast" else FollowingPaper

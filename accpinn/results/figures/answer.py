@@ -10,7 +10,7 @@ from accpinn.inference.answer import Answer
 from accpinn.model.registry import time_gap
 from accpinn.results.figures import style
 from accpinn.results.tables.answer import columns_of
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment import SegmentInfo
 
 JOINT = ("alpha", "beta", "tau", "s0")
 """Parameters of a CTHP whose joint distribution is drawn; of another model all are."""

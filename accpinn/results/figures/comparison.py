@@ -21,7 +21,7 @@ from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
 from accpinn.results.figures import style
-from accpinn.stability.report import peak_gains
+from accpinn.stability import peak_gains
 from accpinn.study.judge import Judgement
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 

@@ -20,7 +20,7 @@ from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
 
 CLOSE: Metres = 5.0

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RELATIVE_SPEED, SPEED, TIME_GAP
 from accpinn.model.cthp import Trajectories
-from accpinn.recordings.recording import Mode, Recording, Window
+from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
+from accpinn.segment import Segment, SegmentInfo, time_gaps
 from accpinn.segment.cut import longest_in
 from accpinn.segment.quality import (
     CATCHING_UP,
@@ -22,7 +23,6 @@ from accpinn.segment.quality import (
     STANDSTILL,
     Regimes,
 )
-from accpinn.segment.segment import Segment, SegmentInfo, time_gaps
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 MISSING = "#c22f4f"

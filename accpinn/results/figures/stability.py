@@ -16,6 +16,7 @@ from accpinn.inference.intervals import Uncertainty, gain_band, interval_ends
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import style
+from accpinn.stability import StabilityReport
 from accpinn.stability.criteria import (
     response,
     smallest_headway_exact,
@@ -23,7 +24,6 @@ from accpinn.stability.criteria import (
     smallest_headway_paper,
 )
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.stability.report import StabilityReport
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, RadiansPerSecond
 

@@ -18,7 +18,7 @@ from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.results.figures import style
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
 SOLVED = style.TRUTH | {"dash": "dot"}

@@ -11,8 +11,8 @@ from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
 from accpinn.results.vehicles import KnownVehicles
-from accpinn.segment.segment import SegmentInfo
-from accpinn.stability.report import assessment
+from accpinn.segment import SegmentInfo
+from accpinn.stability import assessment
 from accpinn.units import Estimate, MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")

@@ -12,7 +12,7 @@ from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
-from accpinn.stability.report import (
+from accpinn.stability import (
     Assessment,
     Behaviour,
     Criterion,

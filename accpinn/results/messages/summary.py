@@ -18,7 +18,7 @@ from accpinn.results.messages.stability import headline
 from accpinn.results.recording import FLAGS
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment import SegmentInfo
 from accpinn.study.result import Result
 
 

@@ -66,9 +66,9 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.stability import criteria_part, stability_table
 from accpinn.results.vehicles import at_speed, known_vehicles
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment import SegmentInfo
+from accpinn.stability import stability_report
 from accpinn.stability.lagged import is_lagged
-from accpinn.stability.report import stability_report
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
 from accpinn.study.verification import QUICK, Verification, verify

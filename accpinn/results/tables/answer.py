@@ -20,7 +20,7 @@ from accpinn.results.tables import (
     estimates,
 )
 from accpinn.results.tables.estimates import parameter_rows, row_labels
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment import SegmentInfo
 from accpinn.units import MetresPerSecond
 
 EXTRAPOLATED = "extrapolated: no window holds this speed"

@@ -7,7 +7,7 @@ from math import nan
 import numpy as np
 
 from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
-from accpinn.evaluation.evaluation import Validation
+from accpinn.evaluation import Validation
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
@@ -24,9 +24,9 @@ from accpinn.results.tables import (
     estimate_cells,
     percent_cells,
 )
-from accpinn.segment.segment import SegmentInfo
-from accpinn.stability.report import Verdict, stability_at
-from accpinn.study.analysis import differences
+from accpinn.segment import SegmentInfo
+from accpinn.stability import Verdict, stability_at
+from accpinn.study import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, difference, wins
 from accpinn.study.result import Result

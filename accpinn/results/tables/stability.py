@@ -28,8 +28,8 @@ from accpinn.results.tables.estimates import (
     brief_cells,
     driver_cells,
 )
+from accpinn.stability import Assessment, StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.stability.report import Assessment, StabilityReport, assessment
 from accpinn.units import FloatArray
 
 L2, LINF = "L₂ string stability", "L∞ string stability"

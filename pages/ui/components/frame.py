@@ -10,9 +10,9 @@ import streamlit as st
 from streamlit.errors import StreamlitAuthError
 from streamlit.runtime.state.session_state import WStates
 
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.glossary import GROUPS
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.tasks import Status
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown

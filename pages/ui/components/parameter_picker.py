@@ -18,7 +18,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.vehicles import known_vehicles
-from accpinn.stability.report import StabilityReport, stability_report
+from accpinn.stability import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import MetresPerSecond

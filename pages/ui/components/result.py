@@ -44,7 +44,7 @@ from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
-from accpinn.segment.segment import SegmentInfo
+from accpinn.segment import SegmentInfo
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown

@@ -15,7 +15,7 @@ from accpinn.errors import AccpinnError
 from accpinn.results.figures.style import SHARED, translucent, vehicle_colours, with_legend
 from accpinn.results.tables import STYLE, Table
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.segment.segment import Segment, SegmentInfo
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.units import Seconds
 from pages.ui.session.sessions import is_shared
 

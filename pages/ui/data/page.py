@@ -14,7 +14,7 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
-from accpinn.recordings.recording import MappingRemembered, Recording, Window
+from accpinn.recordings import MappingRemembered, Recording, Window
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
@@ -25,9 +25,9 @@ from accpinn.results.recording import (
     suggestion_reasons,
 )
 from accpinn.results.reproduction import RUNS, PrintedRun
+from accpinn.segment import Segment
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
 from accpinn.segment.quality import Grade, Regimes
-from accpinn.segment.segment import Segment
 from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data

@@ -5,12 +5,12 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation.evaluation import validate
+from accpinn.evaluation import validate
 from accpinn.methods import least_squares
 from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import read
-from accpinn.recordings.recording import Recording, Window
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.recording import (
@@ -20,9 +20,9 @@ from accpinn.results.recording import (
     sensitivity_table,
 )
 from accpinn.results.tables.estimates import validation_table
+from accpinn.segment import DrivenByHand, Segment
 from accpinn.segment.cut import chains, complete_windows, cut, first_window
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
-from accpinn.segment.segment import DrivenByHand, Segment
 from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show

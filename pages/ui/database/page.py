@@ -15,7 +15,7 @@ import streamlit as st
 
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.registry import CTHPS
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.database import (
     HEADINGS,
     TYPICAL,

@@ -10,15 +10,14 @@ from weakref import WeakKeyDictionary, ref
 import streamlit as st
 
 from accpinn.errors import RecordingError, SegmentError
-from accpinn.recordings import files
-from accpinn.recordings.recording import Recording, Window
+from accpinn.recordings import Recording, Window, files
 from accpinn.recordings.synthetic import Truth, load_truth, truth_path
+from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import Rating, Regimes, assess_quality, label_regimes, rate, worst
-from accpinn.segment.segment import Segment
 from accpinn.segment.suggestion import Information
 from accpinn.storage import folder, variable
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.judge import Subject, subjects_of
 from accpinn.study.plan import car_following
 from accpinn.study.result import Result

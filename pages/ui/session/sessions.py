@@ -31,7 +31,7 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError, ConfigError, SnapshotError
 from accpinn.serial import dump, restore
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Seconds

@@ -13,12 +13,12 @@ from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, PAPER, following_model
+from accpinn.recordings import Recording, Window
 from accpinn.recordings.mapping import CsvMapping
-from accpinn.recordings.recording import Recording, Window
 from accpinn.recordings.synthetic import Truth
+from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
-from accpinn.segment.segment import Segment, SegmentInfo
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.comparison import Refused, results_among
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result

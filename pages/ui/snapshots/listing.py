@@ -21,7 +21,7 @@ from accpinn.results.tables.estimates import (
     learned_parameters,
     name_of,
 )
-from accpinn.study.analysis import differences
+from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from pages.ui.components import show

@@ -7,7 +7,7 @@ import streamlit as st
 
 from accpinn.errors import SnapshotError
 from accpinn.methods.fit import Outcome
-from accpinn.recordings.recording import Recording
+from accpinn.recordings import Recording
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.report import render_report
 from accpinn.results.reproduction import verification_table

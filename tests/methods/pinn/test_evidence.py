@@ -16,7 +16,7 @@ from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Evidence, LinearEvide
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Case, Parameters
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.units import FloatArray
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed

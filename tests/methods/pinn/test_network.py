@@ -15,7 +15,7 @@ from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.pinn.training import require_memory
 from accpinn.methods.registry import METHODS
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from tests.support.driving import segment_of
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample

@@ -27,7 +27,7 @@ from accpinn.methods.pinn import training
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig, preset
 from accpinn.methods.pinn.fast import FastTraining
 from accpinn.model.cthp import Case, Parameters
-from accpinn.segment.segment import Segment
+from accpinn.segment import Segment
 from accpinn.study.store import Store
 from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import WEIGHTED, train

@@ -23,7 +23,7 @@ from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results import figures
 from accpinn.results.figures import animation, comparison, database, platoon
 from accpinn.results.figures import answer as on_answer
@@ -31,8 +31,8 @@ from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
 from accpinn.segment.quality import label_regimes
+from accpinn.stability import stability_report
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import stability_report
 from accpinn.study.groups import group
 from tests.results.figures.test_training import history
 from tests.support.openacc_files import recording

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from accpinn.recordings.recording import Window
+from accpinn.recordings import Window
 from accpinn.results.figures import recording as figures
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import label_regimes

@@ -13,9 +13,9 @@ from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import comparison as models
 from accpinn.results.figures import stability as figures
+from accpinn.stability import stability_at, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import stability_at, stability_report
 from accpinn.units import FloatArray
 from tests.support.figures import legend, named, names, rectangles
 from tests.support.samples import PLATOON, sample

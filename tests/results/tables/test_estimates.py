@@ -19,8 +19,8 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid, SpeedStep
+from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.recordings.recording import Window
 from accpinn.results.recording import quality_table
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
@@ -45,9 +45,9 @@ from accpinn.results.tables.stability import (
 )
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
+from accpinn.stability import assessment, stability_report
 from accpinn.stability.measured_gain import measured_gain
-from accpinn.stability.report import assessment, stability_report
-from accpinn.study.analysis import Analysis
+from accpinn.study import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.study.run import run
 from accpinn.units import Estimate
