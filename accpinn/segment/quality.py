@@ -37,6 +37,7 @@ A choice of instants by the time gap depends on what the model is to explain, so
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import lru_cache
 from itertools import compress
 from typing import Any, Literal
 
@@ -163,6 +164,7 @@ class Quality:
     """Findings that say why the parameters may be poorly identified."""
 
 
+@lru_cache(maxsize=64)  # page Data asks for the same again and again
 def assess_quality(segment: Segment) -> Quality:
     """Mean time gap, excitation, conditioning and share of car-following, with findings."""
     speeds = segment.measured_speeds
