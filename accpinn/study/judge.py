@@ -105,11 +105,6 @@ class Subject:
         """Its number in the file."""
         return self.windows[0].vehicles[1]
 
-    @property
-    def label(self) -> str:
-        """Its label."""
-        return self.windows[0].labels[1]
-
     @cached_property
     def speeds(self) -> tuple[MetresPerSecond, MetresPerSecond, MetresPerSecond]:
         """Its least, median and largest speed; 5 % of the time it is slower or faster."""
