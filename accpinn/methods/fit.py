@@ -180,7 +180,7 @@ class HoldoutLoss(Finding, frozen=True):
 
     text = (
         "{instants} random instants were kept out of training; there Ψ_D is {data:#.4g} and Ψ_F"
-        " {physics:#.4g}, which is optimistic, as neighbouring instants are nearly equal."
+        " {physics:#.4g}. Their neighbours are nearly equal, so another window would give more."
     )
 
     instants: int

@@ -47,9 +47,12 @@ def about_own_estimate(result: Result) -> str:
     if count > 1:
         curves = f"The curves are those of {result.info.window}. {curves}"
         windows = f"the {count} windows"
+    fitted = f"The {TITLES[result.fit.model]} fitted to {windows} alone"
+    if not result.is_finished:
+        return f"{fitted}, and not to its end. {curves}"
     return (
-        f"The {TITLES[result.fit.model]} fitted to {windows} alone: unlike the answer's, its"
-        f" intervals leave out how much windows of a car differ. {curves}"
+        f"{fitted}: unlike the answer's, its intervals leave out how much windows of a car differ."
+        f" {curves}"
     )
 
 
