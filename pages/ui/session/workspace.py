@@ -55,10 +55,9 @@ WINDOWS_OFF = "windows_off"
 """The starts of those that are left out."""
 MODEL = "train_model"
 """The choice of the answer's model."""
-KEPT_RECORDINGS = 4
-"""Recordings that a session keeps open."""
-KEPT_EARLIER = 3 * len(METHODS)
-"""Results of three comparisons, and as many changes of the segment that can be undone."""
+KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(METHODS)
+"""Recordings that a session keeps open; results of three comparisons, and as many changes of the
+segment that can be undone."""
 Step = tuple[tuple[tuple[int, ...], Window, Case, tuple[str, ...]], dict[str, Any], Result | None]
 """Vehicles, window, Case and excluded regimes, which windows were chosen, and the result."""
 
