@@ -40,9 +40,8 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     subjects = show.attempt(lambda: workspace.subjects)
     if not subjects:
         return
-    counts = dict.fromkeys(len(one.windows) for one in subjects)
-    each = ", each" if len(subjects) > 1 else ""
-    windows = f"{' or '.join(map(str, counts))} windows{each} left out once"
+    counts = " or ".join(dict.fromkeys(str(len(one.windows)) for one in subjects))
+    windows = f"{counts} windows, each left out once"
     about.caption(escape_markdown(f"{workspace.recording.source} · {windows}"))
     st.markdown(LEAD)
     if task and task.is_active:
