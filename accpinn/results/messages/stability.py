@@ -270,7 +270,7 @@ def _most(
     """Which of some vehicles amplifies most, and how much."""
     worst = max(amplifying, key=lambda k: report.vehicles[k].peak.gain)
     peak = report.vehicles[worst].peak
-    extent = "without limit" if isinf(peak.gain) else f"up to {peak.gain:.3g} times"
+    extent = "without limit" if isinf(peak.gain) else f"up to {factor(peak.gain)} times"
     return chosen.spoken[worst], extent + (f" at {peak.omega:.3g} rad/s" if peak.omega > 0 else "")
 
 
