@@ -105,3 +105,11 @@ def probability(share: float) -> str:
     if share < 0.01:
         return "under 1 %"
     return "over 99 %" if share > 0.99 else percent(share)
+
+
+def spelled(count: int) -> str:
+    """A count in words, up to ten."""
+    return _NUMBERS[count] if count < len(_NUMBERS) else str(count)
+
+
+_NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")

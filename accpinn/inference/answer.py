@@ -116,14 +116,6 @@ class Trust(Finding, frozen=True):
     @property
     def in_words(self) -> str:
         """Both answers, without the vehicle."""
-        if self.windows == 1:
-            same = "Known from one window alone."
-        elif self.same == self.windows:
-            of = "both windows" if self.windows == 2 else f"all {self.windows} windows"
-            same = f"Its time gap is the same within {ALIKE:.0%} in {of}."
-        else:
-            of = f"{self.same} of {self.windows} windows"
-            same = f"Its time gap is the same within {ALIKE:.0%} in {of}."
         off = f"{self.rmse:.1f} m (rms; the gap's own deviation is {self.deviation:.1f} m)"
         if not np.isfinite(self.rmse):
             drive = "The drive cannot be simulated."
@@ -133,7 +125,34 @@ class Trust(Finding, frozen=True):
             drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
         else:
             drive = f"Does not reproduce the drive within half of what the gap varies: {off}."
-        return f"{same} {drive}".replace("%", " %")
+        return f"{_agreement('Its time gap is', self.windows, self.same, self.same)} {drive}"
+
+
+def trust_of_several(trusts: Sequence[Trust]) -> str:
+    """What holds of several vehicles whose drives are all reproduced, in words."""
+    same = [trust.same for trust in trusts]
+    errors = _range([trust.rmse for trust in trusts])
+    deviations = _range([trust.deviation for trust in trusts])
+    return (
+        f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} They"
+        f" reproduce the drive within {errors} m (rms; the gaps' own deviations: {deviations} m)."
+    )
+
+
+def _agreement(gaps: str, windows: int, low: int, high: int) -> str:
+    """How many of the windows say the same time gap; ``gaps`` is the sentence's beginning."""
+    if windows == 1:
+        return "Known from one window alone."
+    if low == windows:
+        count = "both windows" if windows == 2 else f"all {windows} windows"
+    else:
+        count = f"{low if low == high else f'{low} to {high}'} of {windows} windows"
+    return f"{gaps} the same within {100 * ALIKE:.0f} % in {count}."
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = (f"{value:.1f}" for value in (min(values), max(values)))
+    return low if low == high else f"{low}–{high}"
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,11 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.model.registry import BEST
 from accpinn.recordings import Recording, Window
+from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
+from accpinn.results.vehicles import known_vehicles
 from accpinn.tasks import Status
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
@@ -405,10 +407,11 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
     result, answered = session.result, session.result.answer
     page = open_page("Train", session)
     shown = page.plain()
-    assert all(trust.in_words in shown for trust in answered.trust)
+    said = cards(result.info, answered, known_vehicles(result), together=True)
+    assert all(card.lead in shown and card.trust in shown for card in said)
     table = answer_table(result.info, answered)
     assert page.shows(table, len(table.rows))
-    assert shown.index(" km/h (") < shown.index("The CTHP's parameters by Least squares")
+    assert shown.index(" km/h, each") < shown.index("The CTHP's parameters by Least squares")
     page.open_tab("train_tabs", "Windows")
     assert page.shows(own_windows_table(result.infos, answered, 0))
 

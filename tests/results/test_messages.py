@@ -228,6 +228,26 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust(answered: Answer) -> N
     assert "at 50 km/h" in on_answer.cards(INFO, slow, subject(slow))[0].lead
 
 
+def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them(
+    answered: Answer,
+) -> None:
+    judged = subject(answered)
+    one_each = on_answer.cards(INFO, answered, judged)
+    (shared,) = on_answer.cards(INFO, answered, judged, together=True)
+    spans = [answered.time_gap(answered.stated_speed, k) for k in range(len(one_each))]
+    growths = sorted(100 * (vehicle.peak.gain - 1) for vehicle in judged.report.vehicles)
+    low, *_, high = sorted(span.value for span in spans)
+    facts = [f"keep {low:.2f}–{high:.2f} s at 100 km/h"]
+    facts += [f"by up to {growths[k]:.0f} % (" for k in (0, -1)]
+    assert not missing(facts, shared.lead)
+    assert "one window" in shared.trust
+    against = replace(judged, checks=(GainCheck(FOLLOWER, 9, rms=3.0, contradiction="apart"),))
+    alone, *others = on_answer.cards(INFO, answered, against, together=True)
+    assert alone == on_answer.cards(INFO, answered, against)[0]
+    assert alone.is_contradicted
+    assert len(others) == 1
+
+
 def test_windows_that_differ_are_one_sentence(answered: Answer) -> None:
     assert on_answer.differing_windows(INFO, answered) == ""
     finding = HeterogeneousWindows(FOLLOWER, 5, 3e-35)

@@ -1,10 +1,11 @@
 """The answer in sentences, one a follower, and the label of estimates that are the paper's."""
 
+from collections.abc import Sequence
 from math import ceil, inf, isnan
 from typing import NamedTuple
 
-from accpinn.findings import joined, percent, probability, who
-from accpinn.inference.answer import SPEEDS, Answer
+from accpinn.findings import joined, percent, probability, spelled, who
+from accpinn.inference.answer import SPEEDS, Answer, trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
@@ -12,7 +13,7 @@ from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import SegmentInfo
-from accpinn.stability import assessment
+from accpinn.stability import Assessment, assessment
 from accpinn.units import Estimate, MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")
@@ -37,7 +38,7 @@ def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
 
 
 class Card(NamedTuple):
-    """What is said first of a follower, or of all that share their parameters."""
+    """What is said first of a follower, or of several."""
 
     lead: str
     """The answer: time gap, gains, what becomes of disturbances."""
@@ -47,16 +48,43 @@ class Card(NamedTuple):
     """Whether what `trust` says is against it."""
 
 
-def cards(info: SegmentInfo, answer: Answer, subject: KnownVehicles) -> tuple[Card, ...]:
-    """The answer of each follower in sentences; one card for all that share it."""
-    said = []
-    for k, trust in enumerate(answer.trust):
-        lead = _headline(who(trust.vehicle, info), trust.vehicle == 0, answer, k)
-        parts = (lead, *_gains(answer, k), *_disturbances(subject, k))
-        against = (*_extrapolated(answer, k), *_against(subject, k))
-        is_contradicted = trust.is_contradicted or bool(against)
-        said.append(Card(" ".join(parts), " ".join((trust.in_words, *against)), is_contradicted))
-    return tuple(said)
+def cards(
+    info: SegmentInfo, answer: Answer, subject: KnownVehicles, *, together: bool = False
+) -> tuple[Card, ...]:
+    """The answer of each follower in sentences; one card for all that share it.
+
+    Args:
+        info: names the followers.
+        answer: that is told.
+        subject: the answer's string stability.
+        together: whether followers of one verdict, which nothing is against, have one card.
+    """
+    groups: dict[Assessment | int, list[int]] = {}
+    for k in range(len(answer.trust)):
+        verdict = _verdict(subject, k)
+        is_sure = not (answer.trust[k].is_contradicted or _against(answer, subject, k))
+        is_known = not isnan(answer.time_gap(answer.stated_speed, k).value)
+        is_shared = together and is_sure and is_known
+        groups.setdefault(verdict.assessed if is_shared and verdict else k, []).append(k)
+    return tuple(_card(info, answer, subject, group) for group in groups.values())
+
+
+def _card(
+    info: SegmentInfo, answer: Answer, subject: KnownVehicles, followers: Sequence[int]
+) -> Card:
+    trusts = [answer.trust[k] for k in followers]
+    labels = [who(trust.vehicle, info) for trust in trusts]
+    against = _against(answer, subject, followers[0])
+    by = " by the model" if _contradiction(subject, followers[0]) else ""
+    are_several = len(trusts) > 1 or trusts[0].vehicle == 0
+    lead = (
+        _headline(labels, are_several, answer, followers),
+        *_gains("Their" if are_several else "Its", answer, followers),
+        *_disturbances(labels, [_verdict(subject, k) for k in followers], by),
+    )
+    trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
+    is_contradicted = trusts[0].is_contradicted or bool(against)
+    return Card(" ".join(lead), " ".join((trust, *against)), is_contradicted)
 
 
 def about_answer(answer: Answer) -> str:
@@ -112,26 +140,26 @@ def time_gap_in_words(gap: Estimate, speed: MetresPerSecond) -> str:
     return f"{gap.value:.{digits}f} s at {speed * 3.6:.0f} km/h ({typical})"
 
 
-def _headline(label: str, are_several: bool, answer: Answer, follower: int) -> str:
-    speed = answer.stated_speed
-    span = answer.time_gap(speed, follower)
-    if isnan(span.value):
-        return f"{label}: the data do not determine the time gap."
-    verb = "keep" if are_several else "keeps"
-    return f"{label} {verb} {time_gap_in_words(span, speed)}."
+def _headline(
+    labels: Sequence[str], are_several: bool, answer: Answer, followers: Sequence[int]
+) -> str:
+    speed, verb = answer.stated_speed, "keep" if are_several else "keeps"
+    gaps = [answer.time_gap(speed, k) for k in followers]
+    if isnan(gaps[0].value):
+        return f"{labels[0]}: the data do not determine the time gap."
+    if len(gaps) == 1:
+        return f"{labels[0]} {verb} {time_gap_in_words(gaps[0], speed)}."
+    are_all = len(labels) == len(answer.trust)
+    named = f"All {spelled(len(labels))} followers" if are_all else joined(labels)
+    least, most = (f"{pick(gap.value for gap in gaps):.2f}" for pick in (min, max))
+    kept = least if least == most else f"{least}–{most}"
+    off = max(max(gap.upper - gap.value, gap.value - gap.lower) / gap.value for gap in gaps)
+    return f"{named} keep {kept} s at {3.6 * speed:.0f} km/h, each known within {percent(off)}."
 
 
-def _extrapolated(answer: Answer, follower: int) -> tuple[str, ...]:
-    """That the speed of the headline was not driven; nothing where it was."""
-    speed = answer.stated_speed
-    if answer.is_driven(speed, follower):
-        return ()
-    return (f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.",)
-
-
-def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
-    """How far α and β may be from their values: the less known one counts."""
-    spans = [answer.gain(name, follower) for name in ("alpha", "beta")]
+def _gains(whose: str, answer: Answer, followers: Sequence[int]) -> tuple[str, ...]:
+    """How far α and β may be from their values: the least known one counts."""
+    spans = [answer.gain(name, k) for name in ("alpha", "beta") for k in followers]
     if any(isnan(span.value) for span in spans):
         return ()
     factor = max(
@@ -139,38 +167,78 @@ def _gains(answer: Answer, follower: int) -> tuple[str, ...]:
         for span in spans
     )
     if factor > 5.0:
-        return ("Its gains are hardly known.",)
+        return (f"{whose} gains are hardly known.",)
     share = f"{5 * ceil(20 * (factor - 1)):.0f} %"
     within = share if factor <= 1.3 else f"a factor of {ceil(10 * factor) / 10:g}"
-    return (f"Its gains are known within {within}.",)
+    return (f"{whose} gains are known within {within}.",)
 
 
-def _disturbances(subject: KnownVehicles, follower: int) -> tuple[str, ...]:
-    """Whether disturbances grow, as sure as posterior and measured gain make it."""
+class _Verdict(NamedTuple):
+    """Whether disturbances grow behind a follower."""
+
+    assessed: Assessment
+    stable: float
+    """Probability of string stability."""
+    growth: float
+    """Largest gain over all frequencies."""
+    growth_in_words: str
+
+
+def _verdict(subject: KnownVehicles, follower: int) -> _Verdict | None:
+    """None where none is known."""
     report, known = subject.report, subject.uncertainty
     if report is None or known is None:
+        return None
+    stable, ends = float(known.probability_l2[follower]), known.peak_gain
+    growth = report.vehicles[follower].peak.gain
+    gains = (growth, float(ends.lower[follower]), float(ends.upper[follower]))
+    if growth < 3:
+        most, low, high = (f"{100 * (gain - 1):.0f}" for gain in gains)
+        in_words = f"by up to {most} % ({low}–{high} %)"
+    else:
+        most, low, high = (f"{gain:.1f}" for gain in gains)
+        in_words = f"up to {most} times ({low}–{high})"
+    return _Verdict(assessment(stable), stable, growth, in_words)
+
+
+def _disturbances(
+    labels: Sequence[str], verdicts: Sequence[_Verdict | None], by: str
+) -> tuple[str, ...]:
+    """Whether disturbances grow, for followers of one verdict; ``by`` says who says so."""
+    ranked = sorted(
+        ((verdict, label) for verdict, label in zip(verdicts, labels, strict=True) if verdict),
+        key=lambda pair: pair[0].growth,
+    )
+    if not ranked:
         return ()
-    stable = float(known.probability_l2[follower])
-    by = " by the model" if _against(subject, follower) else ""
-    match assessment(stable):
+    (little, behind), (much, behind_most) = ranked[0], ranked[-1]
+    match little.assessed:
+        case "unstable" if len(ranked) == 1:
+            return (f"Disturbances grow {little.growth_in_words}{by}.",)
         case "unstable":
-            growth, ends = report.vehicles[follower].peak.gain, known.peak_gain
-            gains = (growth, float(ends.lower[follower]), float(ends.upper[follower]))
-            if growth < 3:
-                most, low, high = (f"{100 * (gain - 1):.0f}" for gain in gains)
-                return (f"Disturbances grow by up to {most} % ({low}–{high} %){by}.",)
-            most, low, high = (f"{gain:.1f}" for gain in gains)
-            return (f"Disturbances grow up to {most} times ({low}–{high}){by}.",)
+            least = f"Disturbances grow least behind {behind}, {little.growth_in_words}"
+            return (f"{least}, and most behind {behind_most}, {much.growth_in_words}.",)
         case "stable":
             return (f"Disturbances do not grow{by}.",)
         case "open":
-            odds = probability(stable)
-            return (f"Whether disturbances grow is open (probability of stability {odds}).",)
+            shares = [verdict.stable for verdict, _ in ranked]
+            odds = dict.fromkeys(probability(pick(shares)) for pick in (min, max))
+            said = " to ".join(odds)
+            return (f"Whether disturbances grow is open (probability of stability {said}).",)
     return ()
 
 
-def _against(subject: KnownVehicles, follower: int) -> tuple[str, ...]:
-    """What the measured gain has against the model's verdict; nothing where it has none."""
+def _against(answer: Answer, subject: KnownVehicles, follower: int) -> tuple[str, ...]:
+    """What is against an answer beside its own windows, in sentences."""
+    speed, said = answer.stated_speed, list[str]()
+    if not answer.is_driven(speed, follower):
+        said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
+    if short := _contradiction(subject, follower):
+        said.append(f"The measured gain contradicts the model ({short}).")
+    return tuple(said)
+
+
+def _contradiction(subject: KnownVehicles, follower: int) -> str:
+    """What the measured gain has against the model's verdict; empty where it has nothing."""
     number = subject.vehicles.vehicles[follower + 1]
-    short = next((check.short for check in subject.checks if check.vehicle == number), "")
-    return (f"The measured gain contradicts the model ({short}).",) if short else ()
+    return next((check.short for check in subject.checks if check.vehicle == number), "")

@@ -7,7 +7,7 @@ from math import isinf, isnan
 
 import numpy as np
 
-from accpinn.findings import Labelled, joined, probability
+from accpinn.findings import Labelled, joined, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
@@ -50,7 +50,6 @@ _UNSTABLE = (
     "The vehicle itself is unstable, as its lag or delay is too long for its gains: any disturbance"
     " grows without limit."
 )
-NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 _ASSESSED: Mapping[Assessment, tuple[str, str]] = {
     "unstable": ("amplifies disturbances", "amplify disturbances"),
     "stable": ("is L₂ string stable", "are L₂ string stable"),
@@ -259,8 +258,8 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
     if total == 1:
         return f"{_capital(name)} amplifies disturbances {most}."
     if count == 1:
-        return f"One of {_number(total)} vehicles amplifies disturbances: {name}, {most}."
-    start = f"All {_number(total)}" if count == total else f"{_number(count)} of {_number(total)}"
+        return f"One of {spelled(total)} vehicles amplifies disturbances: {name}, {most}."
+    start = f"All {spelled(total)}" if count == total else f"{spelled(count)} of {spelled(total)}"
     return f"{_capital(start)} vehicles amplify disturbances, {name} the most: {most}."
 
 
@@ -317,13 +316,13 @@ def _verdict(
         extent = f" {most}" if most else ""
         return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessed[0]][0]}{extent}{end}"
     counts = Counter(assessed)
-    total = _number(len(chosen))
+    total = spelled(len(chosen))
     worst = f" {_capital(name)} amplifies the most: {most}." if most else ""
     if len(counts) == 1:
         (only,) = counts
         return f"All {total} vehicles {_ASSESSED[only][1]}{end}{worst}"
     parts = [
-        f"{_number(counts[kind])} {verbs[counts[kind] > 1]}"
+        f"{spelled(counts[kind])} {verbs[counts[kind] > 1]}"
         for kind, verbs in _ASSESSED.items()
         if counts[kind]
     ]
@@ -391,10 +390,6 @@ def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
 
 def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
-
-
-def _number(count: int) -> str:
-    return NUMBERS[count] if count < len(NUMBERS) else str(count)
 
 
 @dataclass(frozen=True)

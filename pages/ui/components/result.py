@@ -31,7 +31,6 @@ from accpinn.results.messages.answer import (
     differing_windows,
     papers_estimate,
 )
-from accpinn.results.messages.stability import headline
 from accpinn.results.messages.summary import (
     about_band,
     about_curves,
@@ -56,8 +55,6 @@ from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
-MOST_CARDS = 5
-"""Followers beyond which the table alone states the answer."""
 BANDS = "Bands of α, β and τ: 90 % intervals by the evidence, which the training maximises."
 CURVES = 440
 """Height in pixels of the chart below the answer, without a panel for the disturbance."""
@@ -106,14 +103,9 @@ def show_result(
 
 
 def _show_cards(result: Result) -> None:
-    """What is said first: the answer of each follower, and how far to trust it."""
-    said = cards(result.info, result.answer, known_vehicles(result))
-    if len(said) > MOST_CARDS:
-        if result.stability and result.is_finished:
-            chosen = tables.learned_parameters(result.info, result.fit)
-            text = headline(chosen, result.stability, result.uncertainty)
-            st.markdown(f"**{escape_markdown(text)}**")
-        return
+    """What is said first: the answer, and how far to trust it."""
+    subject = known_vehicles(result)
+    said = cards(result.info, result.answer, subject, together=True)
     with st.container(border=True, gap="xxsmall"):
         for card in said:
             lead, trust = (escape_markdown(text) for text in (card.lead, card.trust))
