@@ -93,7 +93,7 @@ def test_a_sentence_has_its_vehicle_and_figures(kind: type[Finding]) -> None:
         (HiddenLayersGain(1.0, 0.5), ["1.000", "0.5000", "-50.0 %"]),
         (IterationsExhausted(3000), ["3,000"]),
         (WeakIdentification(0, (), 0.05), ["All followers", "0.05 m/s"]),
-        (HeterogeneousWindows(2, 5, 0.012), ["5 windows", "p = 0.012"]),
+        (HeterogeneousWindows(2, 5, 0.012, 0.2), ["5 windows", "p = 0.012", "0.20 s"]),
     ],
 )
 def test_figures_are_rounded_and_have_their_units(finding: Finding, facts: list[str]) -> None:

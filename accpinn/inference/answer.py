@@ -71,13 +71,16 @@ class HeterogeneousWindows(Finding, frozen=True):
 
     text = (
         "{vehicle}: its {windows} windows differ by more than sampling error explains (p ="
-        " {probability:.2g}), so a further window may differ as much: use the interval for one."
+        " {probability:.2g}), their time gaps by up to {spread:.2f} s. A further window may differ"
+        " as much: use the interval for one."
     )
 
     vehicle: int
     """0 for all followers together."""
     windows: int
     probability: float
+    spread: Seconds
+    """Largest difference between the windows' own time gaps, at the answer's `stated_speed`."""
 
 
 class Trust(Finding, frozen=True):
@@ -342,6 +345,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     driven = np.array([np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]])
     parameters, gap_at = at_speeds([car.middle for car in cars]), _stated(speeds, driven)
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
+    spreads = np.ptp(time_gap(model, estimates, gap_at), axis=0)
     return Answer(
         model=model,
         level=LEVEL,
@@ -360,8 +364,8 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),
         findings=tuple(
-            HeterogeneousWindows(vehicle, len(segments), float(p))
-            for vehicle, p in zip(vehicles, differ, strict=False)
+            HeterogeneousWindows(vehicle, len(segments), float(p), float(spread))
+            for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
             if p < SIGNIFICANCE
         ),
         seconds=time.perf_counter() - started,

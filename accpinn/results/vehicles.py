@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from accpinn.errors import ParameterError
+from accpinn.inference.answer import Answer
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.methods.fit import Outcome
@@ -69,8 +70,17 @@ def known_vehicles(result: Result) -> KnownVehicles:
     if len(result.infos) > 1:
         windows = f"{result.info.source}, {len(result.infos)} windows"
         vehicles = replace(vehicles, title=windows)
-    if stored and np.isfinite(stored.parameters.complete).all():
-        vehicles = replace(vehicles, parameters=stored.parameters, model=stored.model)
-        return KnownVehicles(vehicles, stored.uncertainty, result.gain_checks)
+    if stored and (known := of_answer(vehicles, stored, result.gain_checks)):
+        return known
     stopped = result.fit.outcome is Outcome.STOPPED
     return KnownVehicles(vehicles, None if stopped else result.uncertainty)
+
+
+def of_answer(
+    vehicles: ParameterSet, known: Answer, checks: tuple[GainCheck, ...]
+) -> KnownVehicles | None:
+    """The followers of an answer in place of a method's; None where one is not determined."""
+    if not np.isfinite(known.parameters.complete).all():
+        return None
+    vehicles = replace(vehicles, parameters=known.parameters, model=known.model)
+    return KnownVehicles(vehicles, known.uncertainty, checks)

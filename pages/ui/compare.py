@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import streamlit as st
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer, answer
+from accpinn.inference.gain_check import gain_checks
 from accpinn.inference.identifiability import (
     INCREASE,
     identifiability_warnings,
@@ -27,7 +29,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import papers_estimate
+from accpinn.results.messages.answer import cards, papers_estimate
 from accpinn.results.messages.summary import (
     about_curves,
     agreement,
@@ -35,7 +37,8 @@ from accpinn.results.messages.summary import (
     outside_intervals,
 )
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.estimates import TITLES, name_of
+from accpinn.results.tables.estimates import TITLES, learned_parameters, name_of
+from accpinn.results.vehicles import KnownVehicles, known_vehicles, of_answer
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, refused_among, spread_of
@@ -49,6 +52,7 @@ from pages.ui.components.result import (
     banner,
     recording_needed,
     show_answer,
+    show_cards,
     show_intervals,
 )
 from pages.ui.components.show import escape_markdown
@@ -87,15 +91,23 @@ class _Shown:
         """The same from every row."""
         return self.rows[0].uncertainty
 
+    @cached_property
+    def answered(self) -> tuple[Answer, KnownVehicles]:
+        """That of the training; before one, that of the windows which a training would take."""
+        workspace, row = self.workspace, self.rows[0]
+        if result := workspace.result:
+            return result.answer, known_vehicles(result)
+        asked = workspace.training_analysis(CALIBRATED) or row.analysis
+        data = asked.segments(workspace.recording, () if workspace.recording else (self.segment,))
+        known = answer(data, asked.case, asked.model, dict(asked.held))
+        vehicles = learned_parameters(row.info, row.fit)
+        of_all = of_answer(vehicles, known, gain_checks(data, known))
+        return known, of_all or KnownVehicles(vehicles)
+
     @property
     def answer(self) -> Answer:
-        """That of the training; before one, that of the windows which a training would take."""
-        workspace = self.workspace
-        if workspace.result:
-            return workspace.result.answer
-        asked = workspace.training_analysis(CALIBRATED) or self.rows[0].analysis
-        data = asked.segments(workspace.recording, () if workspace.recording else (self.segment,))
-        return answer(data, asked.case, asked.model, dict(asked.held))
+        """What the windows say together."""
+        return self.answered[0]
 
 
 def show_page() -> None:
@@ -179,10 +191,10 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     shown = _Shown(workspace, segment, rows, follower)
     with first:
         with st.spinner("The answer takes some seconds."):
-            known = shown.answer
+            known = shown.answered
         if said := agreement(rows):
             st.markdown(f"**{escape_markdown(said)}**")
-        show_answer(segment.info, known, workspace.case)
+        show_cards(cards(segment.info, *known, together=True))
         st.caption(_about_methods(rows))
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
@@ -209,17 +221,17 @@ def _about_methods(rows: Sequence[Result]) -> str:
 
 
 def _show_summary(shown: _Shown) -> None:
-    """The intervals, each method's estimates and errors, and where the estimates lie."""
+    """Where the estimates lie, each method's errors, and the intervals."""
     segment, rows = shown.segment, shown.rows
-    adequacy = conditional(shown.workspace.adequacy, segment)
-    show_intervals(segment.info, shown.uncertainty, adequacy, rows[0].fit.case)
-    show.messages(messages(shown.uncertainty.findings, segment))
+    _show_estimates(shown)
     st.markdown(escape_markdown(outside_intervals(rows, shown.follower)))
     table = tables.methods_table(segment.info, rows, shown.follower)
     show.table(table)
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
-    _show_estimates(shown)
+    adequacy = conditional(shown.workspace.adequacy, segment)
+    show_intervals(segment.info, shown.uncertainty, adequacy, rows[0].fit.case)
+    show.messages(messages(shown.uncertainty.findings, segment))
 
 
 def _show_collisions(shown: _Shown) -> None:

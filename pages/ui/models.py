@@ -8,8 +8,10 @@ from streamlit.delta_generator import DeltaGenerator
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.results.figures import comparison as figures
 from accpinn.results.messages import messages
+from accpinn.results.messages.summary import which_model
 from accpinn.results.tables.estimates import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of
+from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
@@ -75,12 +77,16 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
         show.table(judged_table(judged[0], judged[0].speeds[1]))
         return
     workspace.keep_judgements()
-    for one in judged:
-        (said, *_) = messages(one.findings, one.info) or ("",)
+    for said in which_model(judged):
         st.markdown(f"**{escape_markdown(said)}**")
     _take_model(workspace, judged)
-    labels = [one.info.labels[1] for one in judged]
-    _show_follower(workspace, judged[pick_follower(labels, "models_follower")])
+    with st.container(horizontal=True, vertical_alignment="bottom"):
+        labels = [one.info.labels[1] for one in judged]
+        one = judged[pick_follower(labels, "models_follower")]
+        speed = _choose_speed(workspace, one)
+    if len(judged) > 1:
+        st.markdown(escape_markdown(" ".join(messages(one.findings[:1], one.info))))
+    _show_follower(one, speed)
 
 
 def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
@@ -103,15 +109,19 @@ def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
         )
 
 
-def _show_follower(workspace: Workspace, one: Judgement) -> None:
+def _choose_speed(workspace: Workspace, one: Judgement) -> MetresPerSecond:
     low, middle, high = (KMH * speed for speed in one.speeds)
     key = f"models_speed_{one.info.vehicles[1]}"
-    speed = st.number_input(
+    speed: float = st.number_input(
         "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
         help="Nonlinear models answer small disturbances differently at every speed. Recorded:"
         f" {low:.0f} to {high:.0f} km/h, median {middle:.0f}.",
         **kept(workspace, key, float(round(middle))),
-    ) / KMH  # fmt: skip
+    )  # fmt: skip
+    return speed / KMH
+
+
+def _show_follower(one: Judgement, speed: MetresPerSecond) -> None:
     table, stem = judged_table(one, speed), Path(one.info.source).stem
     show.table(table)
     st.caption(ABOUT)

@@ -11,7 +11,7 @@ from accpinn.inference.posterior import features, log_prior_of_features, log_pri
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import FOLLOWING, time_gap
 from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
@@ -118,7 +118,10 @@ def test_a_follower_that_does_not_move_is_not_determined() -> None:
 def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> None:
     """One of three windows has a headway .4 s longer; of three cars without that at most one."""
     changed = answer([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
-    assert changed.findings == (HeterogeneousWindows(2, 3, float(changed.differ[0])),)
+    gaps = time_gap(changed.model, changed.windows, changed.stated_speed)[:, 0]
+    assert changed.findings == (
+        HeterogeneousWindows(2, 3, float(changed.differ[0]), float(np.ptp(gaps))),
+    )
     assert changed.differ[0] < 1e-4
     spans = [given.time_gap(28.0, 0) for given in (changed, usual())]
     wide, narrow = (span.further_upper - span.further_lower for span in spans)

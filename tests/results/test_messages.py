@@ -250,9 +250,9 @@ def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them(
 
 def test_windows_that_differ_are_one_sentence(answered: Answer) -> None:
     assert on_answer.differing_windows(INFO, answered) == ""
-    finding = HeterogeneousWindows(FOLLOWER, 5, 3e-35)
+    finding = HeterogeneousWindows(FOLLOWER, 5, 3e-35, 0.12)
     said = on_answer.differing_windows(INFO, replace(answered, findings=(finding,)))
-    assert not missing([f"5 windows of {INFO.label(FOLLOWER)}", "p < 0.001"], said)
+    assert not missing([f"5 windows of {INFO.label(FOLLOWER)}", "p < 0.001", "0.12 s"], said)
 
 
 def test_the_papers_presets_say_so() -> None:

@@ -12,6 +12,7 @@ from accpinn.model.registry import BASES, FOLLOWING
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results.documents import judgement_document
+from accpinn.results.messages.summary import which_model
 from accpinn.results.report import tables_of
 from accpinn.segment import Segment
 from accpinn.study import Analysis
@@ -67,6 +68,9 @@ def test_models_that_are_alike_are_not_told_apart() -> None:
     first, *others = judged.scores
     unknown = replace(first, determined=np.array([True, False, True]))
     lost = replace(judged, scores=(unknown, *others))
+    (said,) = which_model((judged, replace(judged, scores=judged.scores[::-1]), judged))
+    assert "All three followers: no model is clearly better" in said
+    assert f"{finding.rmse:.2f} to {finding.rmse:.2f} m" in said
     assert Undetermined(2, model.title, ("β",)) in lost.findings
 
 

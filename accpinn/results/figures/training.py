@@ -71,16 +71,20 @@ def loss_history(history: History) -> go.Figure:
     names = [(name, colour) for _, name, _, colour, _ in used]
     names += [("log evidence", style.MODEL)] if history.evidence is not None else []
     spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
-    chart = _over_iterations(f"Loss: {spans}", "loss")
+    right = 14 if history.evidence is None else 62
+    chart = _over_iterations(f"Loss: {spans}", "loss", right)
     for symbol, name, values, colour, width in used:
         positive = np.where(values > 0, values, np.nan)
         hover = f"%{{y:.4g}}<extra>{symbol} {name}</extra>"
         _line(chart, history, positive, name, colour, width, hover=hover, showlegend=False)
     chart.axis("y", "Loss", type="log", **_decades([term[2] for term in used]))
     if history.evidence is not None:
-        chart.axis("y2", "Log evidence", overlaying="y", side="right", showgrid=False)
-        _line(chart, history, history.evidence, "log evidence", style.MODEL, dash="dash",
-              yaxis="y2", showlegend=False)  # fmt: skip
+        # As a difference: the evidence itself has too many digits for an axis.
+        missing = history.evidence - history.evidence[-1]
+        chart.axis("y2", "Log evidence, less its last", overlaying="y", side="right",
+                   showgrid=False, nticks=5)  # fmt: skip
+        _line(chart, history, missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",
+              showlegend=False)  # fmt: skip
     return chart.figure()
 
 
@@ -169,10 +173,10 @@ def _counted(history: History) -> FloatArray:
     return np.maximum(history.iteration, 1.0)
 
 
-def _over_iterations(title: str, key: str) -> style.Chart:
-    """A small panel over iterations."""
+def _over_iterations(title: str, key: str, right: float = 14) -> style.Chart:
+    """A small panel over iterations; ``right`` is its margin in pixels."""
     head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-    margin = {"l": 62, "r": 14, "t": 34, "b": 42}
+    margin = {"l": 62, "r": right, "t": 34, "b": 42}
     chart = style.Chart(key, HISTORY_HEIGHT, title=head, margin=margin)
     chart.axis("x", "Iteration", type="log", dtick=1)
     return chart

@@ -120,10 +120,11 @@ def differing_windows(info: SegmentInfo, answer: Answer) -> str:
     named = joined([who(finding.vehicle, info) for finding in findings])
     most = max(finding.probability for finding in findings)
     level = "p < 0.001" if most < 0.001 else f"p ≤ {most:.1g}"
+    spread = max(finding.spread for finding in findings)
     return (
         f"The {findings[0].windows} windows of {named[0].lower() + named[1:]} differ by more than"
-        f" sampling error explains ({level}): a further window may differ as much, as the last"
-        " column says."
+        f" sampling error explains ({level}), their time gaps by up to {spread:.2f} s: a further"
+        " window may differ as much, as the last column says."
     )
 
 

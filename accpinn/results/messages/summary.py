@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.findings import Labelled, joined, percent, who
+from accpinn.findings import Labelled, joined, percent, spelled, who
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
@@ -19,6 +19,7 @@ from accpinn.results.recording import FLAGS
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
+from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
 
 
@@ -96,6 +97,46 @@ def unfinished(fit: Fit) -> str:
     return (
         f"Training was stopped at {fit.iterations:,}{of_planned} iterations; these parameters are"
         " preliminary."
+    )
+
+
+def which_model(judgements: Sequence[Judgement]) -> tuple[str, ...]:
+    """Which model describes the followers, said once for those of which the same holds."""
+    groups: dict[tuple[object, ...], list[tuple[Judgement, Describes]]] = {}
+    for judged in judgements:
+        if isinstance(finding := next(iter(judged.findings), None), Describes):
+            alike = finding.clear, finding.model, finding.windows
+            groups.setdefault(alike, []).append((judged, finding))
+    return tuple(_which_model(group, len(judgements)) for group in groups.values())
+
+
+def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> str:
+    judged, finding = group[0]
+    if len(group) == 1:
+        return finding.sentence(judged.info)
+    labels = [judged.info.labels[1] for judged, _ in group]
+    named = f"All {spelled(total)} followers" if len(group) == total else joined(labels)
+    errors, less = (
+        f"{min(parts):.{digits}f} to {max(parts):.{digits}f}"
+        for parts, digits in (
+            ([one.rmse for _, one in group], 2),
+            ([one.less for _, one in group], 0),
+        )
+    )
+    where, model = f"in {finding.windows} windows left out", finding.model
+    if finding.clear:
+        return (
+            f"{named}: the {model} describes each of these cars best. Its gap errors {where} are"
+            f" {errors} m (geometric means), {less} % below those of the next best model."
+        )
+    start = (
+        f"{named}: {finding.windows} windows are too few to say which model is better"
+        if finding.windows < LEAST_WINDOWS
+        else f"{named}: no model is clearly better"
+    )
+    return (
+        f"{start}. The {model} has the least gap errors {where}, {errors} m (geometric means), but"
+        f" its advantage of {less} % over the next best model may be nothing."
     )
 
 

@@ -388,10 +388,13 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
             (Column("Gap RMSE", "m", 2, LEFT_OUT), [s.typical_rmse for s in ranked]),
             (Column("Beyond the best", "%", 0, LEFT_OUT), beyond),
             (
-                Column("Best in", "%", 0, LEFT_OUT),
-                [100 * shares[s.model.key] for s in ranked],
+                Column("Best in", group=LEFT_OUT),
+                [f"{windows * shares[s.model.key]:.0f} of {windows}" for s in ranked],
             ),
-            (Column("Collides in", "%", 0, LEFT_OUT), [100 * s.collided.mean() for s in ranked]),
+            (
+                Column("Collides in", group=LEFT_OUT),
+                [f"{s.collided.sum()} of {windows}" for s in ranked],
+            ),
             (Column("|H| off", "dB", 1), [score.gain_error for score in ranked]),
             (
                 Column("Peak", "dB", MAGNITUDE.digits, at),

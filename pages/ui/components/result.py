@@ -25,6 +25,7 @@ from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import (
+    Card,
     about_answer,
     about_truth,
     cards,
@@ -77,7 +78,7 @@ def show_result(
     truth = workspace.true_parameters if workspace.segment == result.segment else None
     has_answer = bool(result.segments or result.parts.answer)
     if has_answer:
-        _show_cards(result)
+        show_cards(cards(info, result.answer, known_vehicles(result), together=True))
     if next_step:
         next_step()
     if has_answer:
@@ -102,10 +103,8 @@ def show_result(
     })  # fmt: skip
 
 
-def _show_cards(result: Result) -> None:
+def show_cards(said: Sequence[Card]) -> None:
     """What is said first: the answer, and how far to trust it."""
-    subject = known_vehicles(result)
-    said = cards(result.info, result.answer, subject, together=True)
     with st.container(border=True, gap="xxsmall"):
         for card in said:
             lead, trust = (escape_markdown(text) for text in (card.lead, card.trust))

@@ -48,7 +48,7 @@ def test_evidence_stands_beside_the_loss_and_gives_an_interval_that_narrows() ->
     track = history()
     figure = training.loss_history(replace(track, evidence=-track.total))
     line = named(figure, "log evidence")
-    np.testing.assert_array_equal(line.y, -track.total)
+    np.testing.assert_array_equal(line.y, track.total[-1] - track.total)
     deviations = np.repeat(track.total[:, None, None], 2, axis=1) * np.ones(3)
     band = training.parameter_history(replace(track, deviations=deviations), 0, INFO).data[0]
     assert band.fill == "toself"
