@@ -67,7 +67,7 @@ def opened(**address: str) -> Page:
 
 def test_without_a_study_it_says_what_to_do(recording: Path) -> None:
     page = opened()
-    assert "no study on this server yet" in page.plain()
+    assert "no study here yet" in page.plain()
     assert page.selectbox(key="database_source").options == ["all recordings", "Casale"]
     assert "1 file: " in page.plain(), "an estimate before the start"
     assert not page.button(key="database_start").disabled

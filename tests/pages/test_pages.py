@@ -75,14 +75,14 @@ def test_a_link_to_an_unknown_session_says_so_shows_a_next_step_and_makes_no_fil
 ) -> None:
     before = {*tmp_path.rglob("*")}
     page = open_page(title, session=name)
-    assert "no longer on this server" in page.texts()
+    assert "no longer kept" in page.texts()
     assert page.workspace().id != name
     assert page.button or page.get("page_link"), "there must be a way on"
     assert not page.error
     assert "**Continue**" not in page.texts()
     assert {*tmp_path.rglob("*")} - before <= {store().folder}
     page.run()
-    assert "no longer on this server" not in page.texts()
+    assert "no longer kept" not in page.texts()
 
 
 @pytest.mark.parametrize("title", PAGES)
@@ -443,7 +443,7 @@ def test_a_training_of_another_model_shows_its_own_parameters() -> None:
 
 def test_an_unfinished_training_has_neither_intervals_nor_probabilities() -> None:
     shown = open_page("Train", fitted(outcome=Outcome.DIVERGED)).plain()
-    assert "s at 100 km/h (" in shown, "the answer does not depend on the training"
+    assert "s at 100 km/h, each known" in shown, "the answer does not depend on the training"
     assert "they have no intervals or probabilities" in shown
     assert "Probability of string stability" not in shown
     assert "Estimate (90 % interval)" not in shown

@@ -32,7 +32,7 @@ from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.stability import clicked_point
-from tests.support.apptest import Page, answer, fitted, numbers, open_page, with_example
+from tests.support.apptest import Page, answer, fitted, numbers, open_page, read, with_example
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.usefixtures("fresh_server")
 
 def headline(page: Page) -> str:
     """What the page says first, with its source."""
-    return next(m.value for m in page.markdown if "\n#### " in m.value).replace("\\", "")
+    return read(next(m.value for m in page.markdown if "\n#### " in m.value))
 
 
 CALM = ("calm", 0.05, 0.6, 1.8)

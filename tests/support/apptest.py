@@ -37,6 +37,11 @@ WAIT = 120.0
 """Seconds a real training may take on a busy machine; it needs about one."""
 
 
+def read(written: str) -> str:
+    """Text as a person reads it: without the marks that make foreign text literal."""
+    return written.replace("\\", "").replace("\N{NO-BREAK SPACE}", " ")
+
+
 class Page(AppTest):
     """A page of the app, and what a person does and reads on it."""
 
@@ -87,8 +92,8 @@ class Page(AppTest):
         return "\n".join([*written, *(element.proto.body for element in self.get("html"))])
 
     def plain(self) -> str:
-        """The same as a person reads it: without the marks that make foreign text literal."""
-        return self.texts().replace("\\", "")
+        """The same as a person reads it."""
+        return read(self.texts())
 
     @property
     def buttons(self) -> set[str]:
@@ -96,8 +101,8 @@ class Page(AppTest):
         return {str(button.key) for button in self.button}
 
     def boxes(self, kind: str) -> list[str]:
-        """The sentences in its boxes of one kind, as "warning", without those marks."""
-        return [box.value.replace("\\", "") for box in self.get(kind)]
+        """The sentences in its boxes of one kind, as "warning"."""
+        return [read(box.value) for box in self.get(kind)]
 
     def everything(self) -> str:
         """All that it shows, tables and figures included."""

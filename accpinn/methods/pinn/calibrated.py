@@ -7,7 +7,7 @@
 The first ends before the second begins, as an estimate that the curves could still move would no
 longer be that of the evidence. The hidden layers stay as they were drawn by the seed: training them
 would lower Ψ by some percent and move no parameter. Standard errors of the parameters follow from
-the evidence's curvature.
+the curvature with which the search ends.
 """
 
 from dataclasses import replace

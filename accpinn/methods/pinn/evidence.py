@@ -26,7 +26,6 @@ Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solu
 """
 
 from collections.abc import Generator, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -55,12 +54,8 @@ OUTPUTS = 3
 """p, v, u."""
 DIFFERENCE = 4e-3
 """Difference of a coordinate for a slope: small against its deviation, large against rounding."""
-SECOND_DIFFERENCE = 0.02
-"""The same for the curvature at the maximum."""
 METRES = 25.0
-"""Factor on both for s₀ in m: the evidence is quadratic in it."""
-LEAST_CURVATURE = 0.1
-"""Least curvature of the criterion in any direction, where it is flat or curved upwards."""
+"""Factor on it for s₀ in m: the evidence is quadratic in it."""
 MOST_WEIGHT = 300.0
 """Largest weight of the residual's second derivative. Cars whose disturbance the recording shows
 have about ten; where it shows none, its memory and rise are arbitrary, and with more weight Λ is
@@ -295,33 +290,4 @@ def climb(
             same maxima, and the filter, which takes less time, has compared them.
     """
     z = np.array([maximum.coordinates for maximum in maxima])
-    ends = yield from ascend(criterion, z, np.arange(len(z)))
-    return [
-        replace(maximum, curvature=_curvature(criterion, maximum, group))
-        for group, maximum in enumerate(ends)
-    ]
-
-
-def _curvature(criterion: Evidence, maximum: Maximum, group: int) -> FloatArray:
-    """(P, P) minus the second derivatives at a maximum; 0 where a bound holds a coordinate.
-
-    Directions in which the criterion is not curved downwards get `LEAST_CURVATURE`.
-    """
-    free = np.flatnonzero(np.diag(maximum.curvature) > 0)
-    moves = SECOND_DIFFERENCE * criterion.moves[free]
-    rows, columns = np.triu_indices(len(free))
-    pairs = moves[rows] + moves[columns]
-    z = maximum.coordinates + np.concatenate([pairs, -pairs, moves, -moves])
-    values = criterion.log_likelihood(z, np.full(len(z), group)) + criterion.log_prior(z)
-    ahead, behind, single = np.split(values, [len(rows), 2 * len(rows)])
-    along = single.reshape(2, -1).sum(axis=0)
-    second = ahead + behind - along[rows] - along[columns] + 2 * maximum.criterion
-    matrix = np.zeros((len(free), len(free)))
-    sizes = np.diag(criterion.moves)[free]
-    second /= 2 * SECOND_DIFFERENCE**2 * sizes[rows] * sizes[columns]
-    matrix[rows, columns] = matrix[columns, rows] = -second
-    sizes, directions = np.linalg.eigh(matrix)
-    curvature = np.zeros((criterion.size, criterion.size))
-    downwards = directions * np.maximum(sizes, LEAST_CURVATURE) @ directions.T
-    curvature[np.ix_(free, free)] = downwards
-    return curvature
+    return (yield from ascend(criterion, z, np.arange(len(z))))

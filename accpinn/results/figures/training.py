@@ -82,7 +82,7 @@ def loss_history(history: History) -> go.Figure:
         # As a difference: the evidence itself has too many digits for an axis.
         missing = history.evidence - history.evidence[-1]
         chart.axis("y2", "Log evidence, less its last", overlaying="y", side="right",
-                   showgrid=False, nticks=5)  # fmt: skip
+                   showgrid=False, tickmode="auto", nticks=5, standoff=2)  # fmt: skip
         _line(chart, history, missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",
               showlegend=False)  # fmt: skip
     return chart.figure()

@@ -99,7 +99,7 @@ def begin(title: str) -> Workspace:
                 _chart_menu(workspace)
     if st.session_state["lost_session"]:
         show.messages(
-            "That session is no longer on this server, so a new one has begun. Finished trainings"
+            "That session is no longer kept, so a new one has begun. Finished trainings"
             " are kept: open the same recording, and its result comes from the cache.",
             icon="history",
         )

@@ -36,12 +36,16 @@ PNG_SCALE = 3
 """Scale of a PNG against the screen, so that it can be printed."""
 
 _PUNCTUATION = re.compile(r"([!-/:-@\[-`{-~])")
+_UNIT = re.compile(r"(?<=\d) (?=(?:%|(?:s|m|dB|m/s|km/h|rad/s|times)\b))")
 _ICONS = {"info": "info", "success": "check_circle", "warning": "warning", "error": "error"}
 
 
 def escape_markdown(text: str) -> str:
-    """Text with every mark that markdown could read made literal."""
-    return _PUNCTUATION.sub(r"\\\1", text)
+    """Text with every mark that markdown could read made literal, and units beside their numbers.
+
+    A line does not break between the two.
+    """
+    return _PUNCTUATION.sub(r"\\\1", _UNIT.sub("\N{NO-BREAK SPACE}", text))
 
 
 def bullets(sentences: Sequence[str]) -> str:

@@ -185,12 +185,12 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
 
     st.file_uploader(
         f"Drop a recording here: a CSV file of up to {limit} MB, from OpenACC or with columns of"
-        " speeds and gaps of your own. It is kept in memory alone.",
+        " speeds and gaps of your own.",
         key="data_upload",
         on_change=uploaded,
         help="OpenACC: columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below five rows"
         " of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
-        " other table you say which columns hold what.",
+        " other table you say which columns hold what. A recording is kept in memory alone.",
     )
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
@@ -243,13 +243,13 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     """The list of runs; the one that is chosen is offered to be opened, or downloaded first."""
     runs = catalogue()
     present = {run for run in runs if run.path(root).is_file()}
-    states = {run: "on this server" if run in present else "to be downloaded" for run in runs}
+    states = {run: "here" if run in present else "to be downloaded" for run in runs}
     run = st.selectbox(
-        f"Published OpenACC run ({len(present)} of {len(runs)} on this server)", runs, index=None,
+        f"Published OpenACC run ({len(present)} of {len(runs)} are here)", runs, index=None,
         format_func=lambda run: f"{run.key} · {states[run]}", key="data_run",
         placeholder="Search by campaign or file",
-        help="All runs that the Joint Research Centre publishes. Those that are not on the server"
-        " yet are downloaded into its folder of recordings.",
+        help="All runs that the Joint Research Centre publishes. Those that are not here"
+        " yet are downloaded into the folder of recordings.",
     )  # fmt: skip
     submitted = download_queue().of(workspace.id, "download")
     task = submitted if isinstance(submitted, DownloadTask) else None

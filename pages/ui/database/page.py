@@ -119,7 +119,7 @@ def show_page() -> None:
     if not names:
         st.caption(LEAD)
         show.messages(
-            "There is no study on this server yet. A study holds the estimates from every window in"
+            "There is no study here yet. A study holds the estimates from every window in"
             " car-following under ACC of a folder of recordings: choose the folder, then start."
         )
         with st.container(border=True):
@@ -127,7 +127,7 @@ def show_page() -> None:
         return
     if asked not in names:
         if asked and not refused:
-            show.messages(f"There is no study {asked[:60]} on this server.", "warning")
+            show.messages(f"There is no study {asked[:60]} here.", "warning")
         choose(workspace, study=names[0])
     _show_head(workspace, names)
     show.attempt(lambda: _show_body(workspace, workspace.choices["database_study"]))

@@ -101,8 +101,7 @@ def _lines(entry: Entry) -> tuple[str, ...]:
     where = f"{entry.source}, {when_driven}, {first} to {last}"
     when = entry.created[:16].replace("T", " ")
     data = ", with data" if entry.with_data else ""
-    method = TITLES.get(entry.method, entry.method)
-    return f"{where} · saved {when} UTC{data}", f"{method}; {first_estimate(entry)}"
+    return f"{where} · saved {when} UTC{data}", first_estimate(entry)
 
 
 def first_estimate(entry: Entry) -> str:
@@ -121,7 +120,7 @@ def first_estimate(entry: Entry) -> str:
                                           strict=True):  # fmt: skip
         digits = supported_digits(low, high, column.digits or 0)
         shown.append(f"{column.title} {value:.{digits}f} {column.unit}")
-    return f"{label}: {', '.join(shown)}"
+    return f"{label} by {TITLES.get(entry.method, entry.method)}: {', '.join(shown)}"
 
 
 def choose_entry(label: str, key: str, entries: Sequence[Entry]) -> Entry:
@@ -273,10 +272,7 @@ def show_runs(workspace: Workspace) -> None:
             help="Shows this run on every page again. The present result stays in this list.",
         )  # fmt: skip
         compare_two(workspace, entries, "runs")
-        st.caption(
-            "The last runs are kept on this server, without the recordings; your recording itself"
-            " is not stored."
-        )
+        st.caption("The last runs are kept, without the recordings.")
 
 
 def compare_two(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:

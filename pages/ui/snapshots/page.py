@@ -48,7 +48,7 @@ def show_page() -> None:
         _save_form(workspace)
     with right:
         _upload_form(workspace)
-    st.subheader("On this server", anchor=False)
+    st.subheader("Kept here", anchor=False)
     entries = library().entries()
     if not entries:
         st.caption("No snapshot is kept here yet.")
@@ -303,7 +303,7 @@ def _show_beside(snapshot: Result, recording: Recording | None) -> None:
     """The same beside another of the server's snapshots, which the user picks."""
     others = [entry for entry in library().readable() if entry.id != snapshot.id]
     if not others:
-        st.caption("No other snapshot is kept on this server.")
+        st.caption("No other snapshot is kept here.")
         return
     other = choose_entry("The second snapshot", "snapshots_second", others)
     show_both(snapshot, opened(other.id).found_in(recording))

@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import BSpline
 
 from accpinn.evaluation.closed_loop import surrogate_errors
+from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Outcome, Progress
 from accpinn.methods.likelihood import end_of
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
@@ -16,12 +17,14 @@ from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Evidence, LinearEvide
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Case, Parameters
+from accpinn.results.figures.training import NORMAL_90
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
 from tests.methods.pinn.test_training import after
 from tests.support.methods import train
+from tests.support.samples import PLATOON, sample
 
 VALUES = np.array([0.08, 0.12, 0.2, 0.25, 4.0, 0.5, 0.03, 0.05, 0.5])
 
@@ -130,6 +133,16 @@ def test_parameters_are_those_of_maximum_likelihood_and_curves_follow_the_data(c
     np.testing.assert_array_equal(fit.history.evidence, evidence)
     assert fit.history.deviations.shape == (len(seen), *fit.arrays["deviations"].shape)
     assert fit.loss["evidence"] == evidence[-1]
+
+
+def test_errors_that_it_states_are_those_of_the_posterior_where_little_disturbs() -> None:
+    """There the evidence has rounding errors that its second differences would not survive."""
+    segment = sample(PLATOON, 100.0).segment
+    fit = train(segment, "II", CALIBRATED)
+    known = intervals(segment, fit)
+    posterior = np.log(known.upper.values / known.lower.values) / 2 / NORMAL_90
+    ratio = fit.arrays["deviations"] / posterior
+    assert ((ratio > 0.5) & (ratio < 2.0)).all()
 
 
 @pytest.mark.parametrize("stop", [0, 3])
