@@ -28,6 +28,8 @@ NORMAL_90 = 1.645
 HISTORY_HEIGHT = 225
 FEW = 30
 """Moments of a training up to which each is marked."""
+LONG = 100
+"""Iterations from which their axis is logarithmic."""
 GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
@@ -72,7 +74,7 @@ def loss_history(history: History) -> go.Figure:
     names += [("log evidence", style.MODEL)] if history.evidence is not None else []
     spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
     right = 14 if history.evidence is None else 62
-    chart = _over_iterations(f"Loss: {spans}", "loss", right)
+    chart = _over_iterations(history, f"Loss: {spans}", "loss", right)
     for symbol, name, values, colour, width in used:
         positive = np.where(values > 0, values, np.nan)
         hover = f"%{{y:.4g}}<extra>{symbol} {name}</extra>"
@@ -112,7 +114,8 @@ def parameter_history(
     names, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [style.SHARED]
-    ends, chart = _interval(history, which), _over_iterations(curve.title, f"parameter-{which}")
+    ends = _interval(history, which)
+    chart = _over_iterations(history, curve.title, f"parameter-{which}")
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
             chart.band(_counted(history), ends[0][:, k], ends[1][:, k], colour, 0.125)
@@ -168,17 +171,24 @@ def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | N
     return values / spread, values * spread
 
 
+def _is_long(history: History) -> bool:
+    """Whether the iterations need a logarithmic axis; some dozens are seen better on another."""
+    return bool(history.iteration.max(initial=0) >= LONG)
+
+
 def _counted(history: History) -> FloatArray:
-    """(K,) the iterations for a logarithmic axis, which has no zero."""
-    return np.maximum(history.iteration, 1.0)
+    """(K,) the iterations; a logarithmic axis has no zero."""
+    return np.maximum(history.iteration, 1.0 if _is_long(history) else 0.0)
 
 
-def _over_iterations(title: str, key: str, right: float = 14) -> style.Chart:
+def _over_iterations(history: History, title: str, key: str, right: float = 14) -> style.Chart:
     """A small panel over iterations; ``right`` is its margin in pixels."""
     head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
     margin = {"l": 62, "r": right, "t": 34, "b": 42}
     chart = style.Chart(key, HISTORY_HEIGHT, title=head, margin=margin)
-    chart.axis("x", "Iteration", type="log", dtick=1)
+    chart.axis("x", "Iteration")
+    if _is_long(history):
+        chart.axis("x", type="log", dtick=1)
     return chart
 
 
