@@ -8,11 +8,12 @@ with that of the same request without the app, to the last digit.
 
 import argparse
 import asyncio
+import random
 import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Awaitable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -74,9 +75,9 @@ class Request:
 class Load:
     """Users of one server, and how long its pages took."""
 
-    def __init__(self, server: Server) -> None:
-        """Begin with an empty record."""
-        self.server = server
+    def __init__(self, server: Server, pause: Seconds = 0.0) -> None:
+        """Begin with an empty record; users look at pages for the ``pause``, more or less."""
+        self.server, self.pause, self.random = server, pause, random.Random(0)
         self.taken: dict[str, list[Seconds]] = defaultdict(list)
         """Seconds by page; the names of light views begin with a capital letter."""
         self.memory = 0.0
@@ -101,32 +102,33 @@ class Load:
             await browser.close()
 
     async def _journey(self, browser: Browser, request: Request) -> None:
-        self._note("first page", await browser.open())
-        self._note("upload", await browser.upload("data_upload", request.name, request.content))
-        self._note("window", await browser.set("data_start", request.start))
-        self._note("window", await browser.set("data_length", LENGTH))
+        await self._wait("first page", browser.open())
+        await self._wait("upload", browser.upload("data_upload", request.name, request.content))
+        await self._wait("window", browser.set("data_start", request.start))
+        await self._wait("window", browser.set("data_length", LENGTH))
         await self._look(browser, "Train")
         await browser.set("train_preset", ("Fast",))
         await browser.set("train_options", True)
-        self._note("Train, an option", await browser.set("train_fast_seed", request.seed))
+        await self._wait("Train, an option", browser.set("train_fast_seed", request.seed))
         began = time.perf_counter()
         await browser.press("train_start")
         for page in ("Data", "Snapshots", "Train"):  # a glance elsewhere meanwhile
             await self._look(browser, page)
         while await browser.poll():
             pass
-        self._note("training with its queue", time.perf_counter() - began)
+        self.taken["training with its queue"].append(time.perf_counter() - began)
         for page in ("Stability", "Platoon", "Compare", "Data", "Train", "Snapshots"):
             await self._look(browser, page)
-        self._note("saving", await browser.press("Save", snapshots_name=request.name))
+        await self._wait("saving", browser.press("Save", snapshots_name=request.name))
         await self._look(browser, "Home")
         self.faults += browser.faults
 
     async def _look(self, browser: Browser, page: str) -> None:
-        self._note(page, await browser.go(page))
+        await self._wait(page, browser.go(page))
 
-    def _note(self, what: str, seconds: Seconds) -> None:
-        self.taken[what].append(seconds)
+    async def _wait(self, what: str, action: Awaitable[Seconds]) -> None:
+        self.taken[what].append(await action)
+        await asyncio.sleep(self.random.uniform(0.0, 2.0 * self.pause))
 
     def times(self) -> Iterator[Measurement]:
         """Return how long pages took."""
@@ -153,11 +155,11 @@ def wrong_results(folder: Path, requests: list[Request]) -> list[str]:
     return faults
 
 
-def measure(place: Path, users: int) -> Iterator[Measurement]:
+def measure(place: Path, users: int, pause: Seconds) -> Iterator[Measurement]:
     """Run a server in a folder, send the users through it and check what they saved."""
     log = place / "log"
     with running(place / "cache", log) as server:
-        first, load = Load(server), Load(server)
+        first, load = Load(server), Load(server, pause)
         asyncio.run(visit(server.address))
         asyncio.run(first.journeys(1, 1))
         asyncio.run(load.journeys(users))
@@ -184,9 +186,13 @@ def main(arguments: list[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(prog="python -m bench.load", description=__doc__)
     parser.add_argument("--users", type=int, default=20, help="at the same time (20)")
-    users = parser.parse_args(arguments).users
+    parser.add_argument("--pause", type=float, default=0.0, help="s at a page in the mean (0)")
+    given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as place:
-        part = measured(f"users: {users}", partial(measure, Path(place), users))
+        part = measured(
+            f"users: {given.users}, {given.pause:g} s at a page in the mean",
+            partial(measure, Path(place), given.users, given.pause),
+        )
     return Figures.now([part]).show()
 
 
