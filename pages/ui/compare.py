@@ -51,7 +51,6 @@ from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.result import (
     banner,
     recording_needed,
-    show_answer,
     show_cards,
     show_intervals,
 )
@@ -141,14 +140,14 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
     banner(workspace)
     recording_needed(workspace, "To run the methods, the page needs")
     info, rows = restored.info, restored.compared
-    if restored.segments or restored.parts.answer:
-        show_answer(info, restored.answer, restored.fit.case)
-    show_intervals(info, restored.uncertainty, "", restored.fit.case)
-    if not rows:
+    if restored.known_answer:
+        show_cards(cards(info, restored.answer, known_vehicles(restored), together=True))
+    if rows:
+        follower = pick_follower(info.labels[1:], "snapshots_row_follower")
+        show.table(tables.methods_table(info, rows, follower))
+    else:
         st.caption("No comparison of the methods was saved with this snapshot.")
-        return
-    follower = pick_follower(info.labels[1:], "snapshots_row_follower")
-    show.table(tables.methods_table(info, rows, follower))
+    show_intervals(info, restored.uncertainty, "", restored.fit.case)
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
