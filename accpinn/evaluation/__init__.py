@@ -252,11 +252,11 @@ def _bridge(segment: Segment, near: int, far: int) -> tuple[FloatArray, FloatArr
 
 
 class ValidationOverlaps(Finding, frozen=True):
-    """The window of the validation overlaps the one that was learned from."""
+    """The window of the validation overlaps one that was learned from."""
 
     text = (
-        "The validation window shares {seconds:.0f} s with the one learned from, so its errors are"
-        " too small; choose one outside it."
+        "The validation window shares {seconds:.0f} s with what was learned from, so its errors are"
+        " too small; choose one outside."
     )
 
     seconds: Seconds
@@ -296,37 +296,59 @@ class Validation:
     """Why the errors may say less than they seem to."""
 
 
-def validate(fit: Fit, segment: Segment, other: Segment) -> Validation:
-    """Errors of the closed-loop simulation on the segment of a fit and on another one.
+def validate(fit: Fit, segments: Sequence[Segment], other: Segment) -> Validation:
+    """Errors of the closed-loop simulation on the segments of a fit and on another one.
 
     Args:
         fit: the fit of any method, with M followers.
-        segment: the data that it was learned from.
+        segments: the data that it was learned from, one window or several of one run.
         other: data of M followers in the same order.
 
     Raises:
         SegmentError: if the number of followers differs.
     """
-    if other.followers != segment.followers:
+    if other.followers != segments[0].followers:
         raise SegmentError(
             f"{other.source}, {other.window}: {other.followers} followers cannot validate the"
-            f" parameters of {segment.followers}; choose as many."
+            f" parameters of {segments[0].followers}; choose as many."
         )
     return Validation(
-        closed_loop_errors(segment, fit),
+        _together([closed_loop_errors(segment, fit) for segment in segments], segments),
         closed_loop_errors(other, fit),
         closed_loop_findings(other, closed_loop(other, fit)),
-        tuple(_cautions(segment, other)),
+        tuple(_cautions(segments, other)),
     )
 
 
-def _cautions(segment: Segment, other: Segment) -> Iterator[ValidationOverlaps | OtherVehicles]:
+def _together(
+    errors: Sequence[TrackingErrors | None], segments: Sequence[Segment]
+) -> TrackingErrors | None:
+    """The errors on several windows as on one, each sample with the same weight."""
+    if not all(errors):
+        return None
+    weights = [segment.samples for segment in segments]
+
+    def mean(name: str, power: int) -> FloatArray:
+        values = [getattr(part, name) ** power for part in errors]
+        return np.asarray(np.average(values, axis=0, weights=weights) ** (1 / power))
+
+    return TrackingErrors(
+        mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
+    )
+
+
+def _cautions(
+    segments: Sequence[Segment], other: Segment
+) -> Iterator[ValidationOverlaps | OtherVehicles]:
+    segment = segments[0]
     same_run = (segment.sha256, segment.source) == (other.sha256, other.source)
-    if same_run:
-        learned_on, tried_on = segment.window, other.window
-        shared = min(learned_on.end, tried_on.end) - max(learned_on.start, tried_on.start)
-        same = bool(np.isin(other.vehicles[1:], segment.vehicles[1:]).any())
-        if shared > 0 and same:
+    if same_run and np.isin(other.vehicles[1:], segment.vehicles[1:]).any():
+        shared = sum(
+            max(0.0, min(part.window.end, other.window.end)
+                - max(part.window.start, other.window.start))
+            for part in segments
+        )  # fmt: skip
+        if shared > 0:
             yield ValidationOverlaps(float(shared))
     # In another run the same car may have another place; in one run two may have the same name.
     learned, validated = ((s.labels if same_run else s.names)[1:] for s in (segment, other))

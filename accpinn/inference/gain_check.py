@@ -31,6 +31,8 @@ FASTEST: RadiansPerSecond = 1.0
 """Highest frequency at which it is compared."""
 LEAST = 5
 """Fewer frequencies than these say nothing about a model."""
+MUCH = 3.0
+"""Difference in dB from which a measured peak above the model's is said in words."""
 APART = 1 / 3
 """Share of the frequencies beyond which bands that lie apart contradict the model."""
 
@@ -82,8 +84,9 @@ class GainCheck(Finding, frozen=True):
         """The verdict where it is contradicted, and how far model and measurement are apart."""
         if self.frequencies < LEAST:
             text = (
-                "{vehicle}: the verdict could not be held against a measured gain, as too few"
-                " frequencies are coherent; a longer window has more."
+                "{vehicle}: the verdict could not be held against a measured gain, as fewer than"
+                f" {LEAST} frequencies up to {FASTEST:g} rad/s have a coherence of {COHERENT:g}; a"
+                " longer window has more."
             )
             return self.filled(text, about)
         return self.filled(_TEXTS[self.contradiction], about)
@@ -95,6 +98,8 @@ class GainCheck(Finding, frozen=True):
             f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
             f" frequencies), its peak {'agrees' if abs(more) < 0.05 else side}"
         )
+        if more < -MUCH:
+            distance += f": disturbances may grow up to {10 ** (self.peak / 20):.1f} times"
         return {"distance": distance, "Distance": distance[:1].upper() + distance[1:]}
 
 

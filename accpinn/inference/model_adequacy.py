@@ -187,6 +187,7 @@ def _estimate_and_ends(form: str, maximum: Maximum, posterior: Posterior) -> Flo
     estimate = complete(form, maximum.values)
     lower, upper = interval_ends(complete(form, natural(form, posterior.all_evenly(DRAWS))), LEVEL)
     lower[:3] = np.where(estimate[:3] == 0.0, 0.0, lower[:3])
+    lower[3:] = np.minimum(lower[3:], estimate[3:])  # a term at its least value
     return np.array([estimate, lower, upper])
 
 

@@ -252,8 +252,8 @@ class Ascending(NamedTuple):
     """(K, P) z."""
     value: FloatArray
     """(K,) the criterion."""
-    curvature: FloatArray
-    """(K, P, P)"""
+    information: FloatArray
+    """(K, P, P) expected at those rows; the curvature that the search corrects is another."""
 
 
 def ascend(
@@ -278,7 +278,8 @@ def ascend(
     damping, reach = np.full(len(z), 1e-2), np.full(len(z), LONGEST_STEP)
     rounds = np.zeros(len(z), int)
     done = np.zeros(len(z), bool)
-    yield Ascending(z, value, curvature)
+    known = curvature.copy()
+    yield Ascending(z, value, known)
     for _ in range(ROUNDS):
         active = np.flatnonzero(~done)
         if not len(active):
@@ -309,6 +310,7 @@ def ascend(
                 )
             else:
                 curvature[k] = information
+            known[k] = information
             z[k], value[k], gradient[k] = trial[k], new, slope
             damping[k] = max(damping[k] / 8.0, 1e-9)
             reach[k] = min(4.0 * reach[k], LONGEST_STEP)
@@ -316,7 +318,7 @@ def ascend(
             rivals = np.flatnonzero((groups == groups[k]) & (value > value[k]))
             away = z[rivals] - z[k]
             done[k] |= (np.einsum("ki,kij,kj->k", away, curvature[rivals], away) < SAME).any()
-        yield Ascending(z, value, curvature)
+        yield Ascending(z, value, known)
     maxima = []
     for end, top, slope, bend, is_done, taken in zip(
         z, value, gradient, curvature, done & (damping < 1.0), rounds, strict=True

@@ -116,6 +116,13 @@ class Regression:
     """(M, N) dv/dt in m/s²."""
 
     @classmethod
+    def of_windows(cls, segments: Sequence[Segment]) -> Self:
+        """The rows of several windows of the same followers, one after the other."""
+        parts = [cls.of(segment) for segment in segments]
+        terms = np.concatenate([part.terms for part in parts], axis=1)
+        return cls(terms, np.concatenate([part.rates for part in parts], axis=1))
+
+    @classmethod
     def of(cls, segment: Segment) -> Self:
         """The rows of a segment, with central differences of its speeds."""
         rates = np.gradient(segment.measured_speeds[:, 1:], segment.sample_time, axis=0)

@@ -26,7 +26,7 @@ from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled
 from accpinn.inference.gain_check import LEAST, compared
 from accpinn.methods.fit import Undetermined
-from accpinn.methods.following import Drives, estimate
+from accpinn.methods.following import BLOCK, Drives, estimate
 from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, following_model
@@ -269,6 +269,11 @@ def subjects_of(
             if len(chosen) < LEAST_WINDOWS:
                 each = -(-LEAST_WINDOWS // len(chosen))
                 chosen = [part for whole in chosen for part in blocks(whole, each)]
+            if len(chosen) < 2:
+                raise SegmentError(
+                    f"{recording.source}: {chosen[0]} is too short to judge models by; it takes"
+                    f" {2 * BLOCK:g} s of which each half can be left out."
+                )
             segments = [cut(recording, w.start, w.duration, pair) for w in chosen]
         except SegmentError as fault:
             faults.append(fault)
@@ -281,8 +286,9 @@ def subjects_of(
 
 
 def blocks(window: Window, least: int) -> tuple[Window, ...]:
-    """A window in blocks near `BLOCKS_OF` seconds, ``least`` of them at least."""
+    """A window in blocks near `BLOCKS_OF` seconds: ``least`` of them, if they are long enough."""
     count = max(least, round(window.duration / BLOCKS_OF))
+    count = max(1, min(count, int(window.duration / BLOCK)))
     ends = np.linspace(window.start, window.end, count + 1).round(1).tolist()
     return tuple(Window(*pair) for pair in pairwise(ends))
 

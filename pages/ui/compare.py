@@ -147,7 +147,7 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
         show.table(tables.methods_table(info, rows, follower))
     else:
         st.caption("No comparison of the methods was saved with this snapshot.")
-    show_intervals(info, restored.uncertainty, "", restored.fit.case)
+    show_intervals(restored, "")
 
 
 def _controls(workspace: Workspace, segment: Segment) -> None:
@@ -229,7 +229,7 @@ def _show_summary(shown: _Shown) -> None:
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
     adequacy = conditional(shown.workspace.adequacy, segment)
-    show_intervals(segment.info, shown.uncertainty, adequacy, rows[0].fit.case)
+    show_intervals(rows[0], adequacy)
     show.messages(messages(shown.uncertainty.findings, segment))
 
 
@@ -391,7 +391,7 @@ def _show_identifiability(shown: _Shown) -> None:
     if np.isfinite(shown.answer.parameters.alpha[follower]):
         show.chart(answer_figures.joint(shown.answer, follower, shown.colour), "compare_joint")
         st.caption(
-            "Joint distribution of the answer's typical value; cross: the answer. A narrow slope"
+            "Joint distribution of the answer's typical value; cross: the answer. A slanted cloud"
             " means that two parameters trade off: each alone is known less than both together."
         )
 
@@ -414,6 +414,7 @@ def _show_adequacy(shown: _Shown) -> None:
         " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
         " under the form learned from the first two): prefer a form in which both are clearly"
         " above 0. If there is none, the forms show how much α, β and τ depend on the assumptions."
+        " A lag or delay is at least 0.05 s, so the likelihood with one can be below the CTHP's."
     )
     _show_residual(shown)
     _show_disturbance(shown)
@@ -428,9 +429,10 @@ def _show_residual(shown: _Shown) -> None:
     show.chart(figures.residual(found, shown.colour), "compare_residual")
     st.caption(
         f"Residual of dv/dt by {escape_markdown(tables.name_of(row.fit))}, in steps of a second."
-        f" Dashed: {CONFIDENCE:.0%} of what chance alone gives lies between. Left, bars beyond:"
-        " disturbances last. Right, bars beyond at lags above zero: the model lacks a part of the"
-        " response to the car ahead, as a delay.".replace("%", " %")
+        f" Dashed: {CONFIDENCE:.0%} of what chance alone gives lies between. Left, bars above:"
+        " disturbances last; the first one below: noise of the measured speeds. Right, bars beyond"
+        " at lags above zero: the model lacks a part of the response to the car ahead, as a"
+        " delay.".replace("%", " %")
     )
 
 

@@ -28,6 +28,7 @@ from accpinn.results.messages.stability import (
     criteria_differ,
     headline,
     reason,
+    three,
 )
 from accpinn.results.messages.summary import conditional
 from accpinn.results.tables.estimates import answer
@@ -209,7 +210,7 @@ def _show_simulate(workspace: Workspace, source: Chosen) -> None:
                 help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
             )  # fmt: skip
         if st.button(
-            f"Simulate at the peak, {peaks[which].omega:.3g} rad/s",
+            f"Simulate at the peak, {three(peaks[which].omega)} rad/s",
             key="stability_open_platoon",
             icon=":material/directions_car:",
         ):

@@ -33,7 +33,8 @@ WIDTHS = {"wide": (1440, 900), "narrow": (420, 900)}
 THEMES = ("light", "dark")
 SETTLE_MS = 700
 """Charts fade in; nothing on the page tells when they have."""
-DRAWN = """[...document.querySelectorAll('[data-testid=stPlotlyChart]')]
+DRAWN = """!document.querySelector('[data-testid=stSkeleton]')
+    && [...document.querySelectorAll('[data-testid=stPlotlyChart]')]
     .every(chart => chart.querySelector('.js-plotly-plot .main-svg'))"""
 BATCH_MS = 20 * TRAINING_MS
 OWN_TABLE = "stamp,v_lead,v_ego,gap_ego,acc_ego\n" + "".join(
@@ -120,6 +121,10 @@ class Camera:
 
     def tour(self, name: str) -> None:
         """Keep what the page shows at first, then each of its tabs to the end of the page."""
+        for title in self.page.get_by_role("tab").all_inner_texts()[:1]:
+            open_tab(self.page, title)
+        self.page.mouse.move(0, 0)
+        self.page.evaluate("document.querySelector('[data-testid=stMain]').scrollTo(0, 0)")
         self.fold(f"{name}_fold")
         for title in self.page.get_by_role("tab").all_inner_texts() or [""]:
             if title:

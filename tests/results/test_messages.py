@@ -129,7 +129,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_strict", AUDI, CALM, BMW),
      ["Follower 1 and follower 3", "follower 1 the most"]),
     (lambda: platoons("l2_weak", TESLA, DAMPED, DAMPED), ["others damp"]),
-    (lambda: platoons("l2_weak", AUDI, UNDAMPED, CALM), ["0.5 rad/s", "without limit"]),
+    (lambda: platoons("l2_weak", AUDI, UNDAMPED, CALM), ["0.500 rad/s", "without limit"]),
     (lambda: platoons("linf_weak", CALM, CALM), ["No follower"]),
     (lambda: platoons("linf_weak", TESLA, CALM), ["from the leader to the last"]),
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),

@@ -102,9 +102,13 @@ def test_one_window_is_judged_by_its_blocks() -> None:
     subjects = subjects_of(recording, windows=[Window(0.0, 300.0)])
     assert [len(one.windows) for one in subjects] == [3] * len(subjects)
     assert all(isinstance(part, Segment) for one in subjects for part in one.stretches)
-    short = subjects_of(recording, (1, 2), [Window(0.0, 60.0)])
+    (short,) = subjects_of(recording, (1, 2), [Window(0.0, 67.0)])
+    assert [part.window.duration for part in short.windows] == [33.5, 33.5]
+    with pytest.raises(SegmentError, match="it takes 60 s"):
+        subjects_of(recording, (1, 2), [Window(0.0, 50.0)])
+    one_short = subjects_of(recording, (1, 2), [Window(t, t + 25.0) for t in (0.0, 30.0, 60.0)])
     with pytest.raises(SegmentError, match="too short to judge a model by; choose a window"):
-        list(judge(short, ["cthp"]))
+        list(judge(one_short, ["cthp"]))
 
 
 def test_a_judgement_is_kept_with_the_result(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@
 The first ends before the second begins, as an estimate that the curves could still move would no
 longer be that of the evidence. The hidden layers stay as they were drawn by the seed: training them
 would lower Ψ by some percent and move no parameter. Standard errors of the parameters follow from
-the curvature with which the search ends.
+the filter's expected information.
 """
 
 from dataclasses import replace
@@ -93,7 +93,8 @@ class CalibratedTraining(Training):
             self._at = Ascending(
                 np.array([maximum.coordinates for maximum in maxima]),
                 np.array([maximum.criterion for maximum in maxima]),
-                np.array([maximum.curvature for maximum in maxima]),
+                # Without the coordinates that a bound holds.
+                np.where([maximum.curvature for maximum in maxima], self._at.information, 0.0),
             )
             self._note(is_last=True)
         except np.linalg.LinAlgError:
@@ -103,7 +104,7 @@ class CalibratedTraining(Training):
         """Look at the present moment; Ψ is that of the splines, and of the network at the end."""
         z = self._at.coordinates
         self._solution = solution_of(z, self.followers, self._form)
-        deviations = np.array([log_errors(curvature) for curvature in self._at.curvature])
+        deviations = np.array([log_errors(each) for each in self._at.information])
         parameters, evidence = self._solution.parameters, float(self._at.value.sum())
         if is_last:
             self._drawn = self.drawn(self.segment)
@@ -134,7 +135,7 @@ class CalibratedTraining(Training):
             nothing = trajectories(self.segment.time, np.zeros_like(self.measured))
             return self._fit(self._solution, nothing, {"total": np.nan})
         fit = self._drawn or self.drawn(self.segment)
-        deviations = [log_errors(curvature) for curvature in self._at.curvature]
+        deviations = [log_errors(each) for each in self._at.information]
         arrays = {
             "unknowns": natural(self._form, self._at.coordinates),
             "deviations": np.nan_to_num(deviations, posinf=0.0),

@@ -42,8 +42,8 @@ def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: 
         start, end = info.window.start, info.window.end
         chart.line(
             np.array([start, (start + end) / 2, end]), np.full(3, gap), str(info.window), width=3,
-            hover="%{y:.2f} s", error_y={**bar, "array": [0, max(upper - gap, 0), 0],
-                                         "arrayminus": [0, max(gap - lower, 0), 0]},
+            hover="%{y:.2f} s", error_y={**bar, "array": [None, max(upper - gap, 0), None],
+                                         "arrayminus": [None, max(gap - lower, 0), None]},
         )  # fmt: skip
     known = np.concatenate([gaps, low, high, further])
     known = known[np.isfinite(known)]

@@ -28,6 +28,8 @@ NORMAL_90 = 1.645
 HISTORY_HEIGHT = 225
 FEW = 30
 """Moments of a training up to which each is marked."""
+VISIBLE = 0.1
+"""Least change of the log evidence that fills the height of its chart."""
 LONG = 100
 """Iterations from which their axis is logarithmic."""
 GAP_ERROR = replace(GAP, name="Gap error")
@@ -83,8 +85,10 @@ def loss_history(history: History) -> go.Figure:
     if history.evidence is not None:
         # As a difference: the evidence itself has too many digits for an axis.
         missing = history.evidence - history.evidence[-1]
+        span = max(VISIBLE, float(np.ptp(missing)))
         chart.axis("y2", "Log evidence, less its last", overlaying="y", side="right",
-                   showgrid=False, tickmode="auto", nticks=5, standoff=2)  # fmt: skip
+                   showgrid=False, tickmode="auto", nticks=5, standoff=2, exponentformat="none",
+                   range=[missing.max() - 1.05 * span, missing.max() + 0.05 * span])  # fmt: skip
         _line(chart, history, missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",
               showlegend=False)  # fmt: skip
     return chart.figure()

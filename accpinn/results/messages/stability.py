@@ -130,14 +130,14 @@ def _l2(vehicle: VehicleStability) -> str:
             " headway; the paper's strict form counts this as unstable."
         )
     if vehicle.behaviour is Behaviour.UNDAMPED:
-        return f"{_UNDAMPED}: a disturbance at {peak.omega:.3g} rad/s grows without limit."
+        return f"{_UNDAMPED}: a disturbance at {three(peak.omega)} rad/s grows without limit."
     if vehicle.crossover is None or isinf(peak.gain):
         return _UNSTABLE
-    low = f"Disturbances below {vehicle.crossover:.3g} rad/s are amplified"
+    low = f"Disturbances below {three(vehicle.crossover)} rad/s are amplified"
     if verdict.marginal:
         return f"{low}, but by one part in 10⁹ at most, so the verdict is marginal."
     return (
-        f"{low}, most at {peak.omega:.3g} rad/s, by a factor of {factor(peak.gain)}"
+        f"{low}, most at {three(peak.omega)} rad/s, by a factor of {factor(peak.gain)}"
         f" ({peak.db:.2f} dB)."
     )
 
@@ -215,7 +215,7 @@ def _weak(verdict: Verdict, report: StabilityReport) -> str:
                 "Some followers amplify, but others damp more, so no frequency grows along the"
                 " platoon."
             )
-        at = f"A disturbance at {platoon.peaks[-1].omega:.3g} rad/s grows"
+        at = f"A disturbance at {three(platoon.peaks[-1].omega)} rad/s grows"
     else:
         if platoon.linf_strict.stable:
             return "No follower amplifies peaks, so neither does the platoon."
@@ -235,11 +235,11 @@ def factor(gain: float) -> str:
     """A gain for a sentence: three digits, and more the closer it is to 1."""
     excess = abs(gain - 1.0)
     if excess >= 0.2:
-        return _three(gain)
+        return three(gain)
     return f"{gain:.4g}" if excess >= 5e-4 else f"1 + {gain - 1.0:.2g}"
 
 
-def _three(value: float) -> str:
+def three(value: float) -> str:
     """Three significant digits, including zeros at the end."""
     return f"{value:#.3g}".rstrip(".")
 
@@ -270,7 +270,9 @@ def _most(
     worst = max(amplifying, key=lambda k: report.vehicles[k].peak.gain)
     peak = report.vehicles[worst].peak
     extent = "without limit" if isinf(peak.gain) else f"up to {factor(peak.gain)} times"
-    return chosen.spoken[worst], extent + (f" at {peak.omega:.3g} rad/s" if peak.omega > 0 else "")
+    return chosen.spoken[worst], extent + (
+        f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
+    )
 
 
 def headline(
@@ -428,21 +430,20 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         worst = int(moved.argmax())
         if not (worst and moved[0] > 0):
             return f"{hit}."
-        most = f"up to {moved[worst] / moved[0]:.3g} times as much as the leader's"
+        most = f"up to {three(moved[worst] / moved[0])} times as much as the leader's"
         return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:
         return "The leader's speed is constant, so there is no disturbance."
-    ratio, size = sizes[-1] / sizes[0], f"{_three(sizes[-1])} m/s against {_three(sizes[0])} m/s"
+    ratio, size = sizes[-1] / sizes[0], f"{three(sizes[-1])} m/s against {three(sizes[0])} m/s"
     if abs(ratio - 1) < SAME_AMPLITUDE:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"
     largest = int(np.argmax(sizes))
-    at = f"; at {places.spoken(largest)} to {sizes[largest] / sizes[0]:.3g} times"
+    at = f"; at {places.spoken(largest)} to {three(sizes[largest] / sizes[0])} times"
     more = at if 0 < largest < len(sizes) - 1 else ""
-    return (
-        f"The {what} {verb} to {ratio:.3g} times the leader's at the last follower: {size}{more}."
-    )
+    grown = f"The {what} {verb} to {three(ratio)} times the leader's at the last follower"
+    return f"{grown}: {size}{more}."
 
 
 def by_linearisation(run: PlatoonRun) -> str:
@@ -453,7 +454,7 @@ def by_linearisation(run: PlatoonRun) -> str:
     size = run.amplitudes.predicted[-1] if run.amplitudes else moved[-1]
     return (
         f"The linearisation at {3.6 * run.leader.speed:.0f} km/h, which holds for small"
-        f" disturbances, predicts {_three(float(size))} m/s for the last follower."
+        f" disturbances, predicts {three(float(size))} m/s for the last follower."
     )
 
 

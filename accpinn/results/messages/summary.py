@@ -50,7 +50,7 @@ def about_own_estimate(result: Result) -> str:
         windows = f"the {count} windows"
     fitted = f"The {TITLES[result.fit.model]} fitted to {windows} alone"
     if not result.is_finished:
-        return f"{fitted}, and not to its end. {curves}"
+        return f"{fitted}; the training was stopped before its end. {curves}"
     return (
         f"{fitted}: unlike the answer's, its intervals leave out how much windows of a car differ."
         f" {curves}"
@@ -170,6 +170,7 @@ def agreement(rows: Sequence[Result]) -> str:
     count, total = len(others) - len(differing), len(others)
     alike = f"{count} of {total} methods agree" if differing else f"All {total} methods agree"
     within = f"within its {percent(rows[0].uncertainty.level)} intervals"
+    within += " for every follower" if len(followers) > 1 else ""
     verb = "does" if len(differing) == 1 else "do"
     other = f"; {joined(differing)} {verb} not" if differing else ""
     return f"{alike} with maximum likelihood {within}{other}."
@@ -185,10 +186,11 @@ def outside_intervals(rows: Sequence[Result], follower: int) -> str:
         for which, symbol in enumerate("αβτ")
         if (names := [name_of(row.fit) for row in rows if _is_outside(row, follower, which)])
     ]
+    label = rows[0].info.labels[1 + follower]
     intervals = f"the {percent(uncertainty.level)} intervals"
     if not outside:
-        return f"All estimates lie within {intervals}."
-    return f"These estimates lie outside {intervals}: {'; '.join(outside)}."
+        return f"{label}: all estimates lie within {intervals}."
+    return f"{label}: these estimates lie outside {intervals}: {'; '.join(outside)}."
 
 
 def _is_outside(row: Result, follower: int, which: int) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 
 from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
 from accpinn.evaluation import Validation
+from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
@@ -62,9 +63,11 @@ def name_of(fit: Fit) -> str:
     return f"{method.title} ({', '.join(said)})" if said else method.title
 
 
-def where(info: SegmentInfo, case: Case | None = None, windows: str = "") -> str:
+def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:
     """The segment in a few words: file, window or windows, regimes excluded, a platoon's Case."""
-    parts = [info.source, windows or str(info.window)]
+    seconds = sum(part.window.duration for part in windows)
+    several = f"{len(windows)} windows, {seconds:g} s together" if len(windows) > 1 else ""
+    parts = [info.source, several or str(info.window)]
     parts += [f"without {', '.join(info.excluded_regimes)}"] if info.excluded_regimes else []
     return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
 
@@ -126,9 +129,7 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
         for column, cells in filled:
             known_cells = dict(zip(vehicles, cells, strict=False))
             columns.append((column, [known_cells.get(number) for number in numbers]))
-    seconds, count = sum(part.window.duration for part in result.infos), len(result.infos)
-    windows = f"{count} windows, {seconds:g} s together" if count > 1 else ""
-    return Table.of(f"{name_of(fit)}, {where(info, fit.case, windows)}", columns)
+    return Table.of(f"{name_of(fit)}, {where(info, fit.case, result.infos)}", columns)
 
 
 def row_vehicles(info: SegmentInfo, case: Case) -> tuple[int, ...]:
@@ -200,11 +201,12 @@ def comparison_table(
     estimates: Mapping[str, Parameters],
     case: Case = "II",
     uncertainty: Uncertainty | None = None,
+    windows: Sequence[SegmentInfo] = (),
 ) -> Table:
     """One row a follower: for each parameter, what each method finds, or the truth.
 
-    Estimates are (M,) by method; in Case I all followers share one row. The uncertainty limits the
-    digits to those that the intervals support.
+    Estimates are (M,) by method, from all ``windows``; in Case I all followers share one row. The
+    uncertainty limits the digits to those that the intervals support.
     """
     numbers = parameter_rows(info, case)
     filled = [
@@ -216,10 +218,15 @@ def comparison_table(
         for name, parameters in estimates.items()
     ]
     followers = (Column("Vehicle"), row_labels(info, numbers))
-    return Table.of(f"Estimates side by side, {where(info)}", [followers, *filled])
+    return Table.of(f"Estimates side by side, {where(info, windows=windows)}", [followers, *filled])
 
 
-def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "II") -> Table:
+def intervals_table(
+    info: SegmentInfo,
+    uncertainty: Uncertainty,
+    case: Case = "II",
+    windows: Sequence[SegmentInfo] = (),
+) -> Table:
     """One row a follower, or one for all that share their parameters.
 
     The columns are the maximum-likelihood estimates with their intervals and the probability of
@@ -229,7 +236,7 @@ def intervals_table(info: SegmentInfo, uncertainty: Uncertainty, case: Case = "I
     estimates = _estimate_cells(uncertainty.centre, uncertainty, "Maximum likelihood")
     filled = (*estimates, *probability_cells(uncertainty))
     return Table.of(
-        f"Uncertainty, {where(info)}",
+        f"Uncertainty, {where(info, windows=windows)}",
         [
             (Column("Follower"), row_labels(info, numbers)),
             *((column, [*cells][: len(numbers)]) for column, cells in filled),
@@ -351,12 +358,19 @@ def earlier_title(result: Result) -> str:
     return f"{name_of(result.fit)}, {where(result.info, result.fit.case)}"
 
 
-def validation_table(info: SegmentInfo, other: SegmentInfo, validation: Validation) -> Table:
-    """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another."""
+def validation_table(
+    infos: Sequence[SegmentInfo], other: SegmentInfo, validation: Validation
+) -> Table:
+    """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another.
+
+    The first window of ``infos`` names the followers.
+    """
+    info, learned = infos[0], joined([str(part.window) for part in infos[:2]])
+    learned = learned if len(infos) < 3 else f"{len(infos)} windows"
     source = "" if info.source == other.source else f"{other.source}, "
     filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
     for group, key, errors in (
-        (f"Learned from: {info.window}", "learned", validation.learned),
+        (f"Learned from: {learned}", "learned", validation.learned),
         (f"Validation: {source}{other.window}", "validation", validation.validated),
     ):
         absent = info.followers * [None]

@@ -218,7 +218,10 @@ def session_state(workspace: Workspace) -> list[str]:
     if info := workspace.info:
         case = f", Case {workspace.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
-        window = in_words(info.window, workspace.several_windows)
+        windows = workspace.several_windows
+        if restored and not recording:
+            windows = restored.analysis.windows
+        window = in_words(info.window, windows)
         lines.append(f"**Window** {window}, {vehicles}{case}")
         if excluded := ", ".join(info.excluded_regimes):
             lines.append(f"**Without** {escape_markdown(excluded)}")

@@ -12,10 +12,9 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
-from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
-from accpinn.methods import least_squares
 from accpinn.methods.fit import History, Outcome, headway_findings
+from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import CTHPS, TITLES
 from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks, label_of
@@ -248,13 +247,14 @@ def _show_comparison(
     """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
     estimates = {name_of(fit).partition(" (")[0]: fit.parameters}
-    if segment:
-        estimates["Least squares"] = least_squares.fit(segment, fit.case).parameters
+    if result.segments:
+        solved = Regression.of_windows(result.segments).solve(fit.case)
+        estimates["Least squares"] = solved.parameters
     estimates["Maximum likelihood"] = uncertainty.centre
     if truth:
         estimates["Truth"] = truth
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
-    table = tables.comparison_table(info, estimates, fit.case, uncertainty)
+    table = tables.comparison_table(info, estimates, fit.case, uncertainty, result.infos)
     show.table(table, colours)
     st.caption(
         "Disturbances that last for seconds bias least squares and the PiNN's loss alike; maximum"
@@ -310,7 +310,7 @@ def _show_history(result: Result, history: History, truth: Parameters | None, pa
     info, model = result.info, result.fit.model
     show.vehicle_key(info, bool(truth) and model in CTHPS, info.shares(result.fit.case))
     if history.deviations is not None:
-        st.caption(BANDS)
+        st.caption(f"{BANDS} The last point is the network's, drawn with what was found.")
     show.charts([*figures.training_figures(history, info, model, truth).items()], page)
 
 
@@ -335,10 +335,11 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
         )  # fmt: skip
 
 
-def show_intervals(info: SegmentInfo, uncertainty: Uncertainty, more: str, case: Case) -> None:
+def show_intervals(result: Result, more: str) -> None:
     """Maximum-likelihood estimates with intervals; ``more`` ends the caption."""
+    info, case = result.info, result.fit.case
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
-    show.table(tables.intervals_table(info, uncertainty, case), colours)
+    show.table(tables.intervals_table(info, result.uncertainty, case, result.infos), colours)
     st.caption(
         "Maximum likelihood estimates the disturbances together with the parameters; in brackets,"
         " the values consistent with the data. Probability of string stability: the share of"

@@ -354,7 +354,8 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
         st.toggle(
             f"{every} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
             help="The answer's interval narrows with every window of the same vehicles, more than"
-            " by any refinement in one. Methods on page Compare keep the window above.",
+            " by any refinement in one. Short stretches of catching up stay in a window. Methods on"
+            " page Compare keep the window above, and so do the tabs below.",
         )  # fmt: skip
 
 

@@ -193,8 +193,8 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         help="As many followers behind it are simulated as parameters are learned.",
     )  # fmt: skip
     vehicles = platoons[leader]
-    learned, stretches = workspace.window, complete_windows(chosen, vehicles)
-    if chosen is recording:  # beside the window learned from
+    stretches = complete_windows(chosen, vehicles)
+    for learned in _learned(workspace) if chosen is recording else ():
         parts = [
             part
             for stretch in stretches
@@ -202,7 +202,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
                          Window(max(stretch.start, learned.end), stretch.end))
         ]  # fmt: skip
         stretches = tuple(part for part in parts if part.duration >= SHORTEST)
-    first = first_window(chosen, stretches, learned.duration)
+    first = first_window(chosen, stretches, workspace.window.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
@@ -223,6 +223,13 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
             show.messages(str(fault), "error")
     _upload(workspace)
     show_validation(workspace)
+
+
+def _learned(workspace: Workspace) -> tuple[Window, ...]:
+    """The windows that the result was learned from, or the next one will be."""
+    if workspace.result:
+        return tuple(info.window for info in workspace.result.infos)
+    return workspace.several_windows or (workspace.window,)
 
 
 def _upload(workspace: Workspace) -> None:
@@ -253,10 +260,11 @@ def show_validation(workspace: Workspace) -> None:
             " are no learned parameters yet."
         )
         return
-    validation = show.attempt(lambda: validate(result.fit, segment, other))
+    learned = result.segments or (segment,)
+    validation = show.attempt(lambda: validate(result.fit, learned, other))
     if validation is None:
         return
-    table = validation_table(segment.info, other.info, validation)
+    table = validation_table([part.info for part in learned], other.info, validation)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
     said = (*messages(validation.findings, segment), *messages(validation.events, other))
     show.messages(said, "warning")
