@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
 from accpinn.inference.intervals import DRAWS, LEVEL, interval_ends
-from accpinn.inference.posterior import Posterior, sample
+from accpinn.inference.posterior import sample
+from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import one_thread
 from accpinn.methods.kalman import Innovations, innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
@@ -30,7 +31,7 @@ from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import complete, coordinates
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import FOLLOWING, TITLES
+from accpinn.model.registry import FOLLOWING, PAPER, TITLES
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
@@ -163,16 +164,22 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     tests: tuple[FloatArray, ...] = ()
     for form in FORMS:
         maxima = joint_maxima((segment,), case, form, known)
-        posteriors = sample(series, maxima, form)
         size = len(coordinates(form))
         aic = spread([2 * size - 2 * maximum.log_likelihood for maximum in maxima])
         density = spread(_held_out_density(series, maxima, form))
         if form == "cthp":
             cthp_aic, cthp_density = aic, density
             tests = innovation_tests(series, maxima)
-        pairs = zip(maxima, posteriors, strict=True)
-        values = spread([_estimate_and_ends(form, *pair) for pair in pairs])
-        estimate, lower, upper = (Parameters.of(values[:, row]) for row in range(3))
+        if form == PAPER:
+            values = spread([maximum.complete for maximum in maxima])
+            posteriors = sample(series, maxima, form)
+            draws = [complete(form, natural(form, part.all_evenly(DRAWS))) for part in posteriors]
+            drawn = np.moveaxis(spread(draws), 0, 1)
+        else:  # as where windows stand alone: one question has one answer
+            alone = window_posterior(segment, case, form)
+            values = alone.estimates
+            drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds).complete
+        estimate, lower, upper = map(Parameters.of, (values, *_ends(values, drawn)))
         forms.append(
             ModelForm(form, estimate, lower, upper, aic - cthp_aic, density - cthp_density)
         )
@@ -182,13 +189,12 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
 
 
-def _estimate_and_ends(form: str, maximum: Maximum, posterior: Posterior) -> FloatArray:
-    """(3, 6) estimate, lower and upper end of the complete parameters under a model."""
-    estimate = complete(form, maximum.values)
-    lower, upper = interval_ends(complete(form, natural(form, posterior.all_evenly(DRAWS))), LEVEL)
-    lower[:3] = np.where(estimate[:3] == 0.0, 0.0, lower[:3])
-    lower[3:] = np.minimum(lower[3:], estimate[3:])  # a term at its least value
-    return np.array([estimate, lower, upper])
+def _ends(values: FloatArray, drawn: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends (M, 6) of the intervals about complete parameters (M, 6), by draws (n, M, 6)."""
+    lower, upper = interval_ends(drawn, LEVEL)
+    lower = np.where(values == 0.0, 0.0, lower)
+    lower[:, 3:] = np.minimum(lower[:, 3:], values[:, 3:])  # a term at its least value
+    return lower, upper
 
 
 def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> list[BetterForm]:
