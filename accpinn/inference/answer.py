@@ -212,7 +212,7 @@ class Answer:
 
     @property
     def stated_speed(self) -> MetresPerSecond:
-        """The highest of `SPEEDS` that every follower drove.
+        """The highest of `SPEEDS` up to the speed that every follower reached.
 
         It is the lowest where that is none, or where the followers' median speed is below it.
         """

@@ -45,6 +45,7 @@ from accpinn.units import FloatArray, Mask, Seconds
 METHOD = "posterior of the exact likelihood, by importance sampling"
 LEVEL = 0.9
 """Level of the intervals."""
+HUGE = 1e300
 DRAWS = 2000
 """Number of draws of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
@@ -344,12 +345,17 @@ def _sample(
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper quantiles over the first axis of what is not nan; nan where most is."""
+    """Lower and upper quantiles over the first axis of what is not nan; nan where most is.
+
+    An end among infinite values is infinite.
+    """
     tails = (1.0 - level) / 2.0, (1.0 + level) / 2.0
+    values = np.clip(values, -HUGE, HUGE)  # the mean of two infinite ones is none
     ends = np.quantile(values, tails, axis=0)
     partly = np.isnan(ends[0]) & (np.isnan(values).mean(axis=0) <= 0.5)
     if partly.any():
         ends[:, partly] = np.nanquantile(values[:, partly], tails, axis=0)
+    ends = np.where(np.abs(ends) > 1e-9 * HUGE, np.copysign(np.inf, ends), ends)
     return ends[0], ends[1]
 
 

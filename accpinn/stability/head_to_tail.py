@@ -31,7 +31,7 @@ from accpinn.stability.criteria import (
     slowest_rate,
     step_metrics,
 )
-from accpinn.stability.lagged import attenuation
+from accpinn.stability.lagged import attenuation, is_lagged, polynomials
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -75,21 +75,21 @@ def head_to_tail_peaks(parameters: Parameters) -> Peak:
     with np.errstate(divide="ignore"):
         log_gain, omega = np.log(known), np.zeros(len(parameters))
     if ordinary < len(parameters):
-        omega[np.isinf(known)] = np.sqrt(parameters.alpha[ordinary])
+        omega[np.isinf(known)] = peaks(parameters).omega[ordinary]
     if ordinary:
         log_gain[:ordinary], omega[:ordinary] = _ordinary_peaks(parameters[:ordinary])
     return Peak.of(log_gain, omega)
 
 
 def _limits(parameters: Parameters) -> FloatArray:
-    """(M,): 0 from the first vehicle on that does not react, inf behind an undamped one, else nan.
+    """(M,): 0 from the first vehicle on that does not react, inf behind an unstable one, else nan.
+
+    Unstable is also one that is not damped.
 
     Where it is nan, which are the first vehicles, the gains are to be computed.
     """
     silent = np.logical_or.accumulate((parameters.alpha == 0) & (parameters.beta == 0))
-    undamped = np.logical_or.accumulate(
-        (parameters.alpha > 0) & (parameters.alpha * parameters.tau + parameters.beta == 0)
-    )
+    undamped = np.logical_or.accumulate(np.isinf(peaks(parameters).gain))
     return np.where(silent, 0.0, np.where(undamped, np.inf, np.nan))
 
 
@@ -136,18 +136,45 @@ def _step_variation(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     stages = _stages(parameters)
     if not stages:
         return np.full(count, np.nan), np.full(count, np.nan)
-    system = motion_matrix(parameters)[:, :-1]
-    size = 2 * count
-    state = np.zeros(len(system))  # the distance to the new equilibrium, negative
-    state[0:size:2], state[1:size:2] = parameters.tau, 1.0
+    system, speed, state = _cascade(parameters)
     fine, coarse = np.zeros(count), np.zeros(count)
     for _, step in stages:
         states = orbit(expm(system * step), state, SAMPLES + 1)
-        speeds, rates = states[:, 1:size:2], states @ system[1:size:2].T
+        speeds, rates = states @ speed.T, states @ (speed @ system).T
         fine += _variation(speeds, rates * step)
         coarse += _variation(speeds[::2], rates[::2] * (2.0 * step))
         state = states[-1]
     return fine, coarse
+
+
+def _cascade(parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The platoon as a linear system: its matrix (K, K), the speeds (M, K) in it, and the state.
+
+    The state (K,) is the distance to the new equilibrium after a unit step of the leader's speed.
+    Each vehicle is its polynomials' controllable form behind the speed of the one ahead. A delay
+    shifts the response in time, so that only its part inside the loop is in them.
+    """
+    if not is_lagged(parameters):
+        system, count = motion_matrix(parameters)[:, :-1], len(parameters)
+        state = np.stack([parameters.tau, np.ones(count)], axis=1).ravel()
+        return system, np.eye(2 * count)[1::2], state
+    pairs = [
+        (upper[: len(lower) - 1] / lower[-1], lower / lower[-1])
+        for upper, lower in zip(*polynomials(parameters), strict=True)
+        for lower in [np.trim_zeros(lower, "b")]
+    ]
+    orders = [len(lower) - 1 for _, lower in pairs]
+    system, speed = np.zeros((sum(orders), sum(orders))), np.zeros((len(pairs), sum(orders)))
+    state, begin, ahead = np.zeros(sum(orders)), 0, None
+    for k, (upper, lower) in enumerate(pairs):
+        end = begin + orders[k]
+        system[range(begin, end - 1), range(begin + 1, end)] = 1.0
+        system[end - 1, begin:end] = -lower[:-1]
+        if ahead is not None:
+            system[end - 1] += ahead
+        speed[k, begin:end], state[begin] = upper, 1.0 / lower[0]
+        begin, ahead = end, speed[k]
+    return system, speed, state
 
 
 def _stages(parameters: Parameters) -> list[tuple[Seconds, Seconds]]:

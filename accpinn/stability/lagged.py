@@ -28,12 +28,18 @@ from numpy.typing import NDArray
 from accpinn.model.cthp import Parameters
 from accpinn.units import FloatArray, Mask
 
-INSTANTS = 2000
-"""Instants of the step response."""
-STRIDE = 45
+STAGES, STRETCH = 7, 4.0
+"""The step response is taken in stages, each longer than the one before by this ratio: a fast
+oscillation may stand beside a slow pole."""
+INSTANTS = 144
+"""Instants of each stage."""
+STRIDE = 12
 """Instants whose exponentials are computed together."""
 TIME_CONSTANTS = 15.0
 """Length of the step response, in time constants of the slowest pole."""
+RINGING, MOST = 6.0, 256.0
+"""Ratio of a pole's frequency to its decay above which more instants are taken, and how many times
+as many at most."""
 AT_ONCE = 200
 """Vehicles whose step responses are held at once."""
 ROUNDING = 1e-9
@@ -181,21 +187,49 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     poles = _roots(lower)
     overshoots, gains = np.full((2, len(upper)), np.inf)
     decaying = np.flatnonzero(_decays(poles) & np.isfinite(poles.real).any(axis=1))
-    for rows in np.array_split(decaying, len(decaying) // AT_ONCE + 1):
-        p = np.where(np.isnan(poles[rows]), -1.0, poles[rows])
-        residues = _value(upper[rows], p) / _value(_derived(lower[rows]), p)
-        weights = np.where(np.isnan(poles[rows]), 0.0, residues / p)
-        exponents = p * (TIME_CONSTANTS / (INSTANTS - 1) / -p.real.max(axis=1)[:, None])
+    ringing = np.nanmax(np.abs(poles[decaying].imag / poles[decaying].real), axis=1, initial=0.0)
+    finer = 2 ** np.ceil(np.log2(np.clip(ringing / RINGING, 1.0, MOST)))
+    for factor in np.unique(finer).astype(int):
+        alike, count = decaying[finer == factor], factor * INSTANTS
+        for rows in np.array_split(alike, len(alike) * factor // AT_ONCE + 1):
+            p = np.where(np.isnan(poles[rows]), -1.0, poles[rows])
+            residues = _value(upper[rows], p) / _value(_derived(lower[rows]), p)
+            weights = np.where(np.isnan(poles[rows]), 0.0, residues / p)
+            overshoots[rows], gains[rows] = _overshoot_and_variation(p, weights, count)
+    return overshoots, gains
+
+
+def _overshoot_and_variation(
+    poles: NDArray[np.complex128], weights: NDArray[np.complex128], count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Of the step responses Σ w_i (e^(p_i t) - 1) of V vehicles, poles and weights (V, n).
+
+    ``count`` instants are taken in each of the stages. A turning point between them is that of the
+    parabola through its neighbours.
+    """
+    level, highest, variation = np.zeros((3, len(poles)))
+    final = -weights.sum(axis=1).real
+    ends = TIME_CONSTANTS / -poles.real.max(axis=1) / STRETCH ** np.arange(STAGES)[:, None]
+    begin = np.zeros(len(poles))
+    for end in ends[::-1]:
+        exponents = poles * ((end - begin) / count)[:, None]
         # e^(p t) at instant k = STRIDE i + j is a product of two factors, of i and of j.
         near = np.exp(exponents[:, :, None] * np.arange(STRIDE))
-        far = np.exp(exponents[:, :, None] * np.arange(0, INSTANTS, STRIDE))
-        far *= (weights * np.expm1(exponents))[:, :, None]
+        far = np.exp(exponents[:, :, None] * np.arange(0, count, STRIDE))
+        far *= (weights * np.exp(poles * begin[:, None]) * np.expm1(exponents))[:, :, None]
         parts = [np.concatenate([one.real, one.imag], axis=1) for one in (far.conj(), near)]
-        rises = (parts[0].swapaxes(1, 2) @ parts[1]).reshape(len(rows), -1)[:, : INSTANTS - 1]
-        gains[rows] = np.abs(rises).sum(axis=1)
-        step = rises.cumsum(axis=1)
-        overshoots[rows] = np.maximum(step.max(axis=1) - step[:, -1], 0.0)
-    return overshoots, gains
+        rises = (parts[0].swapaxes(1, 2) @ parts[1]).reshape(len(poles), -1)[:, :count]
+        step = rises.cumsum(axis=1) + level[:, None]
+        np.maximum(highest, step.max(axis=1), out=highest)
+        variation += np.abs(rises).sum(axis=1)
+        rising = rises > 0.0
+        row, at = np.nonzero(rising[:, :-1] != rising[:, 1:])
+        first, last = rises[row, at], rises[row, at + 1]
+        beyond = (first + last) ** 2 / (8.0 * (first - last))
+        np.add.at(variation, row, 2.0 * np.abs(beyond))
+        np.maximum.at(highest, row, step[row, at] + beyond)
+        level, begin = step[:, -1], end
+    return np.maximum(highest - final, 0.0), variation + np.abs(final - level)
 
 
 def attenuation(parameters: Parameters) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:

@@ -168,6 +168,7 @@ def test_ends_are_those_of_the_known_draws_where_half_are_known() -> None:
     np.testing.assert_allclose(lower, [10.0, 55.0, np.nan, np.nan])
     np.testing.assert_allclose(upper, [90.0, 95.0, np.nan, np.nan])
     assert interval_ends(draws[:, 1], 0.8) == (lower[1], upper[1])
+    assert interval_ends(np.r_[np.linspace(1, 2, 80), np.full(20, np.inf)], 0.9)[1] == np.inf
 
 
 TRUE = ((0.1, 0.3, 1.2), (0.08, 0.2, 1.4))

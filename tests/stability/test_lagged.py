@@ -11,7 +11,9 @@ from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
 from accpinn.stability import stability_report
 from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
+from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.stability.lagged import is_lagged, lagged_stability, step_gain
+from accpinn.units import FloatArray
 
 
 def drawn(count: int, seed: int, lag: float = 0.0, delay: float = 0.0) -> Parameters:
@@ -90,6 +92,55 @@ def test_the_gain_of_peaks_is_the_integral_of_the_impulse_response() -> None:
         _, h = lti([beta, alpha], [lag, 1.0, alpha_tau + beta, alpha]).impulse(T=time)
         expected.append(float(trapezoid(np.abs(h), time)))
     np.testing.assert_allclose(step_gain(lagged)[1], expected, rtol=2e-3)
+
+
+def integral(vehicles: Parameters, time: FloatArray) -> float:
+    """∫|h| of a platoon by trapezoids, h being the sum of its poles' exponentials; all differ."""
+    upper, lower = np.ones(1), np.ones(1)
+    for alpha, beta, tau, _, lag, delay in vehicles.complete:
+        pade = np.array([delay**2 / 12, delay / 2, 1.0])
+        mirrored = np.polymul(pade * [1, -1, 1], [alpha * tau + beta, alpha])
+        upper = np.polymul(upper, np.polymul([beta, alpha], pade))
+        lower = np.polymul(lower, np.polyadd(np.polymul([lag, 1, 0, 0], pade), mirrored))
+    poles = np.roots(lower)
+    residues = np.polyval(upper, poles) / np.polyval(np.polyder(lower), poles)
+    parts = (r * np.exp(p * time) for r, p in zip(residues, poles, strict=True))
+    return float(trapezoid(np.abs(np.sum([*parts], axis=0).real), time))
+
+
+def test_a_fast_oscillation_beside_a_slow_pole_is_resolved() -> None:
+    time = np.concatenate([np.linspace(0, 200, 200_001), np.geomspace(200, 20_000, 20_001)[1:]])
+    vehicles = Parameters(
+        [0.00183, 0.001266, 0.00358, 0.0028, 0.0101], [0.9527, 0.823, 1.075, 0.946, 1.42],
+        [2.704, 2.155, 1.425, 1.564, 0.466], lag=[0, 0, 0, 0.538, 0.841],
+        delay=[0.9427, 1.768, 0.827, 0, 0],
+    )  # fmt: skip
+    expected = [integral(vehicle[None], time) for vehicle in vehicles]
+    assert expected[0] > 2, "as |H| has a peak of 1.85"
+    np.testing.assert_allclose(step_gain(vehicles)[1], expected, rtol=1e-3)
+
+
+def test_gains_along_a_platoon_take_a_delay_as_a_shift() -> None:
+    """‖h₁ * h₂‖ ≤ ‖h₁‖ ‖h₂‖, which the approximant outside the loop would exceed."""
+    time = np.linspace(0, 1_500, 300_001)
+    for first, second in drawn(12, 6, lag=0.3, delay=0.8).complete.reshape(6, 2, 6):
+        pair = Parameters.of(np.array([first, second]))
+        if not lagged_stability(pair).stable.all():
+            continue
+        gain = head_to_tail_gains(pair).gain
+        assert gain[1] <= np.prod(step_gain(pair)[1]) * (1 + 1e-3)
+        assert gain[1] == pytest.approx(integral(pair, time), rel=1e-3)
+    calm = Parameters([0.028, 0.043], [0.58, 0.516], [1.657, 2.467], delay=0.58)
+    assert head_to_tail_gains(calm).gain[1] < 1.0001
+
+
+def test_what_follows_an_unstable_vehicle_is_without_limit() -> None:
+    report = stability_report(Parameters([0.1, 0.5, 0.1], [0.3, 1, 0.3], 1.5, delay=[0.3, 2, 0.3]))
+    assert [np.isinf(vehicle.linf_gain) for vehicle in report.vehicles] == [False, True, False]
+    platoon = report.platoon
+    assert [np.isinf(peak.gain) for peak in platoon.peaks] == [False, True, True]
+    assert np.isinf(platoon.linf.gain).tolist() == [False, True, True]
+    assert not any(verdict.stable for verdict in (platoon.l2_weak, platoon.linf_weak))
 
 
 def test_a_vehicle_is_unstable_beyond_rouths_lag_and_the_delay_margin() -> None:

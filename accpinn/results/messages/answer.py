@@ -1,7 +1,7 @@
 """The answer in sentences, one a follower, and the label of estimates that are the paper's."""
 
 from collections.abc import Sequence
-from math import ceil, inf, isnan
+from math import ceil, floor, inf, isnan, log10
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, probability, spelled, who
@@ -119,7 +119,8 @@ def differing_windows(info: SegmentInfo, answer: Answer) -> str:
         return ""
     named = joined([who(finding.vehicle, info) for finding in findings])
     most = max(finding.probability for finding in findings)
-    level = "p < 0.001" if most < 0.001 else f"p ≤ {most:.1g}"
+    unit = 10.0 ** floor(log10(max(most, 0.001)))
+    level = "p < 0.001" if most < 0.001 else f"p ≤ {ceil(most / unit) * unit:.1g}"
     spread = max(finding.spread for finding in findings)
     return (
         f"The {findings[0].windows} windows of {named[0].lower() + named[1:]} differ by more than"
@@ -195,10 +196,11 @@ def _verdict(subject: KnownVehicles, follower: int) -> _Verdict | None:
     gains = (growth, float(ends.lower[follower]), float(ends.upper[follower]))
     if growth < 3:
         most, low, high = (f"{100 * (gain - 1):.0f}" for gain in gains)
-        in_words = f"by up to {most} % ({low}–{high} %)"
+        within = f"{low} % or more" if high == "inf" else f"{low}–{high} %"
+        in_words = f"by up to {most} % ({within})"
     else:
         most, low, high = (f"{gain:.1f}" for gain in gains)
-        in_words = f"up to {most} times ({low}–{high})"
+        in_words = f"up to {most} times ({low}{' or more' if high == 'inf' else f'–{high}'})"
     return _Verdict(assessment(stable), stable, growth, in_words)
 
 
