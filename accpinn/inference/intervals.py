@@ -50,6 +50,8 @@ DRAWS = 2000
 """Number of draws of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
 """Share of an interval's width by which its sampled ends vary from seed to seed."""
+FEW = 50
+"""Different draws below which intervals are called rough."""
 ENDS = ("centre", "lower", "upper")
 """Fields of `Uncertainty` that hold parameters of the followers."""
 
@@ -70,7 +72,7 @@ _BIAS = (
 )
 WHY: dict[Cause, str] = {
     "disturbances": _BIAS,
-    "apart": "the likelihood has a long tail or several maxima here, so rely on the interval",
+    "apart": "the likelihood has a long tail or several maxima here",
     "unfinished": f"more iterations may change it, or {_BIAS}",
     "stopped": "training was stopped before its end",
     "diverged": "training diverged",
@@ -129,7 +131,20 @@ class OutsideInterval(Finding, frozen=True):
         return {"estimates": estimates, "lie": lie, "why": WHY[self.cause]}
 
 
-UncertaintyFinding = NotDetermined | OutsideInterval
+class FewDraws(Finding, frozen=True):
+    """Few different draws stand for a follower's posterior."""
+
+    text = (
+        "{vehicle}: only {draws} different draws stand for the posterior, as the likelihood has a"
+        " long tail or several maxima here: intervals and probabilities are rough."
+    )
+
+    vehicle: int
+    """0 for all followers together."""
+    draws: int
+
+
+UncertaintyFinding = NotDetermined | OutsideInterval | FewDraws
 
 
 def _estimate(interval: ParameterInterval) -> str:
@@ -364,6 +379,8 @@ def _findings(segment: Segment, fit: Fit, compared: Uncertainty) -> list[Uncerta
     for k, vehicle in enumerate((0,) if fit.case == "I" else segment.vehicles[1:]):
         if np.isnan(compared.centre[k].alpha):
             findings.append(NotDetermined(vehicle))
+        elif 1 < (different := len(np.unique(compared.draws.alpha[:, k]))) < FEW:
+            findings.append(FewDraws(vehicle, different))
         rows = parameter_intervals(compared, k, fit.parameters)
         outside = [row for row, yes in zip(rows, compared.inside[k], strict=True) if not yes]
         if outside:

@@ -29,7 +29,7 @@ from accpinn.methods.state_space import (
     state_space,
 )
 from accpinn.model.registry import Held
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray, Mask, MetresPerSecond
 
 DIFFERENCE = 1e-5
 """Difference of a coordinate, for the slopes."""
@@ -53,6 +53,14 @@ STARTS = ((0.0, 0.0), (-1.5, 1.4), (1.0, 0.0))
 
 Near the middle of published parameters; far below it, where weak controllers lie that are disturbed
 for long; and above it. A disturbance that lasts has a maximum of its own in some recordings."""
+
+STANDING: MetresPerSecond = 1.0
+"""Speed below which a vehicle stands, where it obeys no gain."""
+GAP_NOISE = [unknown.name for unknown in COMMON].index("gap_noise")
+"""The place of the gap's noise; that of the speed is the next."""
+COARSE = (1.5, -1.2)
+"""ln of factors on both for a further search where a vehicle stands: gaps in which it does not move
+as the model says pass for noise in one maximum, and for lasting disturbances in another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +228,10 @@ def maximise(
         gain, memory = np.repeat(STARTS, series.groups, axis=0).T
         z[:, :2] += gain[:, None]
         z[:, MEMORY] += memory
+        if (series.measured[:, 1] < STANDING).any():
+            coarse = np.tile(criterion.start, (series.groups, 1))
+            coarse[:, GAP_NOISE : GAP_NOISE + 2] += COARSE
+            z = np.concatenate([z, coarse])
     else:
         z = np.array(near)
     groups = np.arange(len(z)) % series.groups

@@ -12,6 +12,7 @@ from accpinn.inference import intervals as module
 from accpinn.inference import prediction
 from accpinn.inference.intervals import (
     Cause,
+    FewDraws,
     NotDetermined,
     OutsideInterval,
     Uncertainty,
@@ -79,6 +80,19 @@ def test_estimates_outside_are_found_with_a_cause(
     _, beta, tau = parameter_intervals(uncertainty, 0, beside)
     assert found == OutsideInterval(2, (beta, tau), cause)
     assert (beta.symbol, beta.estimate) == ("β", 9.0)
+
+
+def test_a_posterior_of_few_different_draws_is_reported(
+    segment: Segment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fit = least_squares.fit(segment)
+    whole = intervals(segment, fit)
+    assert not [one for one in whole.findings if isinstance(one, FewDraws)]
+    few = np.resize(whole.draws.complete[::300], whole.draws.complete.shape)
+    thin = replace(whole, draws=Parameters.of(few), findings=())
+    monkeypatch.setattr("accpinn.inference.intervals._shared", lambda *_: thin)
+    found = [one for one in intervals(segment, fit).findings if isinstance(one, FewDraws)]
+    assert found == [FewDraws(vehicle, 7) for vehicle in segment.vehicles[1:]]
 
 
 def test_an_end_is_no_sharper_than_the_draws() -> None:

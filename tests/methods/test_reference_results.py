@@ -6,6 +6,7 @@ follower, whose printed value (.1470) is 12 % above the limit that the loss has 
 """
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +18,11 @@ from accpinn.methods.pinn.config import preset
 from accpinn.model.cthp import Case
 from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE, ParameterSet
 from accpinn.recordings import Recording
+from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
+from accpinn.study import Analysis, single_window
+from accpinn.study.run import run
 from tests.support.methods import train
 
 LIMIT_I = [[0.01045, 0.07176, 1.5222]]
@@ -64,6 +68,15 @@ def test_the_tables_of_the_paper_are_the_limit_of_the_loss(
     assert (off <= (0.01, 0.02, 0.01)).all(), off
     errors = surrogate_errors(segment, found)
     assert (errors.gap_mae < SURROGATE_GAP_MAE).all()
+
+
+def test_the_likelihood_of_standing_vehicles_has_the_larger_maximum(openacc_dir: Path) -> None:
+    """Of vehicle 6, whose other maximum lies 110 lower, with another noise of the gap."""
+    recording = read(openacc_dir / "ZalaZone" / "handling_part10.csv")
+    analysis = Analysis.of(recording, single_window(0.0, 60.0), method="maximum-likelihood")
+    result = run(analysis, recording)
+    assert result.uncertainty.inside.all()
+    assert result.uncertainty.findings == ()
 
 
 def test_seeds_agree(segments: dict[str, Segment]) -> None:
