@@ -272,8 +272,9 @@ def test_all_methods_run_stop_and_survive_a_reload(opened: Open) -> None:
     intervals = table(page, "Maximum likelihood (90")
     expect(intervals).to_be_visible(timeout=TRAINING_MS)
     expect(intervals.locator("tbody tr")).to_have_count(1)
-    expect(intervals.locator("tbody tr").last).to_be_in_viewport()  # of the first screen
-    dots = chart(page, "compare_estimates").locator(".xy .points path")
+    estimates = chart(page, "compare_estimates")
+    expect(estimates).to_be_in_viewport()  # of the first screen
+    dots = estimates.locator(".xy .points path")
     expect(dots).to_have_count(len(METHODS) + 1)  # and the answer
     page.reload()
     methods = table(page, "Collides at")

@@ -72,7 +72,7 @@ JUDGE = ("compare", STUDY, "--models")
         (2, "choose from catching-up, manual, standstill", [*FIT, "--leave-out", "car-following"]),
         (2, "krauss is not known", [*JUDGE, "krauss"]),
         (2, "--leave-out", [*JUDGE, "cthp", "--leave-out", "standstill"]),
-        (1, "too short to judge a model by", [*JUDGE, "cthp", "--duration", 60]),
+        (1, "too short to judge models by", [*JUDGE, "cthp", "--duration", 50]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_ends_in_one_line(
