@@ -180,7 +180,7 @@ class HoldoutLoss(Finding, frozen=True):
 
     text = (
         "{instants} random instants were kept out of training; there Ψ_D is {data:#.4g} and Ψ_F"
-        " {physics:#.4g}. Their neighbours are nearly equal, so another window would give more."
+        " {physics:#.4g}. Their neighbours are nearly equal, so in another window both are larger."
     )
 
     instants: int
@@ -202,7 +202,7 @@ class PaperEstimate(Finding, frozen=True):
     """The training was that of the paper, or has its minimum."""
 
     text = (
-        "The preset {preset} gives the paper's estimate, which is biased if disturbances last; the"
+        "The {preset} preset gives the paper's estimate, which is biased if disturbances last; the"
         " answer is not."
     )
 
@@ -213,7 +213,7 @@ class ResidualEstimate(Finding, frozen=True):
     """The loss was the paper's, with the residual of another model."""
 
     text = (
-        "The preset {preset} minimises the paper's loss with the residual of another model than the"
+        "The {preset} preset minimises the paper's loss with the residual of another model than the"
         " paper's: the estimate is biased if disturbances last. The answer does not depend on it."
     )
 

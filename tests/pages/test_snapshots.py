@@ -10,7 +10,7 @@ from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
 from pages.ui.session import sessions
 from pages.ui.session.resources import FIRST_SAMPLE, library, sample
-from pages.ui.snapshots.listing import other_vehicles, parameter_differences, what_differs
+from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
 from tests.support.snapshots import whole
@@ -120,9 +120,14 @@ class TestTwo:
         values = snapshot.fit.parameters.values.copy()
         values[0, 0] *= 1.5
         other = replace(snapshot, fits=(replace(snapshot.fit, parameters=Parameters.of(values)),))
-        table = parameter_differences(snapshot, other)
-        assert table.rows[0][-1] == "+50.0"
-        assert [row[-1] for row in table.rows[1:]] == ["0.0"] * (3 * snapshot.info.followers - 1)
+        table = differences_table(snapshot, other)
+        speed = snapshot.answer.stated_speed
+        gap, changed, *rest = (row[-1] for row in table.rows)
+        assert float(table.rows[0][2]) == pytest.approx(
+            snapshot.answer.time_gap(speed, 0).value, abs=0.006
+        )
+        assert (gap, changed, {*rest}) == ("0.0", "+50.0", {"0.0"})
+        assert len(rest) == 4 * snapshot.info.followers - 2
         assert what_differs(snapshot, snapshot) == ()
         assert other_vehicles(snapshot, snapshot) == ""
         names = (snapshot.info.names[0], "Lada", *snapshot.info.names[2:])

@@ -14,16 +14,18 @@ from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.tables import ABSENT, Column, Range, Table, supported_digits
+from accpinn.results.tables.answer import gap_column
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
     TITLES,
-    learned_parameters,
     name_of,
 )
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
+from accpinn.units import MetresPerSecond
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower
@@ -139,11 +141,13 @@ def choose_entry(label: str, key: str, entries: Sequence[Entry]) -> Entry:
 
 
 def show_both(first: Result, second: Result) -> None:
-    """Parameters with intervals, Bode magnitudes, and what differs in settings and data."""
+    """Estimates with intervals, Bode magnitudes, and what differs in settings and data."""
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
     longer = max(first.info, second.info, key=lambda info: info.followers)
-    colours = [colour for colour in vehicle_colours(longer.vehicles)[1:] for _ in PARAMETER_COLUMNS]
-    show.table(parameter_differences(first, second), colours)
+    table = differences_table(first, second)
+    rows = len(table.rows) // longer.followers
+    colours = [colour for colour in vehicle_colours(longer.vehicles)[1:] for _ in range(rows)]
+    show.table(table, colours)
     _show_responses(first, second)
     _show_curves(first, second)
     if changes := what_differs(first, second):
@@ -164,33 +168,45 @@ def other_vehicles(first: Result, second: Result) -> str:
     )
 
 
-def parameter_differences(first: Result, second: Result) -> Table:
-    """One row a follower and parameter: both values with intervals, and the second less the first.
+def differences_table(first: Result, second: Result) -> Table:
+    """One row a follower and quantity: both values with intervals, and the second less the first.
 
-    Followers are matched in driving order.
+    The quantities are the answers' time gap, where both answers are known, and the methods' own
+    parameters. Followers are matched in driving order.
     """
     columns = (
-        Column("Follower"), Column("Parameter"),
-        Column("First"), Column("interval"), Column("Second"), Column("interval "),
+        Column("Follower"), Column("Quantity"),
+        Column("First"), Column("90 % interval"), Column("Second"), Column("90 % interval "),
         Column("Δ"), Column("Δ in %"),
     )  # fmt: skip
-    rows = []
+    known, rows = first.known_answer, []
+    gap = gap_column(known.stated_speed, "", "Answer: time gap at") if known else None
+    quantities = ((gap,) if gap and second.known_answer else ()) + PARAMETER_COLUMNS
     labels = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue=ABSENT)
     for k, (label, beside) in enumerate(labels):
         name = label if label == beside else f"{label} / {beside}"
-        for which, column in enumerate(PARAMETER_COLUMNS):
-            (a, *cells), (b, *others) = (_estimate(s, k, which) for s in (first, second))
+        for column in quantities:
+            at = known.stated_speed if known and column is gap else None
+            (a, *cells), (b, *others) = (_estimate(s, k, column, at) for s in (first, second))
             change = 100 * (b - a) / a if a else np.nan
             cells += [*others, _signed(b - a, column.digits or 0), _signed(change, 1)]
             rows.append((name, column.heading, *cells))
-    return Table("Parameters", columns, tuple(rows))
+    return Table("The answers, and the methods' own estimates", columns, tuple(rows))
 
 
-def _estimate(result: Result, follower: int, which: int) -> tuple[float, str, str]:
-    """A parameter, and how it and its interval are printed; nan for no follower."""
-    known, column = result.parts.uncertainty, PARAMETER_COLUMNS[which]
+def _estimate(
+    result: Result, follower: int, column: Column, speed: MetresPerSecond | None
+) -> tuple[float, str, str]:
+    """A parameter, or the answer's time gap at a speed, and how it and its interval are printed.
+
+    It is nan for no follower.
+    """
     if follower >= result.info.followers:
         return np.nan, ABSENT, ABSENT
+    if speed is not None:
+        span = result.answer.time_gap(speed, follower)
+        return span.value, column.shown(span.value), column.shown(Range(span.lower, span.upper))
+    known, which = result.parts.uncertainty, PARAMETER_COLUMNS.index(column)
     value = float(result.parameters.values[follower, which])
     ends = (known.lower, known.upper) if known else ()
     interval = Range(*(float(end.values[follower, which]) for end in ends)) if ends else None
@@ -205,10 +221,10 @@ def _signed(value: float, digits: int) -> str:
 def _show_responses(first: Result, second: Result) -> None:
     """Both Bode magnitudes in one chart; nothing where the parameters of either have none."""
     charts = []
-    for result in (first, second):
-        if result.stability is None:
+    for subject in map(known_vehicles, (first, second)):
+        if subject.report is None:
             return
-        charts.append(bode(learned_parameters(result.info, result.fit), result.stability))
+        charts.append(bode(subject.vehicles, subject.report))
     chart, added = charts
     for trace in added.data:
         if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):
