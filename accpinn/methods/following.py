@@ -49,9 +49,10 @@ OPEN = 0.8
 """Posterior deviation, as a share of the prior's, from which a parameter is not determined."""
 LEVEL = 0.9
 """Probability that an interval is to cover the parameter."""
-STARTS = 2
-"""Parameter sets from which each search begins: the typical one and draws from the prior. As they
-end in the same maximum (docs/validation.md), the second is a guard."""
+STARTS, LATE_STARTS = 2, 4
+"""Parameter sets from which each search begins, and those of a lag or a delay before a model that is
+no CTHP: the typical one and draws from the prior. They mostly end in the same maximum, see
+docs/validation.md."""
 ROUNDS = 40
 """Most steps of a search."""
 CONVERGED = 1e-4
@@ -183,9 +184,10 @@ def estimate(
     search = _Search(model, drives, groups, held)
     problems, rng = len(groups), np.random.default_rng(0)
     count = len(model.parameters)
-    z = np.concatenate([np.zeros((1, count)), 0.7 * rng.standard_normal((STARTS - 1, count))])
+    starts = starts_of(model)
+    z = np.concatenate([np.zeros((1, count)), 0.7 * rng.standard_normal((starts - 1, count))])
     z = np.clip(np.tile(z, (problems, 1)), *search.bounds)  # (P·S, n)
-    owner = np.repeat(np.arange(problems), STARTS)
+    owner = np.repeat(np.arange(problems), starts)
     damping, active = np.full(len(z), 1e-2), np.ones(len(z), bool)
     value, gradient, curvature = search.expanded(z, owner)
     for turn in range(ROUNDS):
@@ -209,6 +211,11 @@ def estimate(
             active &= value < best[owner] + BEHIND
     chosen = [int(rows[np.argmin(value[rows])]) for rows in np.arange(len(z)).reshape(problems, -1)]
     return search.estimates(z[chosen], (~active)[chosen])
+
+
+def starts_of(model: FollowingModel) -> int:
+    """The number of parameter sets from which a search of a model begins."""
+    return LATE_STARTS if model.is_late and not model.is_cthp else STARTS
 
 
 def bounds_of(model: FollowingModel, held: Held = ()) -> FloatArray:
@@ -394,7 +401,7 @@ def fit(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -
         Trajectories(segment.time, driven, gaps),
         Outcome.CONVERGED if converged else Outcome.FINISHED,
         0.0,
-        {"starts": STARTS},
+        {"starts": starts_of(model)},
         {"total": float(known_mean(errors.ravel()))},
         findings=tuple(findings),
     )
