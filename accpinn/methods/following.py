@@ -50,8 +50,8 @@ OPEN = 0.8
 LEVEL = 0.9
 """Probability that an interval is to cover the parameter."""
 STARTS, LATE_STARTS = 2, 4
-"""Parameter sets from which each search begins, and those of a lag or a delay before a model that is
-no CTHP: the typical one and draws from the prior. They mostly end in the same maximum, see
+"""Parameter sets from which each search begins, and one with a lag or a delay before a model that
+is no CTHP: the typical set and draws from the prior. They mostly end in the same maximum, see
 docs/validation.md."""
 ROUNDS = 40
 """Most steps of a search."""
