@@ -97,8 +97,8 @@ def about_answer(answer: Answer) -> str:
     return (
         f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
         f" {percent(answer.level)} interval of the vehicle's typical value; further window: that of"
-        " its next one. Both count how much windows differ, here and in many other cars, so they"
-        " are wider than what these windows alone say."
+        " one more window. Both count how much windows differ, here and in many other cars,"
+        " so they are wider than what these windows alone say."
     )
 
 
@@ -214,13 +214,13 @@ def _disturbances(
     )
     if not ranked:
         return ()
-    (little, behind), (much, behind_most) = ranked[0], ranked[-1]
+    (little, least_of), (much, most_of) = ranked[0], ranked[-1]
     match little.assessed:
         case "unstable" if len(ranked) == 1:
             return (f"Disturbances grow {little.growth_in_words}{by}.",)
         case "unstable":
-            least = f"Disturbances grow least behind {behind}, {little.growth_in_words}"
-            return (f"{least}, and most behind {behind_most}, {much.growth_in_words}.",)
+            least = f"They amplify disturbances: {least_of} least, {little.growth_in_words}"
+            return (f"{least}, and {most_of} most, {much.growth_in_words}.",)
         case "stable":
             return (f"Disturbances do not grow{by}.",)
         case "open":
