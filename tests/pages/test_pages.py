@@ -34,7 +34,7 @@ from pages.ui.session.resources import (
     store,
     windows_in_car_following,
 )
-from pages.ui.session.workspace import ALL_WINDOWS, MODEL, Workspace
+from pages.ui.session.workspace import ALL_WINDOWS, MODEL, WINDOWS_OFF, Workspace
 from tests.support.apptest import (
     PAGES,
     WAIT,
@@ -339,6 +339,17 @@ def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     page.file_uploader(key="data_validation_upload").upload("b.csv", PAIR, "text/csv").run()
     assert "has no platoon with 3 followers" in page.plain()
     assert session.recording.source == FIRST_SAMPLE.name, "the first one stays open"
+
+
+def test_a_window_that_is_switched_off_serves_for_validation() -> None:
+    session = with_sample()
+    assert len(session.several_windows) == 2
+    page = open_page("Data", session).open_tab("data_tabs", "Validation")
+    assert "switches one off" in page.plain()
+    session.choices[WINDOWS_OFF] = [0.0]
+    page = open_page("Data", session).open_tab("data_tabs", "Validation")
+    page.press("data_validate")
+    assert session.validation.window.end <= 300.0
 
 
 def test_the_length_that_is_shown_rounded_is_accepted() -> None:

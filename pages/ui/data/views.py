@@ -27,6 +27,7 @@ from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.widgets import bound, pick_follower, select
+from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import Workspace
 
 SHORTEST: Seconds = 10.0
@@ -193,8 +194,21 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         help="As many followers behind it are simulated as parameters are learned.",
     )  # fmt: skip
     vehicles = platoons[leader]
-    stretches = complete_windows(chosen, vehicles)
-    for learned in _learned(workspace) if chosen is recording else ():
+    stretches, every = complete_windows(chosen, vehicles), _learned(workspace)
+    spare: list[Window] = []
+    if chosen is recording and len(every) > 1:
+        spare = [
+            window
+            for window in windows_in_car_following(chosen, vehicles)
+            if all(window.end <= part.start or part.end <= window.start for part in every)
+        ]
+        if not spare:
+            st.caption(
+                "All windows in car-following are learned from. Train's tab Windows switches one"
+                " off, to be kept for validation; another recording of the same vehicles serves,"
+                " too."
+            )
+    for learned in every if chosen is recording else ():
         parts = [
             part
             for stretch in stretches
@@ -202,7 +216,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
                          Window(max(stretch.start, learned.end), stretch.end))
         ]  # fmt: skip
         stretches = tuple(part for part in parts if part.duration >= SHORTEST)
-    first = first_window(chosen, stretches, workspace.window.duration)
+    first = spare[0] if spare else first_window(chosen, stretches, workspace.window.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
