@@ -85,12 +85,7 @@ class Load:
         self.faults: list[str] = []
 
     async def journeys(self, users: int, journey: int = 0) -> None:
-        """Send all users through the app at once; all stay until the last is done.
-
-        Args:
-            users: number of users.
-            journey: number of journeys that each of them has behind it.
-        """
+        """Send all users at once, with so many journeys behind them; all stay to the end."""
         browsers = [Browser(self.server.address) for _ in range(users)]
         work = (
             self._journey(browser, Request.of(k, journey)) for k, browser in enumerate(browsers)
@@ -106,25 +101,22 @@ class Load:
         await self._wait("upload", browser.upload("data_upload", request.name, request.content))
         await self._wait("window", browser.set("data_start", request.start))
         await self._wait("window", browser.set("data_length", LENGTH))
-        await self._look(browser, "Train")
+        await self._wait("Train", browser.go("Train"))
         await browser.set("train_preset", ("Fast",))
         await browser.set("train_options", True)
         await self._wait("Train, an option", browser.set("train_fast_seed", request.seed))
         began = time.perf_counter()
         await browser.press("train_start")
         for page in ("Data", "Snapshots", "Train"):  # a glance elsewhere meanwhile
-            await self._look(browser, page)
+            await self._wait(page, browser.go(page))
         while await browser.poll():
             pass
         self.taken["training with its queue"].append(time.perf_counter() - began)
         for page in ("Stability", "Platoon", "Compare", "Data", "Train", "Snapshots"):
-            await self._look(browser, page)
+            await self._wait(page, browser.go(page))
         await self._wait("saving", browser.press("Save", snapshots_name=request.name))
-        await self._look(browser, "Home")
+        await self._wait("Home", browser.go("Home"))
         self.faults += browser.faults
-
-    async def _look(self, browser: Browser, page: str) -> None:
-        await self._wait(page, browser.go(page))
 
     async def _wait(self, what: str, action: Awaitable[Seconds]) -> None:
         self.taken[what].append(await action)
@@ -189,10 +181,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--pause", type=float, default=0.0, help="s at a page in the mean (0)")
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as place:
-        part = measured(
-            f"users: {given.users}, {given.pause:g} s at a page in the mean",
-            partial(measure, Path(place), given.users, given.pause),
-        )
+        work = partial(measure, Path(place), given.users, given.pause)
+        part = measured(f"users: {given.users}, {given.pause:g} s at a page in the mean", work)
     return Figures.now([part]).show()
 
 
