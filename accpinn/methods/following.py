@@ -258,6 +258,7 @@ class _Search:
         self.bounds = bounds_of(model, held)
         self._free: Mask = np.asarray(self.bounds[0] < self.bounds[1])
 
+    @np.errstate(over="ignore", invalid="ignore")  # of what diverges, whose objective is infinite
     def expanded(
         self, z: FloatArray, owner: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -336,8 +337,8 @@ class _Search:
         )[:, :, 0]  # (K+1, 2, B, W, n)
         counts = drives.counts & used
         measured = np.stack([drives.gaps, drives.speeds], axis=1)
-        errors = (moved[..., 0].real - measured) * counts[:, None]
-        with np.errstate(over="ignore"):  # what diverges, or its derivatives, is set below
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges is set below
+            errors = (moved[..., 0].real - measured) * counts[:, None]
             slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
         known = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
         diverged = ~known.all(axis=(0, 2))

@@ -72,8 +72,9 @@ def known_vehicles(result: Result) -> KnownVehicles:
         vehicles = replace(vehicles, title=windows)
     if stored and (known := of_answer(vehicles, stored, result.gain_checks)):
         return known
+    is_known = result.parts.uncertainty is not None or bool(result.segments)
     stopped = result.fit.outcome is Outcome.STOPPED
-    return KnownVehicles(vehicles, None if stopped else result.uncertainty)
+    return KnownVehicles(vehicles, result.uncertainty if is_known and not stopped else None)
 
 
 def of_answer(
