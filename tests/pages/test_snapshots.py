@@ -137,7 +137,6 @@ class TestTwo:
         )
         assert f"{snapshot.info.labels[1]} stands beside 2 Lada." in said
 
-
     def test_a_run_without_data_and_intervals_has_verdicts_alone(self) -> None:
         """The lists of runs offer to compare also those of a recording that is not open."""
         run = bare()
