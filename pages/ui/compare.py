@@ -30,12 +30,7 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards, papers_estimate
-from accpinn.results.messages.summary import (
-    about_curves,
-    agreement,
-    conditional,
-    outside_intervals,
-)
+from accpinn.results.messages.summary import about_curves, agreement, conditional, outside_intervals
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, learned_parameters, name_of
 from accpinn.results.vehicles import KnownVehicles, known_vehicles, of_answer
@@ -48,12 +43,7 @@ from accpinn.units import FloatArray, known_mean
 from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
-from pages.ui.components.result import (
-    banner,
-    recording_needed,
-    show_cards,
-    show_intervals,
-)
+from pages.ui.components.result import banner, recording_needed, show_cards, show_intervals
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, segments, tabs
 from pages.ui.session.workspace import Workspace, recording_duration
