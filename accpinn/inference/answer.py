@@ -345,7 +345,9 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     driven = np.array([np.min(ends, axis=0)[0], np.max(ends, axis=0)[1]])
     parameters, gap_at = at_speeds([car.middle for car in cars]), _stated(speeds, driven)
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
-    spreads = np.ptp(time_gap(model, estimates, gap_at), axis=0)
+    gaps = time_gap(model, estimates, gap_at)
+    known = np.isfinite(gaps)  # a window without gap control has none
+    spreads = np.where(known, gaps, -np.inf).max(axis=0) - np.where(known, gaps, np.inf).min(axis=0)
     return Answer(
         model=model,
         level=LEVEL,
@@ -364,7 +366,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),
         findings=tuple(
-            HeterogeneousWindows(vehicle, len(segments), float(p), float(spread))
+            HeterogeneousWindows(vehicle, len(segments), float(p), max(float(spread), 0.0))
             for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
             if p < SIGNIFICANCE
         ),

@@ -46,6 +46,7 @@ METHOD = "posterior of the exact likelihood, by importance sampling"
 LEVEL = 0.9
 """Level of the intervals."""
 HUGE = 1e300
+"""Stands for an infinite draw where quantiles are taken."""
 DRAWS = 2000
 """Number of draws of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
