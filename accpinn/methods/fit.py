@@ -179,8 +179,9 @@ class HoldoutLoss(Finding, frozen=True):
     """The loss at random instants that were kept out of training."""
 
     text = (
-        "{instants} random instants were kept out of training; there Ψ_D is {data:#.4g} and Ψ_F"
-        " {physics:#.4g}. Their neighbours are nearly equal, so in another window both are larger."
+        "At {instants} random instants that were kept out of training the loss has Ψ_D ="
+        " {data:#.4g} (distance from the data) and Ψ_F = {physics:#.4g} (misfit of the model)."
+        " Instants beside them were learned from, so in another window both are larger."
     )
 
     instants: int
@@ -203,7 +204,7 @@ class PaperEstimate(Finding, frozen=True):
 
     text = (
         "The {preset} preset gives the paper's estimate, which is biased if disturbances last; the"
-        " answer is not."
+        " answer takes them into account."
     )
 
     preset: str

@@ -8,17 +8,17 @@ from math import isnan
 from accpinn.findings import percent, probability
 from accpinn.inference.answer import SPEEDS, Span
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
-from accpinn.results.tables.answer import columns_of, gap_column
+from accpinn.results.tables import ABSENT, Cell, Column, Filled, Marked, Range, Table, between
+from accpinn.results.tables.answer import EXTRAPOLATED, columns_of, gap_column
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
-from accpinn.units import Estimate
+from accpinn.units import Estimate, MetresPerSecond
 
 TYPICAL = (
-    "Typical values rest on every window's posterior: the windows of a vehicle, then the vehicles"
-    " of a group, each as different as they are found to be."
+    "Typical values rest on every window's posterior: first over the windows of a vehicle, then"
+    " over the vehicles of a group. How much these differ is estimated, too."
 )
 """What the values of groups are."""
 
@@ -34,8 +34,8 @@ def headline(whole: Group) -> str:
     stable = round(share.value * count)
     return (
         f"{stable or 'None'} of the {count} vehicles {'is' if stable < 2 else 'are'} L₂ string"
-        f" stable; of further vehicles of these makes {low} to {high} % ({percent(whole.level)}"
-        " interval)."
+        f" stable. Share among further vehicles of these makes: {low} to {high} %"
+        f" ({percent(whole.level)} interval)."
     )
 
 
@@ -89,8 +89,9 @@ def summary_line(summary: BatchProgress) -> str:
         kept = counted(summary.rows, "row")
         return f"Stopped; what is finished is kept, and the same batch goes on from there: {kept}."
     counts = (
-        f"{counted(summary.recordings, 'recording')}, {counted(summary.windows, 'window')},"
-        f" {counted(summary.followers, 'follower')}, {counted(summary.rows, 'row')}"
+        f"{counted(summary.files, 'file')}, {counted(summary.recordings, 'recording')},"
+        f" {counted(summary.windows, 'window')}, {counted(summary.followers, 'follower window')},"
+        f" {counted(summary.rows, 'row')}"
     )
     reused = f", {summary.reused:,} of them known before" if summary.reused else ""
     return f"Done: {counts}{reused}."
@@ -100,8 +101,8 @@ def estimate_line(estimate: BatchEstimate) -> str:
     """The expected size of a batch; "about" where not all files were read."""
     about = "" if estimate.exact else "about "
     return (
-        f"{counted(estimate.files, 'file')}: {about}{counted(round(estimate.windows), 'window')}"
-        f" with {about}{counted(round(estimate.followers), 'follower')}"
+        f"{counted(estimate.files, 'file')}: {about}{counted(round(estimate.windows), 'window')},"
+        f" {about}{counted(round(estimate.followers), 'follower window')}"
     )
 
 
@@ -136,7 +137,7 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
-    gaps = {speed: [_estimate(group.time_gap(speed)) for group in groups] for speed in SPEEDS}
+    gaps = {speed: [_gap(group, speed) for group in groups] for speed in SPEEDS}
     if not is_wide:
         digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
         columns = [
@@ -201,6 +202,12 @@ def _estimate(span: Span) -> Cell:
     return None if isnan(span.value) else span
 
 
+def _gap(group: Group, speed: MetresPerSecond) -> Cell:
+    span = group.time_gap(speed)
+    is_plain = isnan(span.value) or group.is_driven(speed)
+    return _estimate(span) if is_plain else Marked(span, EXTRAPOLATED)
+
+
 def _further(span: Span) -> Cell:
     return None if isnan(span.value) else Range(span.further_lower, span.further_upper)
 
@@ -222,12 +229,15 @@ def _share(share: Estimate, group: Group) -> Cell:
 def failure_table(failures: Sequence[Failure]) -> Table:
     """One row for each thing that has no result."""
     vehicles = [None if f.vehicle is None else float(f.vehicle) for f in failures]
+    places: list[Filled] = [
+        (Column("From", "s", 0), [failure.start for failure in failures]),
+        (Column("Vehicle", digits=0), vehicles),
+    ]
     return Table.of(
         "",
         [
             (Column("File"), [failure.file or ABSENT for failure in failures]),
-            (Column("From", "s", 0), [failure.start for failure in failures]),
-            (Column("Vehicle", digits=0), vehicles),
+            *(filled for filled in places if any(cell is not None for cell in filled[1])),
             (Column("Reason", prose=True), [failure.reason for failure in failures]),
         ],
     )

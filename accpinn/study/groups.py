@@ -87,6 +87,8 @@ class Group:
     """Its vehicles that some window determines."""
     speeds: FloatArray
     """(V,) their median speeds in m/s."""
+    driven: tuple[MetresPerSecond, MetresPerSecond]
+    """Lowest and highest speed in its windows; nan where a study does not tell."""
     differing: tuple[Car, ...]
     """Those with several windows."""
 
@@ -106,6 +108,11 @@ class Group:
     def time_gap(self, speed: MetresPerSecond) -> Span:
         """The time gap in equilibrium at a speed, in s."""
         return Span.of([time_gap(self.model, part, speed) for part in self._parts], self.level)
+
+    def is_driven(self, speed: MetresPerSecond) -> bool:
+        """Whether its windows hold a speed; what is said of another is extrapolated."""
+        low, high = self.driven
+        return not (speed < low or speed > high)
 
     @cached_property
     def between_windows(self) -> dict[str, Estimate]:
@@ -256,6 +263,7 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> 
         drawn=_together(cars, model),
         cars=tuple(cars),
         speeds=np.array(speeds),
+        driven=(float(rows["lowest_speed"].min()), float(rows["highest_speed"].max())),
         differing=tuple(differing),
     )
 

@@ -65,8 +65,8 @@ class Describes(Finding, frozen=True):
     )
     unclear = (
         "{vehicle}: no model is clearly better. In {windows} windows left out the {model} has the"
-        " least gap error, {rmse:.2f} m (geometric mean), but its advantage of {less:.0f} %"
-        " (standard error {error:.0f} %) over the {other} may be nothing."
+        " least gap error, {rmse:.2f} m (geometric mean), but its lead of {less:.0f} % over the"
+        " {other} may be chance (standard error {error:.0f} %)."
     )
     few = (
         "{vehicle}: {windows} windows are too few to say which model is better. The {model} has the"

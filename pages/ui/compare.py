@@ -187,7 +187,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         st.caption(_about_methods(rows))
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
-        "Methods": lambda: _show_methods(shown),
+        "Curves": lambda: _show_course(shown),
         "Identifiability": lambda: _show_identifiability(shown),
         "Model adequacy": lambda: _show_adequacy(shown),
         "Repeatability": lambda: _show_repeatability(shown),
@@ -201,7 +201,8 @@ def _about_methods(rows: Sequence[Result]) -> str:
     if asked.model != PAPER:
         said += (
             f" The answer's model, {registry.TITLES[asked.model]}, predicts further drives of real"
-            " cars better; where data obey the CTHP alone, as the samples do, it is less certain."
+            " cars better. Data that obey the CTHP alone, as the samples do, hardly determine its"
+            " other terms: the answer is less certain there, and drawn towards other cars."
         )
     papers = [
         f"{name_of(row.fit)}: {label}." for row in rows if (label := papers_estimate(row.fit))
@@ -216,6 +217,7 @@ def _show_summary(shown: _Shown) -> None:
     st.markdown(escape_markdown(outside_intervals(rows, shown.follower)))
     table = tables.methods_table(segment.info, rows, shown.follower)
     show.table(table)
+    st.caption(_about_errors(shown))
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
     adequacy = conditional(shown.workspace.adequacy, segment)
@@ -256,22 +258,20 @@ def _show_failures(failures: Sequence[Refused]) -> None:
     show.messages(sentences, "warning")
 
 
-def _show_methods(shown: _Shown) -> None:
-    """Whether the methods agree, what their errors mean, and their curves."""
-    segment, rows = shown.segment, shown.rows
-    is_partial = not all(row.evaluation.blocks for row in rows)
-    gap = segment.measured_gaps[:, shown.follower]
-    st.caption(
+def _about_errors(shown: _Shown) -> str:
+    """What the errors of the methods mean, and how much the gap itself varies."""
+    is_partial = not all(row.evaluation.blocks for row in shown.rows)
+    gap = shown.segment.measured_gaps[:, shown.follower]
+    return (
         "MAE: mean absolute error. Surrogate fit: error of the smooth curve that the method itself"
         " fits to the motion (a dash where it has none). Closed loop: error of the closed-loop"
         " simulation (leader's speed given). Hold-out: closed loop on each third of the window with"
         " the parameters learned from the other two. Outside the window: closed loop on the rest of"
         " the recording. Collides at: the first contact with the vehicle ahead; the simulation"
-        " continues, and the errors include what follows. For scale: the measured space-gap"
-        f" deviates by {known_mean(abs(gap - known_mean(gap))):.2f} m from its mean. {GAP_ERROR}"
+        " continues, and the errors include what follows. For scale: the mean absolute deviation of"
+        f" the measured space-gap is {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
         + (" Hold-out is not computed for your own training." * is_partial)
     )
-    _show_course(shown)
 
 
 def _show_estimates(shown: _Shown) -> None:
@@ -291,7 +291,7 @@ def _show_estimates(shown: _Shown) -> None:
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
         f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
         " the CTHP in this window."
-        + (" Beside an s₀, τ is smaller by s₀/v." if "s0" in shown.answer.names else "")
+        + (" A model with s₀ has a τ smaller by s₀/v." if "s0" in shown.answer.names else "")
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
@@ -350,6 +350,7 @@ def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
     segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
     case = shown.workspace.case
+    st.markdown("**The CTHP in this window**")
     warnings = identifiability_warnings(segment, uncertainty, case)
     duration = recording_duration(shown.rows[0])
     cure = narrower_intervals(segment.info, uncertainty, warnings, duration)
@@ -379,6 +380,8 @@ def _show_identifiability(shown: _Shown) -> None:
         " disturbances that last for seconds and bias the estimate."
     )
     if np.isfinite(shown.answer.parameters.alpha[follower]):
+        model = escape_markdown(registry.TITLES[shown.answer.model])
+        st.markdown(f"**The answer's model: {model}**")
         show.chart(answer_figures.joint(shown.answer, follower, shown.colour), "compare_joint")
         st.caption(
             "Joint distribution of the answer's typical value; cross: the answer. A slanted cloud"

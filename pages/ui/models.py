@@ -27,7 +27,8 @@ ABOUT = (
     "RMSE of the gap: geometric mean over the windows left out. Beyond the best: error above that"
     " of the best model, mean ± one standard error over windows. |H| off: rms difference from the"
     " gain measured from the recording (Welch's method), a dash where none is measured. Stability"
-    " holds for small disturbances at the stated speed."
+    " holds for small disturbances at the stated speed. Each model is fitted by simulation alone,"
+    " so its numbers are not the answer's."
 )
 KMH = 3.6
 
@@ -42,9 +43,11 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
     subjects = show.attempt(lambda: workspace.subjects)
     if not subjects:
         return
-    counts = " or ".join(dict.fromkeys(str(len(one.windows)) for one in subjects))
-    windows = f"{counts} windows, each left out once"
-    about.caption(escape_markdown(f"{workspace.recording.source} · {windows}"))
+    every = dict.fromkeys(tuple(part.window for part in one.windows) for one in subjects)
+    windows = " or ".join(frame.in_words(parts[0], parts) for parts in every)
+    about.caption(
+        escape_markdown(f"{workspace.recording.source} · {windows}, each window left out once")
+    )
     st.markdown(LEAD)
     if task and task.is_active:
         stop_button(task, "Stop", "models_stop")

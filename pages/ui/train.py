@@ -125,7 +125,7 @@ def _show_page(workspace: Workspace) -> None:
         with st.container(key="later_1_train" if done else "train_controls"):
             _controls(workspace)
     else:
-        recording_needed(workspace, "To train on, the page needs")
+        recording_needed(workspace, "To train further, the page needs")
     if training and segment:
         monitor(workspace, training, lambda running: _show_run(workspace, segment, running))
     if result:

@@ -41,7 +41,8 @@ def finished(session: Workspace, results: Sequence[Result | Refused]) -> None:
 
 def headline(known: Answer) -> str:
     """What the page says first of the first follower."""
-    return time_gap_in_words(known.time_gap(known.stated_speed, 0), known.stated_speed)
+    gap = known.time_gap(known.stated_speed, 0)
+    return time_gap_in_words(gap, known.stated_speed, known.level)
 
 
 def test_before_a_training_the_answer_is_that_of_the_windows_it_would_take() -> None:
@@ -71,11 +72,12 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     assert "Maximum likelihood (90 % interval)" in shown
     assert outside_intervals(session.compared, 0) in page.plain()
     assert "Outside the window" in shown
+    assert "Collides at" in page.plain()
     assert len(page.figures()) == 1, "only the open tab is drawn"
     assert "Profile of the loss" in page.open_tab("compare_tabs", "Identifiability").plain()
     adequacy = page.open_tab("compare_tabs", "Model adequacy").plain()
     assert "the disturbance has a standard deviation of" in adequacy
-    assert "Collides at" in page.open_tab("compare_tabs", "Methods").plain()
+    page.open_tab("compare_tabs", "Curves")
     page.choose("compare_method", "Splines")
     assert "Splines against the data" in page.everything()
     assert "Earlier fits" not in page.open_tab("compare_tabs", "Repeatability").everything()
@@ -111,7 +113,7 @@ def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) ->
     page = open_page("Compare", session)
     (failures,) = [box for box in page.boxes("warning") if box.startswith("No result from ")]
     assert failures == f"No result from Splines, Particle filter: {fault}"
-    assert "Least squares" in page.open_tab("compare_tabs", "Methods").everything()
+    assert "Least squares" in page.open_tab("compare_tabs", "Curves").everything()
     assert len(session.compared) == len(METHODS) - len(failing)
 
 

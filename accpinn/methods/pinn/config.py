@@ -100,7 +100,12 @@ class PinnConfig:
         _require(all(isfinite(w) and w >= 0 for w in weights), "weights", "0 or more", weights)
         _require(min(self.weight_data) > 0, "data weights S", "above 0", self.weight_data)
         _require(min(self.weight_physics) > 0, "physics weights Q", "above 0", self.weight_physics)
-        _require(0 < self.learning_rate <= 1, "learning rate", "above 0 to 1", self.learning_rate)
+        _require(
+            0 < self.learning_rate <= 1,
+            "learning rate",
+            "above 0 and at most 1",
+            self.learning_rate,
+        )
         if self.preset == "calibrated":
             _require(
                 (self.weight_physics, self.weight_data, self.weight_initial) == ((1, 1), (1, 1), 0),

@@ -35,7 +35,7 @@ SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
 OTHERS = "others"
 MOST_NAMED = len(style.FOLLOWERS)
 """Groups with a colour of their own."""
-STABLE, UNSTABLE = style.FOLLOWERS[0], style.FOLLOWERS[1]
+STABLE, UNSTABLE, IDLE = style.FOLLOWERS[0], style.FOLLOWERS[1], style.LEADER
 INSIDE = 0.985
 """Share of the points that a plane shows before it is zoomed out."""
 ALONG = 160
@@ -55,8 +55,9 @@ def label_of(values: Sequence[str]) -> str:
 def forest(grouped: Groups) -> go.Figure:
     """The typical time gap, α and β of each group with their intervals; the shortest gap on top.
 
-    A marker's size tells the number of windows; the thin line of the time gap is the interval for a
-    further window. An arrowhead ends an interval that goes on beyond the axis.
+    A marker's size tells the number of windows, a ring that none holds the speed of the time gap,
+    whose thin line is the interval for a further window. An arrowhead ends an interval that goes on
+    beyond the axis.
     """
     speed = SPEEDS[-1]
     largest = sorted(grouped.groups, key=lambda group: -group.windows)[:MOST_GROUPS]
@@ -74,6 +75,7 @@ def forest(grouped: Groups) -> go.Figure:
     chart.axis("y", tickvals=places, ticktext=names, automargin=True)
     gap = replace(TIME_GAP, name=f"Time gap at {speed * 3.6:.0f} km/h", symbol="time gap")
     colour, sizes = style.FOLLOWERS[0], [_size(group.windows) for group in groups]
+    driven = ["circle" if group.is_driven(speed) else "circle-open" for group in groups]
     for panel, quantity in enumerate((gap, ALPHA, BETA), 1):
         part, on_log_axis = values[:, panel - 1], quantity is not gap
         shown = part[:, :3] if on_log_axis else part
@@ -96,8 +98,9 @@ def forest(grouped: Groups) -> go.Figure:
             " (%{customdata[2]} to %{customdata[3]}; further window %{customdata[4]} to"
             " %{customdata[5]}), %{customdata[6]} windows<extra></extra>"
         )
+        symbols = "circle" if on_log_axis else driven
         chart.dots(middle, places, quantity.symbol, panel, hover, customdata=told,
-                   marker={"color": colour, "size": sizes}, cliponaxis=False,
+                   marker={"color": colour, "size": sizes, "symbol": symbols}, cliponaxis=False,
                    showlegend=False)  # fmt: skip
         _mark_cut_ends(chart, panel, shown, places, low, high)
         scale = {"type": "log", **_decades(low, high)} if on_log_axis else {"range": [low, high]}
@@ -179,10 +182,12 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)
+    idle = alpha == 0  # such a vehicle keeps no gap, so its string stability means nothing
     chart = style.Chart(f"plane-{in_units_of_tau}", 430, hovermode="closest")
     for name, colour, symbol, part in (
-        ("L₂ unstable", UNSTABLE, "circle-open", ~stable),
-        ("L₂ stable", STABLE, "diamond", stable),
+        ("L₂ unstable", UNSTABLE, "circle-open", ~stable & ~idle),
+        ("L₂ stable", STABLE, "diamond", stable & ~idle),
+        ("no gap control", IDLE, "x-thin-open", idle),
     ):
         places = np.flatnonzero(part & np.isfinite(x + y))
         _draw_points(chart, rows, x, y, places, name, colour, symbol)

@@ -86,7 +86,7 @@ def loss_history(history: History) -> go.Figure:
         # As a difference: the evidence itself has too many digits for an axis.
         missing = history.evidence - history.evidence[-1]
         span = max(VISIBLE, float(np.ptp(missing)))
-        chart.axis("y2", "Log evidence, less its last", overlaying="y", side="right",
+        chart.axis("y2", "Log evidence minus its last value", overlaying="y", side="right",
                    showgrid=False, tickmode="auto", nticks=5, standoff=2, exponentformat="none",
                    range=[missing.max() - 1.05 * span, missing.max() + 0.05 * span])  # fmt: skip
         _line(chart, history, missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",

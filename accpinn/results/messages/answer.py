@@ -98,7 +98,8 @@ def about_answer(answer: Answer) -> str:
         f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
         f" {percent(answer.level)} interval of the vehicle's typical value; further window: that of"
         " one more window. Both count how much windows differ, here and in many other cars,"
-        " so they are wider than what these windows alone say."
+        " so they are wider than what these windows alone say, and the fewer windows there are,"
+        " the more the answer is drawn towards those cars."
     )
 
 
@@ -135,11 +136,12 @@ def papers_estimate(fit: Fit) -> str:
     return PAPERS_ESTIMATE if is_papers and fit.model == PAPER else ""
 
 
-def time_gap_in_words(gap: Estimate, speed: MetresPerSecond) -> str:
-    """As "1.18 s at 100 km/h (1.05–1.31)"."""
+def time_gap_in_words(gap: Estimate, speed: MetresPerSecond, level: float | None = None) -> str:
+    """As "1.18 s at 100 km/h (1.05–1.31)"; a level is named with its interval."""
     digits = supported_digits(gap.lower, gap.upper, 2)
     typical = between(gap.lower, gap.upper, digits).replace(" to ", "–")
-    return f"{gap.value:.{digits}f} s at {speed * 3.6:.0f} km/h ({typical})"
+    named = "" if level is None else f"{percent(level)} interval "
+    return f"{gap.value:.{digits}f} s at {speed * 3.6:.0f} km/h ({named}{typical})"
 
 
 def _headline(
@@ -150,13 +152,16 @@ def _headline(
     if isnan(gaps[0].value):
         return f"{labels[0]}: the data do not determine the time gap."
     if len(gaps) == 1:
-        return f"{labels[0]} {verb} {time_gap_in_words(gaps[0], speed)}."
+        return f"{labels[0]} {verb} {time_gap_in_words(gaps[0], speed, answer.level)}."
     are_all = len(labels) == len(answer.trust)
     named = f"All {spelled(len(labels))} followers" if are_all else joined(labels)
     least, most = (f"{pick(gap.value for gap in gaps):.2f}" for pick in (min, max))
     kept = least if least == most else f"{least}–{most}"
     off = max(max(gap.upper - gap.value, gap.value - gap.lower) / gap.value for gap in gaps)
-    return f"{named} keep {kept} s at {3.6 * speed:.0f} km/h, each known within {percent(off)}."
+    return (
+        f"{named} keep {kept} s at {3.6 * speed:.0f} km/h, each known within {percent(off)}"
+        f" ({percent(answer.level)} intervals)."
+    )
 
 
 def _gains(whose: str, answer: Answer, followers: Sequence[int]) -> tuple[str, ...]:

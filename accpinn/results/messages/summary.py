@@ -136,7 +136,7 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
     )
     return (
         f"{start}. The {model} has the least gap errors {where}, {errors} m (geometric means), but"
-        f" its advantage of {less} % over the next best model may be nothing."
+        f" its lead of {less} % over the next best model may be chance."
     )
 
 

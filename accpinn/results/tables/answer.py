@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isnan
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from accpinn.results.tables import (
 )
 from accpinn.results.tables.estimates import parameter_rows, row_labels
 from accpinn.segment import SegmentInfo
-from accpinn.units import MetresPerSecond
+from accpinn.units import Estimate, MetresPerSecond
 
 EXTRAPOLATED = "extrapolated: no window holds this speed"
 ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
@@ -80,24 +81,31 @@ def _gap(answer: Answer, speed: MetresPerSecond, follower: int) -> Cell:
     return span if answer.is_driven(speed, follower) else Marked(span, EXTRAPOLATED)
 
 
-def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
-    """One row a window: what it alone says of one follower (0 for the first).
+def _holding(value: float, lower: float, upper: float) -> Cell:
+    """An estimate whose interval holds its value, as the ends are those of draws beside it."""
+    return None if isnan(value) else Estimate(value, min(value, lower), max(value, upper))
 
-    The time gap is that of the estimates of greatest likelihood, which stand beside it with their
-    intervals.
+
+def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
+    """One row a window: what it alone says of one follower (0 for the first); below, the answer.
+
+    The values are those of greatest likelihood, with their intervals.
     """
     speed = answer.stated_speed
     gaps = registry.time_gap(answer.model, answer.windows, speed)[:, follower]
+    spans = zip(gaps, *answer.windows_gap[:, :, follower], strict=True)
     filled: list[Filled] = [
-        (Column("Window"), [str(info.window) for info in infos]),
-        (gap_column(speed), gaps.tolist()),
-    ]
+        (Column("Window"), [*(str(info.window) for info in infos), "Answer"]),
+        (gap_column(speed), [*(_holding(*span) for span in spans),
+                             answer.time_gap(speed, follower)]),
+    ]  # fmt: skip
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
     how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
     group = f"{how} ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
         value, low, high = (answer.values(part, name)[:, follower] for part in parts)
         ends = np.minimum(value, low), np.maximum(value, high)
-        filled.append((replace(column, group=group), estimate_cells(value, *ends)))
+        cells = [*estimate_cells(value, *ends), answer.span(name, follower)]
+        filled.append((replace(column, group=group), cells))
     label = infos[0].labels[follower + 1]
     return Table.of(f"{label}: {registry.TITLES[answer.model]}, each window alone", filled)

@@ -56,6 +56,10 @@ from pages.ui.snapshots.listing import title_of
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
 BANDS = "Bands of α, β and τ: 90 % intervals by the evidence, which the training maximises."
+APART = (
+    "The answer's model may have terms beside α, β and τ (with an s₀, τ is smaller by s₀/v), and"
+    " the answer counts how windows of many cars differ."
+)
 CURVES = 440
 """Height in pixels of the chart below the answer, without a panel for the disturbance."""
 
@@ -134,9 +138,9 @@ def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
     _choose_windows(workspace)
     show.table(own_windows_table(result.infos, result.answer, follower))
     st.caption(
-        "What a window says by itself. The answer is the vehicle's typical value over windows: it"
-        " also takes into account how much the windows of other vehicles differ, most of all where"
-        " there is one window."
+        "What a window says by itself, and the answer: the vehicle's typical value over windows. It"
+        " also takes into account how windows of many other cars differ. The fewer windows there"
+        " are, the wider it is and the more it is drawn towards those cars."
     )
 
 
@@ -197,7 +201,8 @@ def _show_checks(result: Result) -> None:
     answers = {group[0].name: answer for group, answer in zip(groups, worst, strict=True)}
     failing = [QUESTIONS[name].lower() for name, answer in answers.items() if answer is False]
     colour, icon = MARKS[False if failing else True]
-    said = f"Not passed: {', '.join(failing)}" if failing else "All checks passed"
+    failed = f"Failed {'check' if len(failing) == 1 else 'checks'}: {', '.join(failing)}"
+    said = failed if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for group, answer in zip(groups, worst, strict=True):
             colour, icon = MARKS[answer]
@@ -246,20 +251,26 @@ def _show_comparison(
 ) -> None:
     """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
-    estimates = {name_of(fit).partition(" (")[0]: fit.parameters}
+    own = name_of(fit).partition(" (")[0]
+    estimates = {own: fit.parameters}
     if result.segments:
         solved = Regression.of_windows(result.segments).solve(fit.case)
         estimates["Least squares"] = solved.parameters
     estimates["Maximum likelihood"] = uncertainty.centre
+    if (known := result.known_answer) and known.model in CTHPS:
+        estimates["Answer"] = known.parameters
     if truth:
         estimates["Truth"] = truth
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
     table = tables.comparison_table(info, estimates, fit.case, uncertainty, result.infos)
     show.table(table, colours)
+    is_likely = fit.config.get("preset") == "calibrated"
+    biased = "least squares" if is_likely else f"least squares and the loss of {own}"
     st.caption(
-        "Disturbances that last for seconds bias least squares and the PiNN's loss alike; maximum"
-        " likelihood estimates the disturbances together with the parameters, and the intervals"
-        " are around it."
+        f"Disturbances that last for seconds bias {biased}; maximum likelihood estimates the"
+        " disturbances together with the parameters, and the intervals are around it."
+        + (f" {own} maximises the same likelihood." if is_likely else "")
+        + (f" {APART}" if "Answer" in estimates else "")
     )
     show.downloads(table, f"{Path(info.source).stem}_comparison", f"{page}_comparison")
     is_own = segment is not None and segment == workspace.segment
@@ -310,7 +321,10 @@ def _show_history(result: Result, history: History, truth: Parameters | None, pa
     info, model = result.info, result.fit.model
     show.vehicle_key(info, bool(truth) and model in CTHPS, info.shares(result.fit.case))
     if history.deviations is not None:
-        st.caption(f"{BANDS} The last point is the network's, drawn with what was found.")
+        st.caption(
+            f"{BANDS} The search starts at the estimates of maximum"
+            " likelihood, so little is left to move; the last point is its result."
+        )
     show.charts([*figures.training_figures(history, info, model, truth).items()], page)
 
 

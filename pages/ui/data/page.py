@@ -202,7 +202,7 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
         )  # fmt: skip
         return
     taken = suggestion.window == workspace.window
-    name = "Best alone" if workspace.several_windows else "Suggested"
+    name = "Best single window" if workspace.several_windows else "Suggested"
     label = "As suggested" if taken else f"{name}: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
@@ -350,9 +350,9 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
     """Whether to train on all windows in car-following, where there are several."""
     count = len(windows_in_car_following(recording, workspace.vehicles))
     if count and workspace.preset == "calibrated":
-        every = "Both" if count == 2 else f"All {count}"
+        every = "both" if count == 2 else f"all {count}"
         st.toggle(
-            f"{every} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
+            f"Train on {every} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
             help="The answer's interval narrows with every window of the same vehicles, more than"
             " by any refinement in one. Short stretches of catching up stay in a window. Methods on"
             " page Compare keep the window above, and so do the tabs below.",

@@ -227,9 +227,14 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         format="%.1f", key=f"data_validation_length_{key}",
         help="Longer windows average over more driving.",
     )  # fmt: skip
+    learned_from = chosen is recording and any(
+        part.start <= start and start + length <= part.end for part in every
+    )
     if columns[4].button(
         f"Validate on {Window(start, start + length)}", key="data_validate", width="stretch",
-        help="Simulates the learned parameters on this window, now or once there are some.",
+        disabled=learned_from,
+        help="All of this window is learned from; choose another." if learned_from else
+        "Simulates the learned parameters on this window, now or once there are some.",
     ):  # fmt: skip
         try:
             workspace.validation = cut(chosen, start, length, vehicles)

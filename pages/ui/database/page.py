@@ -13,6 +13,7 @@ import pandas as pd
 import plotly.graph_objects as go
 import streamlit as st
 
+from accpinn.inference.answer import SPEEDS
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.registry import CTHPS
 from accpinn.recordings import Window
@@ -250,7 +251,8 @@ def _show_forest(selected: ShownRows, about: str) -> None:
     st.caption(
         f"Typical value of each group with its {level:.0f} % interval; thin: the time gap in a"
         " further window; an arrowhead: the interval goes on; a larger dot stands for more"
-        f" windows.{near}{more} {about}"
+        f" windows, a ring for windows that never reach {3.6 * SPEEDS[-1]:.0f} km/h.{near}{more}"
+        f" {about}"
     )
 
 
@@ -328,9 +330,11 @@ def _asked() -> dict[str, tuple[str, ...]]:
 def _show_groups(selected: ShownRows, name: str) -> None:
     show.table(group_table(selected.groups))
     st.caption(
-        "In brackets: intervals of the typical value. String stable: of one vehicle the"
-        " probability; of several their share, and in brackets that of all such vehicles. Measured:"
-        " the median of the windows' mean time gaps."
+        "In brackets: intervals of the typical value. With one vehicle that is its own; with"
+        " several it is that of all such vehicles, so it is wide where they are few. With *: no"
+        " window holds that speed, so the model extrapolates. String stable: of one vehicle the"
+        " probability; of several their share, and in brackets that of all such vehicles."
+        " Measured: the median of the windows' mean time gaps, at whatever speed was driven."
     )
     show.downloads(group_table(selected.groups), name, "database_groups")
 
@@ -365,7 +369,8 @@ def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -
     with st.container(horizontal=True, vertical_alignment="center"):
         show.key(
             [("L₂ unstable (ring)", figures.UNSTABLE), ("L₂ stable (diamond)", figures.STABLE),
-             ("L₂ boundary", L2), ("L∞ boundary, exact (dashed)", EXACT)]
+             ("no gap control, α = 0 (cross)", figures.IDLE), ("L₂ boundary", L2),
+             ("L∞ boundary, exact (dashed)", EXACT)]
         )  # fmt: skip
         in_units_of_tau = st.toggle(
             "In units of τ", **kept(workspace, "database_units", False),
@@ -381,7 +386,9 @@ def _show_plane(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) -
     away = figures.beyond(figure)
     out = f" {away:,} of {len(selected.rows):,} rows lie beyond the axes." if away else ""
     st.caption(
-        f"{whose} String stable above the lines.{where}{out} Click on a point to open its window."
+        f"{whose} String stable above the lines.{where}{out} The verdicts are the CTHP's, without"
+        " the further terms of the answer's model, by which the table and the sentence above judge."
+        " Click on a point to open its window."
     )
     _show_chosen(workspace, rows, selected)
 
@@ -486,7 +493,11 @@ def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> No
 
 def _show_failures(failures: Sequence[Failure], study: str) -> None:
     if not failures:
-        st.caption("Every file has a window, and every method a result on it.")
+        is_active = study in batch_queue().active_owners("batch")
+        st.caption(
+            "No failure so far." if is_active
+            else "Every file has a window, and every method a result on it."
+        )  # fmt: skip
         return
     show.table(failure_table(failures[:LISTED]))
     if len(failures) > LISTED:

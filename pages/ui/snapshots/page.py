@@ -275,7 +275,7 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
         show.messages(verification.sentence, "error")
         return
     own = Verification(tuple(check for check in verification.checks if not check.method))
-    fresh = "" if is_again else "Not verified yet. "
+    fresh = "" if is_again else "Not verified yet: no method was run again. "
     with st.container(horizontal=True, vertical_alignment="center", width="content"):
         st.caption(escape_markdown(fresh + own.sentence), width="content")
         whole = snapshot.found_in(recording)
