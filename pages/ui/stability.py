@@ -181,8 +181,8 @@ def _show_verdicts(source: Chosen) -> None:
     show.table(table, figures.colours(chosen))
     posterior = known and (
         "Probability: the share of posterior samples that are string stable; the verdict is"
-        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets, or where a dotted line"
-        f" is pointed at: {100 * known.level:.0f} % intervals. "
+        f" undecided between {100 - sure:.0f} and {sure:.0f} %. In brackets, or on"
+        f" pointing at a dotted line: {100 * known.level:.0f} % intervals. "
     )
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
               " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip

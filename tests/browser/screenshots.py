@@ -143,7 +143,7 @@ class Camera:
         self.page.get_by_test_id("stCheckbox").filter(has_text=text).click()
 
     def wait(self, text: str) -> None:
-        self.page.get_by_text(text).first.wait_for(timeout=BATCH_MS)
+        self.page.get_by_text(text).filter(visible=True).first.wait_for(timeout=BATCH_MS)
 
     def fill(self, words: str) -> None:
         fill(self.page, *words.split(" = "))

@@ -275,7 +275,7 @@ class TestPage:
     def test_a_published_example_drives_before_anything_was_trained(self) -> None:
         page = open_page("Platoon", with_example())
         assert page.widget("platoon_frequency").value == pytest.approx(0.2189)
-        assert "The oscillation grows to 2.44 times the leader's" in page.plain()
+        assert "2.44 times at the last follower" in page.plain()
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
         page.choose("platoon_db", True)
         assert "[dB re leader]" in page.figures()[2]["layout"]["yaxis"]["title"]["text"]

@@ -279,7 +279,7 @@ def time_space(
     scale = {"color": [middle - limit, middle + limit], "coloraxis": "coloraxis"}
     chart.dots([None, None], [None, None], marker=scale)
     seen = {"road": "on the road", "leader": "seen from leader",
-            "observer": f"seen at {mean:.1f} m/s"}  # fmt: skip
+            "observer": f"relative to {mean:.1f} m/s"}  # fmt: skip
     chart.axis("x", TIME.axis)
     chart.axis("y", f"Position {seen[view]} [m]")
     return chart.figure()

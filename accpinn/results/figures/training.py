@@ -248,6 +248,8 @@ def tracking(
         chart.level(f"y{row}", 0, {"color": style.GRID, "width": 1.5})
     if predicted:
         _draw_band(chart, predicted, follower, start)
+        if data and with_error:  # narrow bands are seen there alone
+            _draw_band(chart, predicted, follower, start, data)
     colour = style.vehicle_colours(segment.vehicles)[follower + 1]
     for name, source, paint, width, dash, opacity in (
         ("data", measured, style.LEADER, 4, "solid", 0.7),
@@ -287,10 +289,20 @@ def _hover(channel: Quantity, name: str) -> str:
     return f"%{{y:.2f}} {channel.unit}<extra>{html.escape(name)}</extra>"
 
 
-def _draw_band(chart: style.Chart, predicted: GapBand, follower: int, start: Seconds) -> None:
-    """Draw the band, one area for each stretch of time that has one."""
-    lower, upper = predicted.lower[:, follower], predicted.upper[:, follower]
+def _draw_band(
+    chart: style.Chart, predicted: GapBand, follower: int, start: Seconds,
+    data: Segment | None = None,
+) -> None:  # fmt: skip
+    """Draw the band, one area for each stretch of time that has one.
+
+    With ``data`` it is that of the gap's error.
+    """
+    lower, upper, panel = predicted.lower[:, follower], predicted.upper[:, follower], 1
+    if data:
+        measured = np.interp(predicted.time, data.time, data.measured.gaps[:, follower])
+        lower, upper, panel = lower - measured, upper - measured, 3
     for at, stretch in enumerate(stretches(np.isfinite(lower))):
         rows = np.arange(stretch.first, stretch.last + 1)[:: 1 + len(lower) // BAND_POINTS]
         time, name = start + predicted.time[rows], f"{100 * predicted.level:.0f} % band"
-        chart.band(time, lower[rows], upper[rows], style.MODEL, 0.3, name, 1, showlegend=at == 0)
+        first = at == 0 and data is None
+        chart.band(time, lower[rows], upper[rows], style.MODEL, 0.3, name, panel, showlegend=first)

@@ -440,10 +440,12 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         return f"The last follower's {what} is as large as the leader's: {size}."
     verb = "grows" if ratio > 1 else "fades"
     largest = int(np.argmax(sizes))
-    at = f"; at {places.spoken(largest)} to {three(sizes[largest] / sizes[0])} times"
-    more = at if 0 < largest < len(sizes) - 1 else ""
-    grown = f"The {what} {verb} to {three(ratio)} times the leader's at the last follower"
-    return f"{grown}: {size}{more}."
+    last = f"{verb} to {three(ratio)} times the leader's at the last follower: {size}."
+    if not 0 < largest < len(sizes) - 1:
+        return f"The {what} {last}"
+    most = f"grows to {three(sizes[largest] / sizes[0])} times the leader's"
+    last = f"is {three(ratio)} times at the last follower: {size}."
+    return f"The {what} {most} at {places.spoken(largest)}, and {last}"
 
 
 def by_linearisation(run: PlatoonRun) -> str:
