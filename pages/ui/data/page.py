@@ -331,8 +331,9 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
         show.messages(workspace.fault, "error")
     else:
         windows = workspace.several_windows or (workspace.window,)
+        ratings = rated(recording, windows, workspace.vehicles, workspace.excluded)
         with st.container(horizontal=True):
-            for rating in rated(recording, windows, workspace.vehicles, workspace.excluded):
+            for rating in ratings:
                 colour, icon = MARKS[rating.grade]
                 label = WORDS[rating.question][rating.grade]
                 with st.popover(f":{colour}[:material/{icon}:] {label}"):
@@ -341,6 +342,9 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
                         st.caption(f"This is the worst of the {len(windows)} windows.")
                     if reasons := messages(rating.findings, segment):
                         st.markdown(show.bullets(reasons))
+        wrong = next(rating for rating in ratings if rating.question == "consistent")
+        if wrong.grade is Grade.POOR:  # whatever is learned of such gaps is wrong
+            show.messages(messages(wrong.findings, segment), "warning")
         show.not_acc(segment)
         _choose_all_windows(workspace, recording)
     _train_button(workspace)
