@@ -21,7 +21,7 @@ the parameters were learned from beside it: if those on the other window are far
 parameters describe only the first window.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -114,9 +114,9 @@ def evaluate(
     return Evaluation(
         surrogate=surrogate_errors(segment, fit),
         closed_loop=closed_loop_errors(segment, fit),
-        holdout=pooled_holdout_errors(blocks),
+        holdout=of_blocks(blocks),
         blocks=blocks,
-        out_of_window=_pooled(parts),
+        out_of_window=pooled(parts),
         out_of_window_seconds=float(sum(seconds for seconds, _ in parts)),
         whiteness=whiteness(segment, fit),
         findings=closed_loop_findings(segment, closed_loop(segment, fit)),
@@ -142,25 +142,29 @@ def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tupl
     )
 
 
-def pooled_holdout_errors(blocks: tuple[Block, ...]) -> TrackingErrors | None:
-    """The errors of all blocks together; None where one of them has none."""
-    known = [(block.window.duration, block.errors) for block in blocks if block.errors is not None]
-    return _pooled(known) if len(known) == len(blocks) else None
+def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErrors | None:
+    """The errors of several stretches as on one, each with its weight.
 
-
-def _pooled(parts: Sequence[tuple[Seconds, TrackingErrors]]) -> TrackingErrors | None:
-    """The errors of several stretches together, each with its duration; None without any."""
-    if not parts:
+    None without any stretch, or where one has no errors.
+    """
+    weighted = [*parts]
+    known = [errors for _, errors in weighted if errors is not None]
+    if not known or len(known) < len(weighted):
         return None
-    weights = np.array([seconds for seconds, _ in parts]) / sum(seconds for seconds, _ in parts)
+    weights = [weight for weight, _ in weighted]
 
     def mean(name: str, power: int) -> FloatArray:
-        values = np.array([getattr(errors, name) for _, errors in parts])
-        return np.asarray((weights @ values**power) ** (1 / power))
+        values = [getattr(errors, name) ** power for errors in known]
+        return np.asarray(np.average(values, axis=0, weights=weights) ** (1 / power))
 
     return TrackingErrors(
         mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
     )
+
+
+def of_blocks(blocks: Sequence[Block]) -> TrackingErrors | None:
+    """The errors of all held-out blocks, by their durations."""
+    return pooled((block.window.duration, block.errors) for block in blocks)
 
 
 def _out_of_window(
@@ -313,27 +317,10 @@ def validate(fit: Fit, segments: Sequence[Segment], other: Segment) -> Validatio
             f" parameters of {segments[0].followers}; choose as many."
         )
     return Validation(
-        _together([closed_loop_errors(segment, fit) for segment in segments], segments),
+        pooled((segment.samples, closed_loop_errors(segment, fit)) for segment in segments),
         closed_loop_errors(other, fit),
         closed_loop_findings(other, closed_loop(other, fit)),
         tuple(_cautions(segments, other)),
-    )
-
-
-def _together(
-    errors: Sequence[TrackingErrors | None], segments: Sequence[Segment]
-) -> TrackingErrors | None:
-    """The errors on several windows as on one, each sample with the same weight."""
-    if not all(errors):
-        return None
-    weights = [segment.samples for segment in segments]
-
-    def mean(name: str, power: int) -> FloatArray:
-        values = [getattr(part, name) ** power for part in errors]
-        return np.asarray(np.average(values, axis=0, weights=weights) ** (1 / power))
-
-    return TrackingErrors(
-        mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
     )
 
 

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS, by_key, fields
+from accpinn.evaluation import pooled
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
     closed_loop,
@@ -420,15 +421,8 @@ def _mean_errors(
     result: Result, errors_of: Callable[[Segment, Fit], TrackingErrors | None]
 ) -> dict[str, list[float]] | None:
     """Mean absolute errors over the samples of all windows; None where a window has none."""
-    errors = [_errors(errors_of(*pair)) for pair in zip(result.segments, result.fits, strict=True)]
-    known = [row for row in errors if row]
-    if len(known) < len(errors):
-        return None
-    samples = [info.samples for info in result.infos]
-    return {
-        key: np.average([row[key] for row in known], axis=0, weights=samples).tolist()
-        for key in known[0]
-    }
+    pairs = zip(result.segments, result.fits, strict=True)
+    return _errors(pooled((segment.samples, errors_of(segment, fit)) for segment, fit in pairs))
 
 
 # Sentences of a document, and of the text in its place

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from accpinn.errors import AccpinnError
-from accpinn.evaluation import pooled_holdout_errors
+from accpinn.evaluation import of_blocks
 from accpinn.inference.intervals import SLACK, agree, from_draws, with_estimates
 from accpinn.methods.fit import Outcome
 from accpinn.methods.registry import METHODS
@@ -358,7 +358,7 @@ def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
             unknown.append("surrogate")
         if fresh.recording is None or not fresh.facts:
             unknown += ["out_of_window", "out_of_window_seconds", "out_of_window_findings"]
-        anew = replace(anew, holdout=pooled_holdout_errors(stored.blocks))
+        anew = replace(anew, holdout=of_blocks(stored.blocks))
         stored, anew = (replace(side, **dict.fromkeys(unknown)) for side in (stored, anew))
     return [_compare(part, stored, anew, name)]
 

@@ -14,7 +14,7 @@ from accpinn.evaluation import (
     cross_validate,
     evaluate,
     from_following,
-    pooled_holdout_errors,
+    of_blocks,
     validate,
     without,
 )
@@ -78,16 +78,16 @@ def test_the_middle_third_leaves_no_trace_in_its_bridge() -> None:
 def test_too_little_for_a_method_is_no_error() -> None:
     blocks = cross_validate(driven(duration=12.0), lambda rest: RIVALS["simulation"](rest, "II"))
     assert blocks[1].errors is None, "no stretch of 5 s is left beside the middle"
-    assert pooled_holdout_errors(blocks) is None
+    assert of_blocks(blocks) is None
 
 
 def test_blocks_are_pooled_by_duration() -> None:
     one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
     first = Block(Window(0.0, 10.0), one)
-    both = pooled_holdout_errors((first, Block(Window(20.0, 50.0), three)))
+    both = of_blocks((first, Block(Window(20.0, 50.0), three)))
     assert both.gap_mae[0] == pytest.approx(2.5)
     assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
-    assert pooled_holdout_errors((first, Block(Window(20.0, 50.0), None))) is None
+    assert of_blocks((first, Block(Window(20.0, 50.0), None))) is None
 
 
 def test_an_evaluation_holds_what_it_is_given_data_for() -> None:

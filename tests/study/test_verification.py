@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import SnapshotError
-from accpinn.evaluation import pooled_holdout_errors
+from accpinn.evaluation import of_blocks
 from accpinn.inference.intervals import from_draws, with_estimates
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
@@ -153,7 +153,7 @@ class TestForged:
             found = fault(verify(evaluated(whole(), **changes), refit_within=QUICK))
             assert (found.part, found.method) == ("evaluation", "Least squares")
         own = tuple(replace(one, errors=better(one.errors)) for one in evaluation.blocks)
-        forged = evaluated(whole(), blocks=own, holdout=pooled_holdout_errors(own))
+        forged = evaluated(whole(), blocks=own, holdout=of_blocks(own))
         found = fault(verify(forged))
         assert (found.part, found.state) == ("holdout", "reproduced")
 
