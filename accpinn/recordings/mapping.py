@@ -14,7 +14,6 @@ import hashlib
 import os
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,8 +24,8 @@ from numpy.typing import NDArray
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.recordings import MappingRemembered, Mode, Recording, completed
-from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import Columns, Layout, TableRun, layout_of, read_columns
+from accpinn.recordings.source import SourceFile, excerpt
+from accpinn.recordings.tables import Columns, TableRun, layout_of, read_columns
 from accpinn.storage import folder, reported, write_whole
 from accpinn.units import FloatArray, Metres, Seconds
 
@@ -89,25 +88,6 @@ class CsvMapping(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     modes: tuple[ModeColumn, ...] = ()
     trajectory: str | None = None
     """The column that tells several runs in one table apart."""
-
-
-@dataclass(frozen=True)
-class Preview:
-    """A table's beginning, for a page on which a mapping is made."""
-
-    layout: Layout
-    mapping: CsvMapping | None
-    """Mapping remembered from a file with the same columns."""
-
-
-def preview(source: Source, name: str | None = None) -> Preview:
-    """The columns and first rows of a table, and the mapping that is remembered for it.
-
-    Raises:
-        RecordingError: when it is no table with column names.
-    """
-    layout = layout_of(read_bytes(source, name))
-    return Preview(layout, recall(layout.names))
 
 
 def parse_mapping(text: str | bytes, name: str = "mapping") -> CsvMapping:

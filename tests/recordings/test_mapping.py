@@ -12,7 +12,7 @@ import accpinn
 from accpinn.errors import RecordingError
 from accpinn.recordings import MappingRemembered, Mode, Recording
 from accpinn.recordings.files import opened, read, read_all
-from accpinn.recordings.mapping import load_mapping, parse_mapping, preview
+from accpinn.recordings.mapping import load_mapping, parse_mapping
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 
@@ -54,7 +54,7 @@ def test_columns_units_and_separators(separator: str) -> None:
     assert found.is_even
     assert [vehicle.name for vehicle in found.vehicles] == ["Audi (A8)", "Vehicle 2"]
     assert (found.mode[0, 1], found.mode[-1, 1]) == (Mode.HUMAN, Mode.ACC)
-    shown = preview(raw, "mine.csv").layout
+    shown = opened(raw, "mine.csv").layout
     assert (shown.separator, shown.decimal, len(shown.rows)) == (separator, decimal, 5)
     assert shown.names == tuple(foreign(frame).columns)
 
@@ -64,7 +64,7 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     raw, mapping = foreign(frame).to_csv(index=False).encode(), parse_mapping(MAPPING)
     with pytest.raises(RecordingError, match="--mapping"):
         read(raw, "mine.csv")
-    assert preview(raw, "mine.csv").mapping is None
+    assert opened(raw, "mine.csv").mapping is None
     assert opened(raw, "mine.csv").is_unknown
     assert opened(b"time,lead,ego,gap\n" + b"0,1,2,3\n" * 40, "mine.csv").is_unknown
     assert not opened(csv(frame, metadata(("A", "B"))), "run.csv").is_unknown
@@ -74,7 +74,7 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     np.testing.assert_array_equal(again.speed, first.speed)
     assert MappingRemembered() in again.findings
     assert MappingRemembered() not in first.findings
-    assert preview(raw, "next.csv").mapping == mapping
+    assert opened(raw, "next.csv").mapping == mapping
     other = foreign(frame).rename(columns={"note": "remark"}).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match="--mapping"):
         read(other, "other.csv")
@@ -83,7 +83,7 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
     for kept in mappings.iterdir():
         assert load_mapping(kept) == mapping
         kept.write_text("{")
-    assert preview(raw, "next.csv").mapping is None
+    assert opened(raw, "next.csv").mapping is None
 
 
 def test_several_runs_in_one_table_without_a_column_of_time() -> None:

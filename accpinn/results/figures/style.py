@@ -286,11 +286,6 @@ def ticks(ends: Sequence[float]) -> dict[str, Any]:
     return {"tickvals": values, "ticktext": [f"{v + 0.0:.{digits}f}" for v in values]}
 
 
-def named_value(quantity: Quantity, axis: str) -> str:
-    """The text shown when a point is hovered over: τ = 1.5200 s."""
-    return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
-
-
 def with_legend(figure: go.Figure) -> go.Figure:
     """The figure with a legend, for where no key stands beside it, as in a file of its own.
 

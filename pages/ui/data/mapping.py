@@ -20,15 +20,15 @@ from accpinn.recordings.mapping import (
     CsvMapping,
     GapColumn,
     ModeColumn,
-    Preview,
     SpeedColumn,
     TimeColumn,
     parse_mapping,
+    recall,
 )
+from accpinn.recordings.tables import Layout
 from accpinn.results.tables import Column, Table
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
-from pages.ui.session.workspace import PendingFile
 
 CHOOSE = "choose…"
 NONE = "(none)"
@@ -50,22 +50,21 @@ LARGEST = {"speed": 300.0, "gap": 1000.0}
 """Values beyond which a column holds something else, in any unit of speed, and in m."""
 
 
-def ask_for_columns(file: PendingFile, seen: Preview) -> CsvMapping | None:
+def ask_for_columns(name: str, table: Layout) -> CsvMapping | None:
     """The table's beginning, and what its columns hold: by a form, or by a file in its place.
 
     Returns:
         None, with a sentence on the page, while a column is to be chosen or is chosen twice.
     """
     st.markdown(
-        f"**Which columns of {escape_markdown(file.name)} hold what?** The answer is remembered for"
+        f"**Which columns of {escape_markdown(name)} hold what?** The answer is remembered for"
         " files with the same columns."
     )
-    _show_preview(seen)
-    return _uploaded() or _form(tuple(name for name in seen.layout.names if name), seen)
+    _show_preview(table)
+    return _uploaded() or _form(tuple(name for name in table.names if name), table)
 
 
-def _show_preview(seen: Preview) -> None:
-    layout = seen.layout
+def _show_preview(layout: Layout) -> None:
     columns = [
         (Column(name or f"column {k + 1}"), [row[k] if k < len(row) else "" for row in layout.rows])
         for k, name in enumerate(layout.names[:PREVIEWED])
@@ -87,11 +86,11 @@ def _uploaded() -> CsvMapping | None:
     return show.attempt(lambda: parse_mapping(upload.getvalue(), upload.name))
 
 
-def _form(names: Sequence[str], seen: Preview) -> CsvMapping | None:
+def _form(names: Sequence[str], table: Layout) -> CsvMapping | None:
     """A row of fields for each vehicle; they begin with what is remembered, else with guesses."""
     asked = (CHOOSE, *names)
-    begin = _guessed(names, seen)
-    if known := seen.mapping:
+    begin = _guessed(names, table)
+    if known := recall(table.names):
         speeds = (*known.speeds, *begin.speeds[len(known.speeds) :])
         gaps = (*known.gaps, *begin.gaps[len(known.gaps) :])
         begin = replace(known, speeds=speeds, gaps=gaps)
@@ -102,7 +101,7 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping | None:
         "Vehicles", 2, MOST_VEHICLES, usual, key="data_map_vehicles",
         help="Leader and followers, in their order on the road.",
     )  # fmt: skip
-    time, sample_time = _time(names, seen, begin, columns[1:3])
+    time, sample_time = _time(names, table, begin, columns[1:3])
     trajectory = _pick(
         "Runs told apart by", (NONE, *names), begin.trajectory or NONE, columns[3],
         "data_map_runs", "Of a table with several runs: the column that names them.",
@@ -116,7 +115,7 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping | None:
         )  # fmt: skip
         before = st.session_state.get(f"data_map_unit_of_{k}", speed.column)
         if column != before:  # the unit begins with what the numbers of the new column suggest
-            st.session_state[f"data_map_speed_unit_{k}"] = _speed_unit(seen, column)
+            st.session_state[f"data_map_speed_unit_{k}"] = _speed_unit(table, column)
         st.session_state[f"data_map_unit_of_{k}"] = column
         chosen_speeds.append(SpeedColumn(
             column=column,
@@ -140,7 +139,7 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping | None:
                 help="Length of the vehicle ahead, where the column is a distance of positions.",
             ),
         ))  # fmt: skip
-    modes = _modes(names, seen, int(count))
+    modes = _modes(names, table, known, int(count))
     held = [time.column] if time else []
     held += [*(speed.column for speed in chosen_speeds), *(gap.column for gap in chosen_gaps)]
     twice = sorted({name for name in held if held.count(name) > 1} - {CHOOSE})
@@ -160,24 +159,26 @@ def _form(names: Sequence[str], seen: Preview) -> CsvMapping | None:
     )
 
 
-def _guessed(names: Sequence[str], seen: Preview) -> CsvMapping:
+def _guessed(names: Sequence[str], table: Layout) -> CsvMapping:
     """What names and first numbers suggest, for the most vehicles; `CHOOSE` where they do not."""
-    times = [name for name in names if _is_time(seen, name)]
+    times = [name for name in names if _is_time(table, name)]
     times.sort(key=lambda name: not _is_named(name, "time"))
     rest = [name for name in names if name not in times[:1]]
-    speeds = [name for name in rest if _is_likely(seen, name, "speed")]
-    gaps = [name for name in rest if name not in speeds and _is_likely(seen, name, "gap")]
+    speeds = [name for name in rest if _is_likely(table, name, "speed")]
+    gaps = [name for name in rest if name not in speeds and _is_likely(table, name, "gap")]
     speeds += [CHOOSE] * MOST_VEHICLES
     gaps += [CHOOSE] * MOST_VEHICLES
     return CsvMapping(
-        speeds=tuple(SpeedColumn(s, _speed_unit(seen, s)) for s in speeds[:MOST_VEHICLES]),
+        speeds=tuple(SpeedColumn(s, _speed_unit(table, s)) for s in speeds[:MOST_VEHICLES]),
         gaps=tuple(GapColumn(name) for name in gaps[: MOST_VEHICLES - 1]),
-        time=TimeColumn(times[0], _time_unit(seen, times[0])) if times else None,
+        time=TimeColumn(times[0], _time_unit(table, times[0])) if times else None,
     )
 
 
-def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn, ...]:
-    before = {mode.vehicle: mode for mode in (seen.mapping.modes if seen.mapping else ())}
+def _modes(
+    names: Sequence[str], table: Layout, known: CsvMapping | None, count: int
+) -> tuple[ModeColumn, ...]:
+    before = {mode.vehicle: mode for mode in (known.modes if known else ())}
     modes = []
     with st.expander("Who drives: ACC or a human", expanded=bool(before)):
         st.caption(
@@ -193,7 +194,7 @@ def _modes(names: Sequence[str], seen: Preview, count: int) -> tuple[ModeColumn,
             )  # fmt: skip
             if column == NONE:
                 continue
-            likely = ("1", "0") if {*_cells(seen, column)} <= {"0", "1", ""} else ("ACC", "Human")
+            likely = ("1", "0") if {*_cells(table, column)} <= {"0", "1", ""} else ("ACC", "Human")
             acc = cells[1].text_input(
                 "Under ACC it says", ", ".join(old.acc) if old else likely[0],
                 key=f"data_map_acc_{vehicle}", help="One word, or several separated by commas.",
@@ -211,7 +212,7 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def _time(
-    names: Sequence[str], seen: Preview, begin: CsvMapping, columns: Sequence[Any]
+    names: Sequence[str], table: Layout, begin: CsvMapping, columns: Sequence[Any]
 ) -> tuple[TimeColumn | None, float | None]:
     known = begin.time
     column = _pick(
@@ -224,7 +225,7 @@ def _time(
             key="data_map_step", help="Between two rows.",
         )  # fmt: skip
         return None, float(step)
-    unit = known.unit if known else _time_unit(seen, column)
+    unit = known.unit if known else _time_unit(table, column)
     return TimeColumn(
         column,
         _pick("Unit", [*TIME_UNITS], unit, columns[1], "data_map_time_unit", "Of that column."),
@@ -241,42 +242,42 @@ def _is_named(name: str, what: str) -> bool:
     return any(word in LIKELY[what] for word in re.findall("[a-z]+", name.lower()))
 
 
-def _is_time(seen: Preview, name: str) -> bool:
+def _is_time(table: Layout, name: str) -> bool:
     """Whether the first numbers grow from row to row, and evenly where the name does not say so."""
-    steps = np.diff(_numbers(seen, name))
+    steps = np.diff(_numbers(table, name))
     grows = len(steps) > 1 and bool((steps > 0).all())
     return grows and (_is_named(name, "time") or bool(np.ptp(steps) < EVEN_WITHIN * steps.mean()))
 
 
-def _is_likely(seen: Preview, name: str, what: str) -> bool:
+def _is_likely(table: Layout, name: str, what: str) -> bool:
     """Whether name and first numbers are those of speeds, or of gaps."""
-    values = _numbers(seen, name)
+    values = _numbers(table, name)
     return _is_named(name, what) and all(0 <= value < LARGEST[what] for value in values)
 
 
-def _numbers(seen: Preview, name: str) -> list[float]:
+def _numbers(table: Layout, name: str) -> list[float]:
     """The first cells of a column, as far as they are numbers."""
     numbers = []
-    for cell in _cells(seen, name):
+    for cell in _cells(table, name):
         with suppress(ValueError):
-            numbers.append(float(cell.replace(seen.layout.decimal, ".")))
+            numbers.append(float(cell.replace(table.decimal, ".")))
     return numbers
 
 
-def _cells(seen: Preview, name: str) -> list[str]:
+def _cells(table: Layout, name: str) -> list[str]:
     if name == CHOOSE:
         return []
-    at = seen.layout.names.index(name)
-    return [row[at].strip() for row in seen.layout.rows if at < len(row)]
+    at = table.names.index(name)
+    return [row[at].strip() for row in table.rows if at < len(row)]
 
 
-def _time_unit(seen: Preview, name: str) -> str:
+def _time_unit(table: Layout, name: str) -> str:
     """The unit with which rows are as far apart as those of recordings."""
-    cells = _numbers(seen, name)
+    cells = _numbers(table, name)
     step = abs(cells[1] - cells[0]) if len(cells) > 1 else 0.1
     return next((unit for unit in ("s", "ms", "µs", "ns") if step * TIME_UNITS[unit] < 5.0), "s")
 
 
-def _speed_unit(seen: Preview, name: str) -> str:
+def _speed_unit(table: Layout, name: str) -> str:
     """km/h where speeds in m/s would be those of no car."""
-    return "km/h" if max(_numbers(seen, name), default=0.0) > FASTEST else "m/s"
+    return "km/h" if max(_numbers(table, name), default=0.0) > FASTEST else "m/s"

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import streamlit as st
@@ -11,7 +12,8 @@ from streamlit import config
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
 from accpinn.recordings.catalogue import PUBLISHED_AT, Run, catalogue
-from accpinn.recordings.mapping import CsvMapping, preview, write_mapping
+from accpinn.recordings.files import File
+from accpinn.recordings.mapping import write_mapping
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
 from accpinn.tasks import Status
@@ -28,7 +30,7 @@ from pages.ui.session.resources import (
     sample_title,
     samples,
 )
-from pages.ui.session.workspace import PendingFile, Workspace
+from pages.ui.session.workspace import Workspace
 
 OPENING, ARRIVED = "data_opening", "data_arrived"
 """Entries in Streamlit's session state: whether the ways to open another recording are shown, and
@@ -61,42 +63,41 @@ def open_sample(workspace: Workspace, path: Path) -> None:
         st.session_state[OPENING] = False
 
 
-def open_file(
-    workspace: Workspace, source: bytes | Path, name: str, mapping: CsvMapping | None = None,
-    trajectory: str | None = None,
-) -> None:  # fmt: skip
-    """Open a file, or keep it pending with what it asks for; if that fails, say why.
-
-    With a ``mapping`` or ``trajectory``, which answers that, it stays pending until it is opened.
-    """
-    asking = workspace.pending if mapping or trajectory else None
-    workspace.pending = None
+def open_file(workspace: Workspace, source: bytes | Path, name: str) -> None:
+    """Open a file, or keep it pending with what it asks for; if that fails, say why."""
+    workspace.pending, file = None, None
     try:
-        if st.session_state.get(ASK) and not asking:
-            workspace.pending = _pending(source, name, known=True)
-        elif asking and not trajectory:  # the table may hold several runs
-            if runs := files.opened(source, name, mapping).trajectories:
-                workspace.pending = PendingFile(name, source, runs, mapping)
-        if not workspace.pending:
-            workspace.open(files.read(source, name, trajectory=trajectory, mapping=mapping))
-            st.session_state[OPENING] = False
-    except AccpinnError as fault:
-        workspace.pending = asking or _pending(source, name)
-        workspace.refusal = str(fault) if asking or not workspace.pending else ""
-
-
-def _pending(source: bytes | Path, name: str, known: bool = False) -> PendingFile | None:
-    """What has to be asked of a file that could not be read; None where no answer would help.
-
-    ``known`` asks for columns that are remembered, too.
-    """
-    with suppress(AccpinnError):
-        if known and preview(source, name).mapping:
-            return PendingFile(name, source)
         file = files.opened(source, name)
-        if file.trajectories or file.is_unknown:
-            return PendingFile(name, source, file.trajectories)
-    return None
+        if st.session_state.get(ASK) and file.mapping:
+            workspace.pending = replace(file, mapping=None)
+        else:
+            _read(workspace, file)
+    except AccpinnError as fault:
+        asks = file is not None and (file.is_unknown or _has_runs(file))
+        workspace.pending = file if asks else None
+        workspace.refusal = "" if asks else str(fault)
+
+
+def _has_runs(file: File) -> bool:
+    with suppress(AccpinnError):
+        return bool(file.trajectories)
+    return False
+
+
+def _answered(workspace: Workspace, file: File, trajectory: str | None) -> None:
+    """Open what was pending, with its mapping or ``trajectory``; a table may hold several runs."""
+    try:
+        if file.trajectories and not trajectory:
+            workspace.pending = file
+        else:
+            _read(workspace, file, trajectory)
+    except AccpinnError as fault:
+        workspace.refusal = str(fault)
+
+
+def _read(workspace: Workspace, file: File, trajectory: str | None = None) -> None:
+    workspace.open(file.read(trajectory))
+    workspace.pending, st.session_state[OPENING] = None, False
 
 
 def choose_source(workspace: Workspace) -> None:
@@ -118,26 +119,22 @@ def choose_source(workspace: Workspace) -> None:
         _choose_file(workspace, root)
 
 
-def _ask(workspace: Workspace, file: PendingFile) -> None:
+def _ask(workspace: Workspace, file: File) -> None:
     """What the pending file asks, its trajectory or its columns, and the button that opens it."""
-    mapping, chosen, fault = file.mapping, None, ""
-    if file.trajectories:
-        count, vehicles = len(file.trajectories), dict(file.trajectories)
-        st.markdown(f"**{escape_markdown(file.name)}** holds {count} runs. Choose one of them.")
+    name, chosen, fault = file.content.name, None, ""
+    if runs := file.trajectories:
+        vehicles = dict(runs)
+        st.markdown(f"**{escape_markdown(name)}** holds {len(runs)} runs. Choose one of them.")
         chosen = st.selectbox(
             "Trajectory", list(vehicles), key="data_trajectory",
             format_func=lambda name: f"{name} · {vehicles[name]} vehicles",
             help="Pairs whose leader is another pair's follower at the same time are one run.",
         )  # fmt: skip
-    elif seen := show.attempt(lambda: preview(file.source, file.name)):
-        mapping = ask_for_columns(file, seen)
-    if mapping and not chosen:
+    elif file.layout and (mapping := ask_for_columns(name, file.layout)):
+        file = replace(file, mapping=mapping, is_remembered=False)
         try:
-            runs = files.opened(file.source, file.name, mapping).trajectories
-            recording = files.read(
-                file.source, file.name, trajectory=runs[0][0] if runs else None, mapping=mapping,
-                is_kept=False,
-            )  # fmt: skip
+            runs = file.trajectories
+            recording = file.read(runs[0][0] if runs else None, is_kept=False)
             several = f"; {len(runs)} runs" if runs else ""
             st.caption(
                 f":material/check_circle: {len(recording.present)} vehicles,"
@@ -151,15 +148,15 @@ def _ask(workspace: Workspace, file: PendingFile) -> None:
         workspace.pending, workspace.refusal = None, ""
 
     with st.container(horizontal=True):
-        if chosen or mapping:
+        if chosen or file.mapping:
             st.button(
                 "Open this trajectory" if chosen else "Open with these columns", type="primary",
                 key="data_open_trajectory" if chosen else "data_open_mapped", disabled=bool(fault),
-                on_click=open_file, args=(workspace, file.source, file.name, mapping, chosen),
+                on_click=_answered, args=(workspace, file, chosen),
             )  # fmt: skip
-        if mapping and not chosen:
+        if file.mapping and not chosen:
             st.download_button(
-                "Mapping as JSON", write_mapping(mapping), "mapping.json", "application/json",
+                "Mapping as JSON", write_mapping(file.mapping), "mapping.json", "application/json",
                 on_click="ignore", icon=":material/download:", key="data_mapping_json",
                 help="For the command line's option --mapping, or for another server.",
             )  # fmt: skip

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from pathlib import Path
 from typing import Any, Literal
 
 from accpinn.errors import ConfigError, SegmentError, SnapshotError
@@ -14,7 +13,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, PAPER, following_model
 from accpinn.recordings import Recording, Window
-from accpinn.recordings.mapping import CsvMapping
+from accpinn.recordings.files import File
 from accpinn.recordings.synthetic import Truth
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
@@ -62,17 +61,6 @@ Step = tuple[tuple[tuple[int, ...], Window, Case, tuple[str, ...]], dict[str, An
 """Vehicles, window, Case and excluded regimes, which windows were chosen, and the result."""
 
 
-@dataclass(frozen=True)
-class PendingFile:
-    """A file that asks for its mapping, or for one of its trajectories, before it can be read."""
-
-    name: str
-    source: bytes | Path
-    trajectories: tuple[tuple[str, int], ...] = ()
-    """Names and numbers of vehicles; empty where a mapping is needed first."""
-    mapping: CsvMapping | None = None
-
-
 @dataclass(eq=False)
 class Workspace:
     """The steps of one user, first to last: recording, segment, result."""
@@ -82,8 +70,8 @@ class Workspace:
     truth: Truth | None = None
     refusal: str = ""
     """Why the last attempt to open something failed."""
-    pending: PendingFile | None = None
-    """A file that cannot be read before something is known of it."""
+    pending: File | None = None
+    """A file that asks for its columns, or for one of its trajectories, before it can be read."""
     awaited: Analysis | None = None
     """What was on the screen before a restart of the server, until a recording is opened."""
     vehicles: tuple[int, ...] = ()
@@ -136,9 +124,8 @@ class Workspace:
     @property
     def nbytes(self) -> int:
         """Memory that its recordings take, and an upload that cannot be read yet, in bytes."""
-        waiting = self.pending.source if self.pending else b""
         known = sum(recording.nbytes for recording, _ in self.opened.values())
-        return known + (len(waiting) if isinstance(waiting, bytes) else 0)
+        return known + (len(self.pending.content.raw) if self.pending else 0)
 
     @property
     def config(self) -> PinnConfig:
