@@ -6,13 +6,10 @@ import signal
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from accpinn.cli import main
 from accpinn.cli.output import interruptible, print_json, show
 from tests.support.command import ROOT, SHORT, STUDY, Capture, strict
 
@@ -114,29 +111,3 @@ def test_an_interrupt_and_a_polite_kill_ask_the_training_to_stop(kind: signal.Si
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(kind)
     assert signal.getsignal(kind) is before
-
-
-OFTEN = """
-import sys
-from accpinn.cli import main
-from accpinn.methods.pinn import training
-training.CHECKPOINT_EVERY = 0.1
-main(sys.argv[1:])
-"""
-
-
-def test_a_killed_training_continues_from_its_last_checkpoint(capsys: Capture, cache: Path) -> None:
-    request = ("fit", str(STUDY), *SHORT, "--preset", "paper", "--threads", "1", "--iterations")
-    running = subprocess.Popen([sys.executable, "-c", OFTEN, *request, "1000000"], cwd=ROOT)
-    while not (kept := [*cache.glob("*.state.npz")]):
-        assert running.poll() is None
-        time.sleep(0.05)
-    running.kill()
-    assert running.wait() == -signal.SIGKILL
-    with np.load(kept[0]) as state:
-        at = int(state["history.rows"][-1][0])
-    assert main([*request, str(at + 200), "--json"]) == 0
-    document = strict(capsys.readouterr().out)
-    (note,) = [note for note in document["notes"] if note.startswith("Continued")]
-    assert int(note.split()[3].replace(",", "")) == at > 0
-    assert (document["iterations"], document["outcome"]) == (at + 200, "finished")

@@ -1,7 +1,6 @@
 """Batches and downloads as tasks: how far they are, and that one that was stopped goes on."""
 
 import sys
-import time
 from pathlib import Path
 from types import ModuleType
 
@@ -11,31 +10,12 @@ from accpinn.recordings.catalogue import Run
 from accpinn.study.groups import read_study
 from accpinn.study.studies import Request, read_request
 from accpinn.tasks import Status, TaskQueue
-from accpinn.tasks.batches import DownloadTask, StudyTask
+from accpinn.tasks.batches import StudyTask
 from tests.support.openacc_files import csv, platoon
-from tests.support.publisher import publisher
 from tests.support.samples import frame
 
 RUN = Run("Casale", "part2.csv", None)
 CONTENT = csv(platoon(2, 1500))
-
-
-def test_a_download_that_was_stopped_can_be_started_again(tmp_path: Path) -> None:
-    queue = TaskQueue(prepare=lambda: None)
-    with publisher({RUN.key: CONTENT}, faults={RUN.key: ["stall"]}) as server:
-        first = queue.submit(DownloadTask("me", RUN, tmp_path, server.url))
-        while not first.latest:
-            time.sleep(0.01)
-        first.stop()
-        assert first.wait(30)
-        assert first.status is Status.STOPPED
-        assert 0 < first.share < 1
-        assert not RUN.path(tmp_path).exists()
-        second = queue.submit(DownloadTask("me", RUN, tmp_path, server.url))
-        assert second.wait(30)
-    assert (second.status, second.share) == (Status.DONE, 1.0)
-    assert RUN.path(tmp_path).read_bytes() == CONTENT
-    queue.close()
 
 
 def test_workers_of_a_batch_do_not_run_the_page_that_the_server_calls_its_main_module(
