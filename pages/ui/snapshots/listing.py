@@ -182,6 +182,8 @@ def differences_table(first: Result, second: Result) -> Table:
     known, rows = first.known_answer, []
     gap = gap_column(known.stated_speed, "", "Answer: time gap at") if known else None
     quantities = ((gap,) if gap and second.known_answer else ()) + PARAMETER_COLUMNS
+    methods = dict.fromkeys(name_of(side.fit).partition(" (")[0] for side in (first, second))
+    own = " / ".join(methods)
     labels = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue=ABSENT)
     for k, (label, beside) in enumerate(labels):
         name = label if label == beside else f"{label} / {beside}"
@@ -190,7 +192,8 @@ def differences_table(first: Result, second: Result) -> Table:
             (a, *cells), (b, *others) = (_estimate(s, k, column, at) for s in (first, second))
             change = 100 * (b - a) / a if a else np.nan
             cells += [*others, _signed(b - a, column.digits or 0), _signed(change, 1)]
-            rows.append((name, column.heading, *cells))
+            heading = column.heading if at else f"{own}: {column.heading}"
+            rows.append((name, heading, *cells))
     return Table("The answers, and the methods' own estimates", columns, tuple(rows))
 
 
@@ -236,7 +239,9 @@ def _show_responses(first: Result, second: Result) -> None:
                 hovertemplate="%{y:.2f} dB at %{x:.3f} rad/s",
             )  # fmt: skip
     whole = " Dashed: the first one's whole platoon." if first.info.followers > 1 else ""
-    st.caption(f"Bode magnitude. Full lines: the first snapshot; dotted: the second.{whole}")
+    known = first.known_answer and second.known_answer
+    whose = "of the answers" if known else "of the estimates"
+    st.caption(f"Bode magnitude {whose}. Full lines: the first; dotted: the second.{whole}")
     show.chart(chart, "snapshots_bode")
 
 
