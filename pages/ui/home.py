@@ -242,7 +242,7 @@ def show_checklist(workspace: Workspace) -> None:
 def _show_item(workspace: Workspace, item: PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
-        widths = (0.9, 2.1, 0.9, 1, 2.9)
+        widths = (0.8, 3.3, 1, 1.2, 2.5)
         title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
         title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
@@ -297,13 +297,13 @@ def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:
     for vehicles in item.shown:
         name = vehicles.title.partition(" (")[0].partition(",")[0]
         _button(
-            workspace, name.removeprefix("Ispra-"), frame.STABILITY, f"{key}{name}",
+            workspace, f"Stability: {name.removeprefix('Ispra-')}", frame.STABILITY, f"{key}{name}",
             icon="vital_signs", act=partial(_take_published, workspace, vehicles),
             help="Page Stability, with these printed parameters.",
         )  # fmt: skip
     if not (run or item.sample or item.shown):
         _button(
-            workspace, "Four panels", frame.PLATOON, f"{key}panels",
+            workspace, "Platoon: four panels", frame.PLATOON, f"{key}panels",
             act=lambda: open_panels(workspace), help="Page Platoon, with the four panels.",
         )  # fmt: skip
 

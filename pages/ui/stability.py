@@ -277,7 +277,7 @@ def _show_criteria(source: Chosen) -> None:
         " seconds."
     )
     st.caption(
-        "Stable and the criteria: by the estimates. Smallest stable time headway: that of this"
+        "Stable and the criteria: by these parameters. Smallest stable time headway: that of this"
         f" vehicle with its α and β.{posterior if known else ''}"
     )
     show.downloads(table, f"criteria_{chosen.title}".lower(), "criteria")

@@ -76,7 +76,7 @@ MEASURED = (
 """What the measured gain in the Bode magnitude is."""
 CRITERIA = (
     "Criteria and gains of each vehicle, in their order in the platoon: stable where a criterion is"
-    " above 0 and a gain is at 1. Dotted: from the leader to that follower, through all vehicles"
+    " above 0 and no gain above 1. Dotted: from the leader to that follower, through all vehicles"
     " before it."
 )
 """What the criteria along the platoon are."""
