@@ -64,7 +64,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """How good a fit is on its segment and outside of it."""
+    """How good a fit is on its data, one window or several, and outside of them."""
 
     surrogate: TrackingErrors | None
     """Errors of the method's own trajectories; None where it has none."""
@@ -79,11 +79,11 @@ class Evaluation:
     out_of_window_seconds: Seconds
     """Duration of what is simulated outside the window."""
     whiteness: Whiteness
-    """Size and correlation of the model's residual."""
+    """Size and correlation of the model's residual in the window, or in the first of several."""
     findings: tuple[ClosedLoopFinding, ...]
-    """Collisions, reversing and divergence in the closed-loop simulation on the segment."""
+    """Collisions, reversing and divergence in the closed-loop simulation on the data."""
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
-    """The same events outside the window."""
+    """The same events outside of them."""
 
     @property
     def all_findings(self) -> tuple[ClosedLoopFinding, ...]:
@@ -96,30 +96,35 @@ class Evaluation:
 
 
 def evaluate(
-    segment: Segment,
-    fit: Fit,
+    segment: Segment | Sequence[Segment],
+    fit: Fit | Sequence[Fit],
     estimate: Callable[[Segment], Fit] | None = None,
     recording: Recording | None = None,
 ) -> Evaluation:
     """Errors of a fit in the window, held out and outside the window, and its residual.
 
     Args:
-        segment: the data that the parameters were fitted to.
-        fit: the fit of any method.
-        estimate: the same method, from a segment to a fit; without it no block is held out.
+        segment: the data that the parameters were fitted to, or several windows of one run.
+        fit: the fit of any method, or that on each window.
+        estimate: the same method, from a segment to a fit; without it no block is held out, and
+            of several windows only the first is divided.
         recording: what the segment was cut from; without it nothing outside is simulated.
     """
-    blocks = cross_validate(segment, estimate) if estimate else ()
-    parts, outside = _out_of_window(segment, fit, recording) if recording else ([], [])
+    segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
+    fits = (fit,) if isinstance(fit, Fit) else tuple(fit)
+    pairs = [*zip(segments, fits, strict=True)]
+    blocks = cross_validate(segments[0], estimate) if estimate else ()
+    parts, outside = _out_of_window(segments, fits[0], recording) if recording else ([], [])
+    events = (closed_loop_findings(part, closed_loop(part, fit)) for part, fit in pairs)
     return Evaluation(
-        surrogate=surrogate_errors(segment, fit),
-        closed_loop=closed_loop_errors(segment, fit),
+        surrogate=pooled((part.samples, surrogate_errors(part, fit)) for part, fit in pairs),
+        closed_loop=pooled((part.samples, closed_loop_errors(part, fit)) for part, fit in pairs),
         holdout=of_blocks(blocks),
         blocks=blocks,
         out_of_window=pooled(parts),
         out_of_window_seconds=float(sum(seconds for seconds, _ in parts)),
-        whiteness=whiteness(segment, fit),
-        findings=closed_loop_findings(segment, closed_loop(segment, fit)),
+        whiteness=whiteness(*pairs[0]),
+        findings=tuple(event for found in events for event in found),
         out_of_window_findings=tuple(outside),
     )
 
@@ -168,13 +173,13 @@ def of_blocks(blocks: Sequence[Block]) -> TrackingErrors | None:
 
 
 def _out_of_window(
-    segment: Segment, fit: Fit, recording: Recording
+    segments: Sequence[Segment], fit: Fit, recording: Recording
 ) -> tuple[list[tuple[Seconds, TrackingErrors]], list[ClosedLoopFinding]]:
     """Durations, errors and events of the simulations outside the window."""
     parts: list[tuple[Seconds, TrackingErrors]] = []
     events: list[ClosedLoopFinding] = []
-    for window in _outside(segment, recording):
-        piece = cut(recording, window.start, window.duration, segment.vehicles)
+    for window in _outside(segments, recording):
+        piece = cut(recording, window.start, window.duration, segments[0].vehicles)
         if fit.model not in CTHPS:
             piece = from_following(piece)
         errors = closed_loop_errors(piece, fit)
@@ -234,14 +239,19 @@ def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment],
     return Block(held.window, closed_loop_errors(held, fit), events)
 
 
-def _outside(segment: Segment, recording: Recording) -> list[Window]:
-    """Complete windows before and after the segment, each long enough to be simulated."""
-    end = segment.start + segment.window.duration
-    pieces = []
-    for window in complete_windows(recording, segment.vehicles):
-        pieces.append(Window(window.start, min(window.end, segment.start)))
-        pieces.append(Window(max(window.start, end), window.end))
-    return [piece for piece in pieces if piece.end - piece.start >= MINIMUM_DURATION]
+def _outside(segments: Sequence[Segment], recording: Recording) -> list[Window]:
+    """Complete windows beside the segments, each long enough to be simulated."""
+    pieces = complete_windows(recording, segments[0].vehicles)
+    for segment in segments:
+        end = segment.start + segment.window.duration
+        pieces = tuple(
+            part
+            for window in pieces
+            for part in (Window(window.start, min(window.end, segment.start)),
+                         Window(max(window.start, end), window.end))
+            if part.end - part.start >= MINIMUM_DURATION
+        )  # fmt: skip
+    return [*pieces]
 
 
 def _bridge(segment: Segment, near: int, far: int) -> tuple[FloatArray, FloatArray]:

@@ -3,20 +3,17 @@
 A result, its answer and its followers are described once for all of them.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-import numpy as np
 
 from accpinn.channels import PARAMETERS, by_key, fields
-from accpinn.evaluation import pooled
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
     closed_loop,
     closed_loop_errors,
     closed_loop_findings,
-    surrogate_errors,
 )
 from accpinn.findings import Finding, Labelled
 from accpinn.inference.answer import SPEEDS, Answer, Span
@@ -33,7 +30,6 @@ from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import columns_of
 from accpinn.segment import Segment, SegmentInfo
-from accpinn.segment.quality import assess_quality
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
 from accpinn.study.judge import Judgement, ModelScore, wins
@@ -62,7 +58,6 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
     """
     fit, info = result.fit, result.info
     samples = [part.samples for part in result.infos]
-    gaps = [assess_quality(segment).mean_time_gap for segment in result.segments]
     duration = round(sum(part.window.duration for part in result.infos), 6)
     document = {
         **_described(result, with_intervals),
@@ -71,10 +66,10 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "measured_gain": [check_document(check, info) for check in result.gain_checks],
         "unconstrained": _parameters(info, fit.unconstrained),
         "active_bounds": fit.active_bounds,
-        "mae": _mean_errors(result, surrogate_errors),
-        "closed_loop_mae": _mean_errors(result, closed_loop_errors),
+        "mae": _errors(result.evaluation.surrogate),
+        "closed_loop_mae": _errors(result.evaluation.closed_loop),
         "incidents": incidents(result),
-        "mean_time_gap": np.average(gaps, axis=0, weights=samples).tolist(),
+        "mean_time_gap": result.mean_time_gaps.tolist(),
         "outcome_sentence": fit.outcome.value,
         "notes": notes(result, with_intervals),
     }
@@ -417,21 +412,12 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
     return {"v": errors.speed_mae.tolist(), "p": errors.gap_mae.tolist()} if errors else None
 
 
-def _mean_errors(
-    result: Result, errors_of: Callable[[Segment, Fit], TrackingErrors | None]
-) -> dict[str, list[float]] | None:
-    """Mean absolute errors over the samples of all windows; None where a window has none."""
-    pairs = zip(result.segments, result.fits, strict=True)
-    return _errors(pooled((segment.samples, errors_of(segment, fit)) for segment, fit in pairs))
-
-
 # Sentences of a document, and of the text in its place
 
 
-def incidents(result: Result) -> list[str]:
+def incidents(result: Result) -> tuple[str, ...]:
     """Sentences on collisions, reversing and divergence in the closed-loop simulation."""
-    pairs = zip(result.segments, result.fits, strict=True)
-    return [sentence for pair in pairs for sentence in _incidents(*pair)]
+    return messages(result.evaluation.findings, result.info)
 
 
 def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ from accpinn.stability.criteria import transfer_function
 from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.study import Analysis
 from accpinn.study.judge import Judgement
+from accpinn.units import FloatArray
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -141,8 +142,15 @@ class Result:
 
     @property
     def quality(self) -> Quality:
-        """How well the data determine the parameters."""
+        """How well the data of the window, or of the first of several, determine the parameters."""
         return self._part("quality", lambda: assess_quality(self._data))
+
+    @property
+    def mean_time_gaps(self) -> FloatArray:
+        """(M,) mean of p/v of each follower in motion, in s; of several windows by samples."""
+        gaps = [part.quality.mean_time_gap for part in self.windows or (self,)]
+        samples = [info.samples for info in self.infos]
+        return np.asarray(np.average(gaps, axis=0, weights=samples))
 
     @property
     def uncertainty(self) -> Uncertainty:
@@ -272,9 +280,10 @@ class Result:
 
     @property
     def evaluation(self) -> Evaluation:
-        """Surrogate and closed-loop errors, on the window and outside it."""
+        """Surrogate and closed-loop errors, on all windows together and outside of them."""
         return self._part(
-            "evaluation", lambda: evaluate(self._data, self.fit, recording=self.recording)
+            "evaluation",
+            lambda: evaluate(self._every_window, self.fits, recording=self.recording),
         )
 
     @property
@@ -320,7 +329,7 @@ class Result:
             asked = self.analysis
             return method.fit(segment, asked.case, config, context, asked.law)
 
-        evaluation = evaluate(self._data, self.fit, estimate, self.recording)
+        evaluation = evaluate(self._every_window, self.fits, estimate, self.recording)
         return replace(self, parts=replace(self.parts, evaluation=evaluation))
 
     def with_data(self, recording: Recording) -> Self:

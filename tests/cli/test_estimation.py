@@ -11,6 +11,7 @@ from accpinn.cli.estimation import fit_text
 from accpinn.model.cthp import Parameters
 from accpinn.recordings.openacc import read
 from accpinn.results.documents import describe_fit
+from accpinn.study.result import Parts
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.driving import driven
 from tests.support.openacc_files import csv
@@ -132,7 +133,8 @@ def test_text_has_answer_and_estimates_and_progress_is_for_terminals(capsys: Cap
 def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
     result = result_for(driven(duration=100.0, step=0.5))
     parameters = Parameters.of(result.parameters.values * (0.6, 0.0, 0.7))
-    swaying = replace(result, fits=(replace(result.fit, parameters=parameters),))
+    fits = (replace(result.fit, parameters=parameters),)
+    swaying = replace(result, fits=fits, parts=Parts())
     (event,) = describe_fit(swaying, False)["incidents"]
     assert "collides with the vehicle ahead at" in event
     assert event in fit_text(swaying, False)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import accpinn
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.evaluation import part
+from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import CacheProblem, Continued, Outcome, ParameterTrack
 from accpinn.methods.pinn.config import preset
@@ -231,7 +232,13 @@ class TestRun:
         assert again.fit.cached
         assert [one.segment.start for one in again.windows] == [0.0, 60.0]
         assert again.windows[1].quality.condition == joint.windows[1].quality.condition
-        assert again.evaluation.closed_loop is not None
+        each = [closed_loop_errors(*pair) for pair in zip(joint.segments, joint.fits, strict=True)]
+        mean = np.mean([errors.gap_mae for errors in each], axis=0)
+        assert again.evaluation.closed_loop.gap_mae == pytest.approx(mean, rel=1e-3)
+        left = recording.duration - 120.0
+        assert joint.evaluation.out_of_window_seconds == pytest.approx(left, abs=1.0)
+        gaps = [part.quality.mean_time_gap for part in joint.windows]
+        assert joint.mean_time_gaps == pytest.approx(np.mean(gaps, axis=0), rel=1e-3)
 
 
 class TestResult:

@@ -115,7 +115,7 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
         (followers, driver_cells(drivers(info))),
         (parameter_rows(info, fit.case), estimated),
-        (followers, [(Column("Mean time gap", "s", 2), result.quality.mean_time_gap)]),
+        (followers, [(Column("Mean time gap", "s", 2), result.mean_time_gaps.tolist())]),
     ]
     for group, errors, digits, driving in (
         ("Surrogate fit, MAE", evaluation.surrogate, 3, info.vehicles),

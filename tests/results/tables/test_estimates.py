@@ -87,7 +87,8 @@ def uncertainty() -> Uncertainty:
 def result(fit: Fit = FIT, known: Uncertainty | None = None, **changes: Any) -> Any:
     """What a table reads of a result."""
     evaluation = SimpleNamespace(surrogate=errors(0.01), closed_loop=errors(1.0))
-    parts = {"info": INFO, "fit": fit, "quality": QUALITY, "evaluation": evaluation,
+    parts = {"info": INFO, "fit": fit, "evaluation": evaluation,
+             "mean_time_gaps": np.array(QUALITY.mean_time_gap),
              "uncertainty": known, "infos": (INFO,)}  # fmt: skip
     return SimpleNamespace(**parts | changes)
 
