@@ -52,7 +52,7 @@ DRAWS = 2000
 SLACK = 0.04
 """Share of an interval's width by which its sampled ends vary from seed to seed."""
 FEW = 50
-"""Different draws below which intervals are called rough."""
+"""Independent draws below which intervals are called rough."""
 ENDS = ("centre", "lower", "upper")
 """Fields of `Uncertainty` that hold parameters of the followers."""
 
@@ -133,11 +133,11 @@ class OutsideInterval(Finding, frozen=True):
 
 
 class FewDraws(Finding, frozen=True):
-    """Few different draws stand for a follower's posterior."""
+    """The draws of a follower's posterior are worth few independent ones."""
 
     text = (
-        "{vehicle}: only {draws} different draws stand for the posterior, as the likelihood has a"
-        " long tail or several maxima here: intervals and probabilities are rough."
+        "{vehicle}: the draws of the posterior are worth only {draws} independent ones, as the"
+        " likelihood has a long tail or several maxima here: intervals and probabilities are rough."
     )
 
     vehicle: int
@@ -375,13 +375,19 @@ def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatAr
     return ends[0], ends[1]
 
 
+def effective_draws(drawn: FloatArray) -> float:
+    """How many independent draws are worth as much as (n,) draws, some of them repeated."""
+    counts = np.unique(drawn, return_counts=True)[1]
+    return float(counts.sum() ** 2 / (counts**2).sum())
+
+
 def _findings(segment: Segment, fit: Fit, compared: Uncertainty) -> list[UncertaintyFinding]:
     findings: list[UncertaintyFinding] = []
     for k, vehicle in enumerate((0,) if fit.case == "I" else segment.vehicles[1:]):
         if np.isnan(compared.centre[k].alpha):
             findings.append(NotDetermined(vehicle))
-        elif 1 < (different := len(np.unique(compared.draws.alpha[:, k]))) < FEW:
-            findings.append(FewDraws(vehicle, different))
+        elif 1 < (effective := effective_draws(compared.draws.alpha[:, k])) < FEW:
+            findings.append(FewDraws(vehicle, round(effective)))
         rows = parameter_intervals(compared, k, fit.parameters)
         outside = [row for row, yes in zip(rows, compared.inside[k], strict=True) if not yes]
         if outside:

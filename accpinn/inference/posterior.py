@@ -2,29 +2,35 @@
 
     p(z | recording) ∝ L(z) p(z),   z = ln of all unknowns (see `methods.maximum_likelihood`)
 
-is sampled by importance sampling: proposals from a multivariate Student's t, weighted by posterior
-over proposal. The first proposal has the curvature at the maximum; each further one has the
-weighted mean and covariance of the draws before it. An unknown that a bound holds at the maximum
-stays there, except α, ατ, β and the further unknown of a form.
+is sampled by adaptive multiple importance sampling: proposals are multivariate Student's t; the
+first has the curvature at the maximum, each further one the weighted mean and covariance of all
+draws before it. Every draw counts, weighted by the posterior over the mixture of all proposals. An
+unknown that a bound holds at the maximum stays there, except α, ατ, β and the further unknown of a
+form.
 
 With a lag or a delay the posterior is a curved ridge and may have two modes. The proposal is then a
-mixture with one part for each of several values of the lag. Each part lies at the maximum of the
-criterion for its value, is as wide as these values are apart, and adapts to the draws near it. What
-it proposes below the least value is folded back there.
+mixture with a part at the maximum and one for each of several values of the lag. Each of these lies
+at the maximum of the criterion for its value, is as wide as these values are apart, and adapts to
+the draws near it. What is proposed below the least value is folded back there. So that few draws of
+large weight do not draw the next proposal to themselves, it adapts to weights to a power of at most
+one.
 
 With an intercept s₀ it is the time gap at the mean speed v that is determined, and of τ and s₀ only
 τ + s₀/v. So proposals are of w, which is z with ln α(τ + s₀/v) in place of ln ατ: there the ridge
-is straight.
+is straight. Its end, τ = 0, is folded as well; a part whose maximum lies there is moved along the
+ridge into the inside.
 
 The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
 of fifty of 0.08 1/s², of β within one of twenty of 0.2 1/s, and of τ within one of three of 1.4 s.
 It matters only where a recording contains little information, and keeps intervals finite there.
 
-Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (2008) 447-459.
+Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (2008) 447-459; Cornuet,
+Marin, Mira and Robert, Scandinavian Journal of Statistics 39 (2012) 798-812.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -44,7 +50,7 @@ AT_SPEED: MetresPerSecond = 100 / 3.6
 LEAST_GAP: Seconds = 0.05
 """Least such time gap; draws below it are none of a car's."""
 STAGES = (200, 200, 1000)
-"""Number of draws in each stage; those of the last are kept."""
+"""Number of draws in each stage."""
 FURTHER = 3
 """Largest number of further stages, for groups with few effective draws."""
 ENOUGH = 0.2
@@ -58,6 +64,13 @@ INFLATION = 1.1
 """Factor on the proposal's deviations, for the same reason."""
 TRUST = 10.0
 """Effective draws at which their covariance and the previous scale have equal weight."""
+LEAST_EFFECTIVE = 40.0
+"""Effective draws to which a proposal adapts at least."""
+POWERS = 0.8 ** np.arange(30)
+"""Powers of the weights that are tried for that."""
+INSIDE = 0.2
+"""Share that τ has in the time gap τ + s₀/v of a part that is moved inside; a quarter of it is too
+near to the end of the ridge."""
 LEAST_PRECISION = 0.25
 """Least precision of the first proposal in any direction, against a flat criterion."""
 LEAST_SHARE = 0.02
@@ -164,12 +177,15 @@ def sample(
     means = (np.nanmean(series.measured[:, 1, series.members(g)]) for g in range(len(maxima)))
     speeds = [max(SLOWEST, float(mean)) for mean in means]
     least = criterion.lower[-1] if FOLLOWING[form].is_late else -np.inf
-    proposals = [
-        Proposal.at([_by_time_gap(part, speed) for part in parts], least)
-        for parts, speed in zip(_first_parts(criterion, maxima), speeds, strict=True)
-    ]
     fixed = criterion.lower == criterion.upper
-    best: dict[int, Posterior] = {}
+    is_ridge = "s0" in FOLLOWING[form].terms and not fixed[S0]
+    proposals = []
+    for g, (first, speed) in enumerate(zip(_first_parts(criterion, maxima), speeds, strict=True)):
+        inside = (_inside(criterion, g, part, speed) if is_ridge else part for part in first)
+        ends = least, speed if is_ridge else np.inf
+        proposals.append(Proposal.at([_by_time_gap(part, speed) for part in inside], *ends))
+    past: list[list[_Stage]] = [[] for _ in maxima]
+    known: dict[int, Posterior] = {}
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
         drawn = [proposals[g].draw(count, rng) for g in wanted]
@@ -182,19 +198,58 @@ def sample(
         shape = len(wanted), count
         parts = each.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
         for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
+            target = likelihoods + priors + w[:, 1] - z[:, 1]  # the last two are ln |dz/dw|
+            past[g].append(_Stage(proposals[g], w, z, target, likelihoods))
+            every = zip(*(stage[1:] for stage in past[g]), strict=True)
+            w, z, target, likelihoods = map(np.concatenate, every)
+            ratios = target - _log_density(past[g], w)
+            theta = natural(form, z)[:, :3]
+            known[g] = Posterior(z, theta, normalised(ratios), likelihoods)
             densities = proposals[g].log_densities(w)
-            volume = w[:, 1] - z[:, 1]  # ln |dz/dw|
-            ratios = likelihoods + priors + volume - np.logaddexp.reduce(densities, axis=0)
-            weights = normalised(ratios)
-            posterior = Posterior(z, natural(form, z)[:, :3], weights, likelihoods)
-            proposals[g] = proposals[g].adapted(w, weights, densities)
-            if stage < len(stages) or posterior.effective > best[g].effective:
-                best[g] = posterior
+            proposals[g] = proposals[g].adapted(w, _tempered(ratios), densities)
         if stage >= len(stages) - 1:
-            wanted = [g for g in wanted if best[g].effective < ENOUGH * count]
+            wanted = [g for g in wanted if known[g].effective < ENOUGH * count]
         if not wanted:
             break
-    return tuple(best[g] for g in range(len(maxima)))
+    return tuple(known[g] for g in range(len(maxima)))
+
+
+class _Stage(NamedTuple):
+    """The draws of one proposal."""
+
+    proposal: "Proposal"
+    drawn: FloatArray
+    """(n, P) w."""
+    coordinates: FloatArray
+    """(n, P) z."""
+    target: FloatArray
+    """(n,) log posterior over w, up to a constant."""
+    log_likelihood: FloatArray
+    """(n,)"""
+
+
+def _log_density(stages: Sequence[_Stage], drawn: FloatArray) -> FloatArray:
+    """(n,) log density, up to a constant, of draws (n, P) of all stages' proposals together."""
+    each = [
+        np.log(len(stage.drawn)) + np.logaddexp.reduce(stage.proposal.log_densities(drawn))
+        for stage in stages
+    ]
+    return np.asarray(np.logaddexp.reduce(np.array(each)))
+
+
+def _inside(criterion: Criterion, group: int, part: Maximum, speed: MetresPerSecond) -> Maximum:
+    """A part at the end of the ridge, τ = 0, moved along it to where τ is `INSIDE` of the gap."""
+    z = part.coordinates.copy()
+    tau = np.exp(z[1] - z[0])
+    gap = tau + z[S0] / speed
+    if tau > INSIDE / 4 * gap:
+        return part
+    z[1], z[S0] = z[0] + np.log(INSIDE * gap), (1.0 - INSIDE) * gap * speed
+    value, _, information = criterion.score(z[None], np.array([group]))
+    free = np.diag(part.curvature) > 0
+    free[:3] = True
+    bent = np.where(np.logical_and.outer(free, free), information[0], 0.0)
+    return replace(part, coordinates=z, curvature=bent, criterion=float(value[0]))
 
 
 def _by_time_gap(maximum: Maximum, speed: MetresPerSecond) -> Maximum:
@@ -224,7 +279,8 @@ def _from_time_gap(form: Form, w: FloatArray, speed: MetresPerSecond) -> FloatAr
 def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Sequence[Maximum]]:
     """The maxima of the parts of each group's first proposal.
 
-    A form with a curved posterior has one part for each of several values of its lag or delay.
+    A form with a curved posterior has beside the maximum one part for each of several values of its
+    lag or delay.
     """
     is_free = criterion.lower[-1] < criterion.upper[-1]
     if not is_free or not FOLLOWING[criterion.form].is_late:
@@ -232,7 +288,7 @@ def _first_parts(criterion: Criterion, maxima: Sequence[Maximum]) -> Sequence[Se
     rows = np.array([np.append(m.coordinates[:-1], lag) for lag in GRID for m in maxima])
     criterion.negligible = ROUGH
     parts = search(criterion, rows, np.arange(len(rows)) % len(maxima), is_last_held=True)
-    return [parts[g :: len(maxima)] for g in range(len(maxima))]
+    return [[maximum, *parts[g :: len(maxima)]] for g, maximum in enumerate(maxima)]
 
 
 def _log_posterior(
@@ -321,18 +377,20 @@ class Proposal:
     """(K,) shares of the parts, which sum to one."""
     least: float = -np.inf
     """Least value of the last coordinate, at which what is below it is folded."""
+    speed: MetresPerSecond = np.inf
+    """v of the time gap; what is above τ = 0, s₀ = v (τ + s₀/v), is folded there."""
 
     @classmethod
-    def at(cls, maxima: Sequence[Maximum], least: float) -> "Proposal":
-        """A mixture with a part at each maximum; several lie on the grid of the further unknown."""
+    def at(cls, maxima: Sequence[Maximum], least: float, speed: MetresPerSecond) -> "Proposal":
+        """A mixture with a part at each maximum; all but the first lie on the grid of the lag."""
         curvatures = np.array([maximum.curvature for maximum in maxima])
         if len(maxima) > 1:
             # An unknown that a bound holds in some parts varies in these as well.
             held = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
             usual = np.diagonal(curvatures, axis1=1, axis2=2).max(axis=0)
             curvatures += np.einsum("kp,pq->kpq", held * usual, np.eye(len(usual)))
-            grid = [maximum.coordinates[-1] for maximum in maxima]
-            curvatures[:, -1, -1] += 1.0 / np.gradient(grid) ** 2
+            grid = [maximum.coordinates[-1] for maximum in maxima[1:]]
+            curvatures[1:, -1, -1] += 1.0 / np.gradient(grid) ** 2
         parts = tuple(
             Student.of(maximum.coordinates, curvature)
             for maximum, curvature in zip(maxima, curvatures, strict=True)
@@ -341,24 +399,34 @@ class Proposal:
             maximum.criterion + np.log(np.diag(part.root()[1])).sum()
             for maximum, part in zip(maxima, parts, strict=True)
         ]
-        return cls(parts, _floored(normalised(np.array(mass))), least)
+        return cls(parts, _floored(normalised(np.array(mass))), least, speed)
 
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draws (count, P)."""
         numbers = rng.multinomial(count, self.shares)
         parts = zip(self.parts, numbers, strict=True)
         drawn = np.concatenate([part.draw(number, rng) for part, number in parts])
-        below = drawn[:, -1] < self.least
-        drawn[below, -1] = 2.0 * self.least - drawn[below, -1]
+        for at, end, nearest in self._ends(drawn):
+            drawn[:, at] = nearest(drawn[:, at], 2.0 * end - drawn[:, at])
         return drawn
+
+    def _ends(self, drawn: FloatArray) -> Iterator[tuple[int, FloatArray | float, np.ufunc]]:
+        """Where draws (n, P) are folded: the coordinate, its end, and what keeps it inside."""
+        if np.isfinite(self.least):
+            yield -1, self.least, np.maximum
+        if np.isfinite(self.speed):
+            yield S0, self.speed * np.exp(drawn[:, 1] - drawn[:, 0]), np.minimum
 
     def log_densities(self, drawn: FloatArray) -> FloatArray:
         """(K, n) log density of each part at (n, P), times its share."""
-        logs = np.array([part.log_density(drawn) for part in self.parts])
-        if np.isfinite(self.least):
-            folded = drawn.copy()
-            folded[:, -1] = 2.0 * self.least - folded[:, -1]
-            logs = np.logaddexp(logs, [part.log_density(folded) for part in self.parts])
+        images = [drawn]
+        for at, end, _ in self._ends(drawn):
+            folded = [image.copy() for image in images]
+            for image in folded:
+                image[:, at] = 2.0 * end - image[:, at]
+            images += folded
+        every = [[part.log_density(image) for part in self.parts] for image in images]
+        logs = np.logaddexp.reduce(np.array(every))
         return np.asarray(np.log(self.shares)[:, None] + logs)
 
     def adapted(self, drawn: FloatArray, weights: FloatArray, densities: FloatArray) -> "Proposal":
@@ -372,13 +440,22 @@ class Proposal:
         belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * weights
         pairs = zip(self.parts, belongs, strict=True)
         parts = [part.adapted(drawn, own_weights) for part, own_weights in pairs]
-        return Proposal(tuple(parts), _floored(belongs.sum(axis=1)), self.least)
+        return replace(self, parts=tuple(parts), shares=_floored(belongs.sum(axis=1)))
 
 
 def _floored(shares: FloatArray) -> FloatArray:
     """Shares of which none vanishes, because a part may have had too few draws so far."""
     floored = shares + LEAST_SHARE
     return np.asarray(floored / floored.sum())
+
+
+def _tempered(log: FloatArray) -> FloatArray:
+    """Weights (n,) to the largest power at which `LEAST_EFFECTIVE` draws or more count, if any."""
+    for power in POWERS:
+        weights = normalised(power * log)
+        if (weights**2).sum() <= 1.0 / LEAST_EFFECTIVE:
+            break
+    return weights
 
 
 def normalised(log: FloatArray) -> FloatArray:

@@ -139,7 +139,10 @@ def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Par
     for at, term in enumerate(FOLLOWING[model].terms, 3):
         least = -np.inf if term == "s0" else 0.0
         complete[..., 3 + TERMS.index(term)] = np.maximum(phi[..., at], least)
-    complete[..., 2] = np.maximum(np.exp(phi[..., 2]) - complete[..., 3] / AT_SPEED, 0.0)
+    # The data determine the time gap, so where s₀ is more than all of it, it is s₀ that gives way.
+    gap = np.exp(phi[..., 2])
+    complete[..., 3] = np.minimum(complete[..., 3], gap * AT_SPEED)
+    complete[..., 2] = np.maximum(gap - complete[..., 3] / AT_SPEED, 0.0)
     return Parameters.of(complete)
 
 
