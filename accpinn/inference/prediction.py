@@ -7,15 +7,16 @@ Each of n simulations of the platoon takes one draw of α, β, τ and s₀ from 
     dv = (α (p - s₀ - τ v) + β (v_{k-1} - v) + r) dt
     dr = (w - r)/T₂ dt,   dw = -w/T dt + s √(2 (T + T₂)) / T dW
 
-with the deviation s, memory T and rise T₂ of greatest likelihood (see `methods.state_space`). v_0
-is the leader's measured speed, straight between samples 0.5 s apart; the other followers drive
-behind a simulated vehicle. The system is linear, so every step is exact, noise included. A
-simulation begins with the measured gaps and speeds and with a disturbance drawn from its stationary
-distribution; where the leader's speed is missing for long, it begins anew.
+with the deviation s, memory T and rise T₂ of greatest likelihood under the same model (see
+`methods.state_space`, also for a lag or a delay of the command). v_0 is the leader's measured
+speed, straight between samples 0.5 s apart; the other followers drive behind a simulated vehicle.
+The system is linear, so every step is exact, noise included. A simulation begins with the measured
+gaps and speeds, as if the command had been the same before, and with a disturbance drawn from its
+stationary distribution; where the leader's speed is missing for long, it begins anew.
 
 The model has no collisions: a simulated gap may fall below zero. Such simulations continue and are
-part of the band, as in `evaluation.closed_loop`; their share is stated. A lag or a delay of the
-draws is left out, and of a model that is no CTHP its linearisation is simulated.
+part of the band, as in `evaluation.closed_loop`; their share is stated. Of a model that is no CTHP
+its linearisation is simulated.
 """
 
 from dataclasses import dataclass
@@ -26,10 +27,12 @@ import numpy as np
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.findings import Finding, Labelled, Words, percent, probability
 from accpinn.inference.intervals import Uncertainty, interval_ends
+from accpinn.methods import PAPERS, Law
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
-from accpinn.methods.state_space import discretise
-from accpinn.model.cthp import Case, Parameters, collides, motion_matrix
+from accpinn.methods.state_space import add_command, discretise
+from accpinn.model.cthp import Case, collides
+from accpinn.model.registry import CTHPS
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
@@ -38,9 +41,11 @@ SIMULATIONS = 200
 SEED = 0
 """Seed of the disturbances."""
 STATES = 4
-"""Number of states of a follower: p, v, r and w."""
+"""Number of states of a follower: p, v, r and w; two more where the command is late."""
 ROUNDING = 1e-9
 """Share of a variance that is added to it against rounding."""
+TINY = 1e-30
+"""Variance of a state that nothing moves."""
 MOST_STEPS = 20_000
 """Longest window with a band, in steps: nearly three hours, which take some seconds."""
 CHUNK = 256
@@ -91,13 +96,16 @@ class GapBand:
 
 
 @lru_cache(maxsize=64)  # one for each of many users at a time
-def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand | None:
+def gap_band(
+    segment: Segment, uncertainty: Uncertainty, case: Case, law: Law = PAPERS
+) -> GapBand | None:
     """Compute the bands at the level of the intervals; takes some tenths of a second.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         uncertainty: the uncertainty of the segment's parameters.
         case: "I" or "II", the same as for the uncertainty.
+        law: the model of the uncertainty, and terms of it that keep their values.
 
     Returns:
         None if no follower has draws, if at no instant all vehicles are measured, or if the
@@ -106,7 +114,7 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
     """
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None
-    sizes, pieces = _disturbances(segment, case), simulable(segment)
+    sizes, pieces = _disturbances(segment, case, law), simulable(segment)
     known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2)) & np.isfinite(sizes).all(axis=1)
     followers = int(np.logical_and.accumulate(known).sum())
     if not followers or not pieces:
@@ -139,30 +147,31 @@ def gap_band(segment: Segment, uncertainty: Uncertainty, case: Case) -> GapBand 
     return GapBand(segment.time[rows], lower, upper, uncertainty.level, findings)
 
 
-def _disturbances(segment: Segment, case: Case) -> FloatArray:
+def _disturbances(segment: Segment, case: Case, law: Law) -> FloatArray:
     """(M, 3) s, T and T₂ of each follower; nan for followers that are not determined."""
+    asked = law if law.model in CTHPS else PAPERS
     known = determined_followers((segment,), case)
     sizes = np.full((segment.followers, 3), np.nan)
     if known:
-        maxima = joint_maxima((segment,), case, followers=known)
+        maxima = joint_maxima((segment,), case, asked.model, known, asked.held)
         sizes[list(known)] = [maximum.values[DISTURBANCE] for maximum in maxima]
     return sizes
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """A step of n simulations; states are p, v, r, w of F followers, then v_0 and its slope."""
+    """A step of n simulations; S states of each of F followers, then v_0 and its slope."""
 
     transition: FloatArray
-    """(4F+2, 4F+2, n) transition matrices."""
+    """(SF+2, SF+2, n) transition matrices."""
     root: FloatArray
-    """(n, 4F, 4F) Cholesky roots of the covariance of the added noise."""
+    """(n, SF, SF) Cholesky roots of the covariance of the added noise."""
     deviations: FloatArray
     """(F, 2) standard deviations of r and w before the first step."""
     step: Seconds
     """Duration of a step."""
-    intercepts: FloatArray
-    """(F, n) s₀ in m, which the states' gaps are without."""
+    complete: FloatArray
+    """(F, n, 6) the parameters; the states' gaps are without s₀."""
 
     @classmethod
     def of(cls, uncertainty: Uncertainty, disturbances: FloatArray, step: Seconds) -> "_Steps":
@@ -173,17 +182,23 @@ class _Steps:
             disturbances: (F, 3) s, T and T₂.
             step: duration in s.
         """
-        followers, size = len(disturbances), STATES * len(disturbances)
+        followers, complete = len(disturbances), uncertainty.draws.complete
         deviation, memory, rise = disturbances.T
         white = deviation**2 * (memory + rise) / memory
-        chosen = np.linspace(0, len(uncertainty.draws) - 1, SIMULATIONS).astype(int)
+        chosen = np.linspace(0, len(complete) - 1, SIMULATIONS).astype(int)
+        complete = complete[chosen, :followers]
+        states = STATES + 2 * bool(complete[..., 4:].any())
+        size = states * followers
         rates, density = np.zeros((2, SIMULATIONS, size + 2, size + 2))
-        p, v, r, w = (np.arange(followers) * STATES + k for k in range(STATES))
-        motion = np.stack([p, v], axis=1).ravel()
-        driven = np.append(motion, size)
-        draws = uncertainty.draws[chosen, :followers]
-        for at, draw in enumerate(draws.values):
-            rates[at][np.ix_(motion, driven)] = motion_matrix(Parameters.of(draw))
+        p, v, r, w = (np.arange(followers) * states + k for k in range(STATES))
+        for k in range(followers):
+            alpha, beta, tau, _, lag, delay = complete[:, k].T
+            ahead, command = v[k - 1] if k else size, np.zeros((SIMULATIONS, size + 2))
+            rates[:, p[k], ahead], rates[:, p[k], v[k]] = 1.0, -1.0
+            command[:, p[k]], command[:, ahead] = alpha, beta
+            command[:, v[k]] = -alpha * np.nan_to_num(tau) - beta
+            late = {"lag": lag} if lag.any() else {"delay": delay} if delay.any() else {}
+            add_command(rates, command, v[k], w[k] + 1, late)
         rates[:, v, r] = 1.0
         rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
         rates[:, w, w] = -1.0 / memory
@@ -192,13 +207,13 @@ class _Steps:
         transition, process = discretise(rates, density, step)
         covariance = process[:, :size, :size]
         # The variance that a step adds to a gap is so small that rounding may make it negative.
-        covariance += ROUNDING * covariance * np.eye(size)
+        covariance += (ROUNDING * covariance + TINY) * np.eye(size)
         return cls(
             np.ascontiguousarray(np.moveaxis(transition, 0, -1)),
             np.asarray(np.linalg.cholesky(covariance)),
             np.sqrt([deviation**2, white]).T,
             step,
-            draws.complete[..., 3].T,
+            np.moveaxis(complete, 1, 0),
         )
 
     def simulate(
@@ -206,16 +221,22 @@ class _Steps:
     ) -> FloatArray:
         """Simulate the gaps (n, K, F) behind a leader's speed (K,), from gaps and speeds (F,)."""
         size, count = self.transition.shape[1:]
-        followers = len(gaps)
+        followers, states = len(gaps), (size - 2) // len(gaps)
         state = np.zeros((size, count))
-        state[0:-2:STATES] = gaps[:, None] - self.intercepts
-        state[1:-2:STATES] = speeds[:, None]
+        alpha, beta, tau, intercepts, lag, delay = np.moveaxis(self.complete, -1, 0)
+        state[0:-2:states] = gaps[:, None] - intercepts
+        state[1:-2:states] = speeds[:, None]
+        spacing = gaps[:, None] - intercepts - np.nan_to_num(tau) * speeds[:, None]
+        before = np.append(leader[0], speeds[:-1])[:, None]
+        command = alpha * spacing + beta * (before - speeds[:, None])
+        if states > STATES:
+            state[4:-2:states] = np.where(lag > 0, command, command * delay**2 / 12.0)
         w = self.deviations[:, 1:] * rng.standard_normal((followers, count))
         # r follows w with the rise time, so that their covariance is the variance of r.
         share = (self.deviations[:, :1] / self.deviations[:, 1:]) ** 2
         remainder = self.deviations[:, :1] * np.sqrt(1.0 - share)
-        state[2:-2:STATES] = share * w + remainder * rng.standard_normal((followers, count))
-        state[3:-2:STATES] = w
+        state[2:-2:states] = share * w + remainder * rng.standard_normal((followers, count))
+        state[3:-2:states] = w
         slopes = np.append(np.diff(leader) / self.step, 0.0)
         simulated = np.empty((count, len(leader), followers))
         for first in range(0, len(leader), CHUNK):
@@ -223,7 +244,7 @@ class _Steps:
             normal = rng.standard_normal((count, size - 2, len(part)))
             added = np.moveaxis(self.root @ normal, 0, 1)
             for k in part:
-                simulated[:, k] = (state[0:-2:STATES] + self.intercepts).T
+                simulated[:, k] = (state[0:-2:states] + intercepts).T
                 state[-2], state[-1] = leader[k], slopes[k]
                 state = np.einsum("ijb,jb->ib", self.transition, state)
                 state[:-2] += added[:, :, k - first]

@@ -157,7 +157,13 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     density[:, p, p] = GAP_DRIFT
     command = np.zeros((count, size))
     command[:, p], command[:, v], command[:, u] = alpha, -alpha_tau - beta, beta
-    _add_command(terms, rates, command, covariance)
+    add_command(rates, command, v, 6, terms)
+    usual = 0.25
+    if "lag" in terms:
+        covariance[:, 6, 6] = usual**2
+    elif "delay" in terms:
+        covariance[:, 6, 6] = (usual * terms["delay"] ** 2 / 12.0) ** 2
+        covariance[:, 7, 7] = (usual * terms["delay"] / 6.0) ** 2
     rates[:, v, r] += 1.0
     rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
     rates[:, w, w] = -1.0 / memory
@@ -185,21 +191,23 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     )
 
 
-def _add_command(
-    terms: Mapping[str, FloatArray],
-    rates: FloatArray,
-    command: FloatArray,
-    covariance: FloatArray,
+def add_command(
+    rates: FloatArray, command: FloatArray, v: int, own: int, terms: Mapping[str, FloatArray]
 ) -> None:
-    """The command (B, n) becomes acceleration, by way of the states of a lag or a delay."""
-    v, own = 1, 6
-    usual = 0.25
+    """The command becomes acceleration, by way of the states of a lag or a delay.
+
+    Args:
+        rates: (B, n, n) d/dt of the states, to which it is added.
+        command: (B, n)
+        v: place of the speed.
+        own: of the state of a lag, or of the first of the two of a delay.
+        terms: lag or delay (B,) in s, or neither.
+    """
     if "lag" in terms:
         lag = terms["lag"]
         rates[:, own] = command / lag[:, None]
         rates[:, own, own] -= 1.0 / lag
         rates[:, v, own] = 1.0
-        covariance[:, own, own] = usual**2
         return
     rates[:, v] += command
     if "delay" in terms:
@@ -210,8 +218,6 @@ def _add_command(
         rates[:, own + 1, own] -= 12.0 / delay**2
         rates[:, own + 1, own + 1] -= 6.0 / delay
         rates[:, v, own + 1] -= 12.0 / delay
-        covariance[:, own, own] = (usual * delay**2 / 12.0) ** 2
-        covariance[:, own + 1, own + 1] = (usual * delay / 6.0) ** 2
 
 
 def discretise(

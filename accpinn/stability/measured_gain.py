@@ -3,9 +3,10 @@
 With u the speed ahead and v the vehicle's, and spectral densities S averaged over n pieces of the
 recording (Welch's method), the estimator H1, the coherence and the random error are
 
-    Ĝ(ω) = S_uv / S_uu,   γ²(ω) = |S_uv|² / (S_uu S_vv),   ε = √(1 - γ²) / (|γ| √(2n))
+    Ĝ(ω) = S_uv / S_uu,   γ²(ω) = |S_uv|² / (S_uu S_vv),   ε = √(1 - γ²) / (|γ| √(2(n - 1)))
 
-ε is the standard deviation of |Ĝ| relative to it, so the band is |Ĝ| exp(±zε). Of two signals that
+ε is the standard error of |Ĝ| relative to it, as that of a complex regression with n samples, and
+the band is |Ĝ| exp(±tε) with Student's t of 2(n - 1) degrees of freedom. Of two signals that
 have nothing in common, γ² is below 1 - p^(1/(n-1)) with probability 1 - p: where it is not above
 that, the recording says nothing about the gain. Overlapping pieces are not independent; with the
 window w and pieces of 2D samples that overlap by half, K of them count as
@@ -28,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import stdtrit
 
 from accpinn.errors import SegmentError
 from accpinn.segment import Segment
@@ -119,8 +120,9 @@ def measured_gain(
     gain = np.abs(cross) / np.where(moving, ahead.real, np.inf)
     coherence = np.minimum(gain**2 * ahead.real / np.where(moving, behind.real, np.inf), 1.0)
     with np.errstate(divide="ignore", over="ignore"):  # without coherence the band has no end
-        error = np.sqrt((1.0 - coherence) / coherence / (2.0 * averages))
-        factor = np.exp(ndtri(0.5 + level / 2.0) * error)
+        freedom = 2.0 * (averages - 1.0)
+        error = np.sqrt((1.0 - coherence) / coherence / freedom)
+        factor = np.exp(stdtrit(freedom, 0.5 + level / 2.0) * error)
     return MeasuredGain(
         omega=frozen(omega[kept]),
         gain=frozen(gain),

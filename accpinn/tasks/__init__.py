@@ -376,7 +376,7 @@ def training_task(
         result = run(analysis, recording, segments=segments, store=store, context=context)
         _ = result.answer, result.quality, result.evaluation, result.gain_checks
         if result.segment:
-            gap_band(result.segment, result.uncertainty, result.fit.case)
+            gap_band(result.segment, result.uncertainty, result.fit.case, result.analysis.law)
         if store and result.is_finished:
             store.record_shown(owner, result)
         return result

@@ -23,8 +23,9 @@ from accpinn.inference.intervals import (
     within,
 )
 from accpinn.inference.prediction import SIMULATIONS, gap_band
-from accpinn.methods import least_squares, maximum_likelihood
+from accpinn.methods import PAPERS, Law, least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
+from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
 from accpinn.model.cthp import Parameters
 from accpinn.segment import Segment
@@ -228,6 +229,19 @@ def test_an_intercept_shifts_the_gaps_and_their_band(
     np.testing.assert_allclose(shifted.lower[0], found.lower[0] + 4.0)
     middle = [(band.lower + band.upper).mean(axis=0) / 2 for band in (found, shifted)]
     np.testing.assert_allclose(middle[1], middle[0] + 4.0, atol=0.5)
+
+
+@pytest.mark.parametrize(("term", "value"), [("lag", 0.6), ("delay", 0.8)])
+def test_a_command_that_comes_late_is_part_of_the_band(term: str, value: float) -> None:
+    """The followers oscillate, which without the term would pass for large disturbances."""
+    law, quick = Law(f"cthp-s0-{term}"), [Parameters(0.15, 0.5, 0.9)]
+    segment = disturbed(quick, 5, Disturbance(standstill=5.0, **{term: value}), duration=120.0)
+    fit = METHODS["maximum-likelihood"].fit(segment, law=law)
+    known = intervals(segment, fit)
+    found, without = (gap_band(segment, known, "II", asked) for asked in (law, PAPERS))
+    assert 0.8 < found.findings[0].share < 1.0
+    width, wider = (np.median(band.upper - band.lower) for band in (found, without))
+    assert width < 0.9 * wider
 
 
 def test_it_holds_most_of_what_is_measured_and_begins_there(

@@ -69,7 +69,7 @@ BY_ESTIMATES = (
 """The caption of verdicts on an estimate whose posterior is known."""
 MEASURED = (
     "Points: the gain measured from the recorded speeds alone by Welch's method, |Ĝ| = |S_uv|/S_uu;"
-    " bars: |Ĝ| exp(±z ε) with ε² = (1 - γ²)/(2nγ²), at the level of the bands (Bendat and Piersol,"
+    " bars: |Ĝ| exp(±t ε) with ε² = (1 - γ²)/(2(n - 1)γ²), at the bands' level (Bendat and Piersol,"
     f" Random Data, 2010). Full points: coherence γ² of at least {COHERENT:g} up to {FASTEST:g}"
     " rad/s, which the sentences compare; faint: less, but above that of unrelated signals."
 )

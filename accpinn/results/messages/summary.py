@@ -26,15 +26,11 @@ from accpinn.study.result import Result
 def about_band(result: Result) -> str:
     """What a predictive band is, and where it is not that of the answer's model."""
     model, answer = result.fit.model, result.known_answer
-    simulated = "CTHP with intercept s₀" if "s0" in FOLLOWING[model].terms else "CTHP"
-    if model not in CTHPS:
-        simulated = f"linearisation of the {TITLES[model]}"
+    simulated = TITLES[model] if model in CTHPS else f"linearisation of the {TITLES[model]}"
     said = (
         f"Band: the space-gaps that the {simulated} predicts from the leader's speed alone, with"
         " posterior samples of the parameters and random disturbances of the estimated size."
     )
-    if {"lag", "delay"}.intersection(model.split("-")):
-        said += f" The lag or delay of the {TITLES[model]} is not part of it."
     if answer and answer.model != model:
         said += f" The answer's model is another one: {TITLES[answer.model]}."
     return said

@@ -304,7 +304,8 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
     if segment is None and fit.surrogate is None:
         return
-    predicted = gap_band(segment, uncertainty, fit.case) if segment else None
+    asked = uncertainty, fit.case, snapshot.analysis.law
+    predicted = gap_band(segment, *asked) if segment else None
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(

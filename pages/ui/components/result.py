@@ -314,7 +314,8 @@ def _answered(result: Result, follower: int) -> Trajectories | None:
 
 def _band(result: Result) -> GapBand | None:
     segment = result.segment if result.is_finished else None
-    return gap_band(segment, result.uncertainty, result.fit.case) if segment else None
+    asked = result.uncertainty, result.fit.case, result.analysis.law
+    return gap_band(segment, *asked) if segment else None
 
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
