@@ -151,7 +151,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: on_result.conditional(delayed(), small().info), [small().info.labels[1]]),
     (lambda: on_result.about_band(small()), [TITLES[small().answer.model]]),
     (lambda: on_result.about_band(altered(small(), fit=replace(small().fit, model="idm-lag"))),
-     [f"linearisation of the {TITLES['idm-lag']}", "not part of it"]),
+     [f"linearisation of the {TITLES['idm-lag']}"]),
     (lambda: " ".join(suggestion_reasons(MOVED, Window(10.0, 20.0), 0.504)),
      ["330–630 s", "190 complete windows of 300 s", "96 %", "10–20 s", "50 %"]),
     (lambda: driver_summary(read(FOLDER / f"{NOISY}.csv")), ["ACC: 2"]),
