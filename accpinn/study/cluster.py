@@ -190,7 +190,11 @@ def run_all(
                 )
             room = max(1, slots) * (1 if is_local else AHEAD)
             # What has ended is written before another file is read.
-            while len(running) < room and not ended.is_set() and (job := next(jobs, None)):
+            while (
+                len(running) < room
+                and not (running and ended.is_set())
+                and (job := next(jobs, None))
+            ):
                 future = client.submit(run, job, pure=False)
                 running[future] = job
                 future.add_done_callback(lambda _: ended.set())
