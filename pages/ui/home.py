@@ -242,7 +242,7 @@ def show_checklist(workspace: Workspace) -> None:
 def _show_item(workspace: Workspace, item: PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
-        widths = (0.8, 3.3, 1, 1.2, 2.5)
+        widths = (0.9, 2.3, 0.9, 1, 3.3)
         title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
         title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
