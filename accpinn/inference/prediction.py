@@ -44,6 +44,8 @@ STATES = 4
 """Number of states of a follower: p, v, r and w; two more where the command is late."""
 ROUNDING = 1e-9
 """Share of a variance that is added to it against rounding."""
+LATE: Seconds = 0.02
+"""Shortest lag or delay; one that is shorter makes no difference."""
 TINY = 1e-30
 """Variance of a state that nothing moves."""
 MOST_STEPS = 20_000
@@ -197,7 +199,8 @@ class _Steps:
             rates[:, p[k], ahead], rates[:, p[k], v[k]] = 1.0, -1.0
             command[:, p[k]], command[:, ahead] = alpha, beta
             command[:, v[k]] = -alpha * np.nan_to_num(tau) - beta
-            late = {"lag": lag} if lag.any() else {"delay": delay} if delay.any() else {}
+            kinds = (("lag", lag), ("delay", delay))
+            late = {name: np.maximum(value, LATE) for name, value in kinds if value.any()}
             add_command(rates, command, v[k], w[k] + 1, late)
         rates[:, v, r] = 1.0
         rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
