@@ -364,7 +364,7 @@ def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(
 ) -> None:
     shutil.rmtree(app.studies, ignore_errors=True)
     folder = app.recordings / "short"
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for k, make in enumerate(("Audi(A8)", "Tesla(Model3)")):
         (folder / f"run{k}.csv").write_bytes(csv(frame(620, k), metadata(("Lead", make))))
     page = opened("/Database")
@@ -379,7 +379,7 @@ def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(
     page.get_by_role("button", name="Start the batch").click()
     page.get_by_role("button", name="Stop", exact=True).wait_for()
     page.reload()
-    done = page.get_by_text("Done: 2 recordings, 2 windows")
+    done = page.get_by_text("Done: 2 files, 2 recordings, 2 windows")
     done.wait_for(timeout=TRAINING_MS)
     expect(page.get_by_text("2 follower windows of 2 vehicles, 2 makes")).to_be_visible()
     idle(page)
