@@ -182,7 +182,7 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)
-    idle = alpha == 0  # such a vehicle keeps no gap, so its string stability means nothing
+    idle = alpha == 0  # without gap control string stability means nothing
     chart = style.Chart(f"plane-{in_units_of_tau}", 430, hovermode="closest")
     for name, colour, symbol, part in (
         ("L₂ unstable", UNSTABLE, "circle-open", ~stable & ~idle),

@@ -493,11 +493,7 @@ def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> No
 
 def _show_failures(failures: Sequence[Failure], study: str) -> None:
     if not failures:
-        is_active = study in batch_queue().active_owners("batch")
-        st.caption(
-            "No failure so far." if is_active
-            else "Every file has a window, and every method a result on it."
-        )  # fmt: skip
+        st.caption("No failure so far.")
         return
     show.table(failure_table(failures[:LISTED]))
     if len(failures) > LISTED:
