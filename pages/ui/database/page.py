@@ -251,8 +251,7 @@ def _show_forest(selected: ShownRows, about: str) -> None:
     st.caption(
         f"Typical value of each group with its {level:.0f} % interval; thin: the time gap in a"
         " further window; an arrowhead: the interval goes on; a larger dot stands for more"
-        f" windows, a ring for windows that never reach {3.6 * SPEEDS[-1]:.0f} km/h.{near}{more}"
-        f" {about}"
+        f" windows, a ring for none with {3.6 * SPEEDS[-1]:.0f} km/h.{near}{more} {about}"
     )
 
 
