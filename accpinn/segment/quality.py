@@ -334,7 +334,7 @@ def _refuse_too_little(segment: Segment, chosen: tuple[str, ...]) -> None:
         raise SegmentError(
             f"{segment.source}: without {' and '.join(chosen)} only {left[worst]:.1f} s of"
             f" {segment.labels[worst + 1]} remain, where {MINIMUM_DURATION:g} s are needed; exclude"
-            " less, or take another window."
+            " less, or take other vehicles or another window."
         )
 
 

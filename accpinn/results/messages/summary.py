@@ -39,8 +39,10 @@ def about_band(result: Result) -> str:
 def about_own_estimate(result: Result) -> str:
     """What a method's own estimate is beside the answer, and of what the curves are."""
     windows, count = f"the window {result.info.window}", len(result.infos)
-    curves = "The answer is simulated behind the measured vehicle ahead, the method's platoon"
-    curves += " behind the measured leader."
+    curves = "The curves are the method's own, as the data are not at hand."
+    if result.segments:
+        curves = "The answer is simulated behind the measured vehicle ahead, the method's platoon"
+        curves += " behind the measured leader."
     if count > 1:
         curves = f"The curves are those of {result.info.window}. {curves}"
         windows = f"the {count} windows"
