@@ -108,4 +108,6 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
         cells = [*estimate_cells(value, *ends), answer.span(name, follower)]
         filled.append((replace(column, group=group), cells))
     label = infos[0].labels[follower + 1]
-    return Table.of(f"{label}: {registry.TITLES[answer.model]}, each window alone", filled)
+    return Table.of(
+        f"{label}: {registry.TITLES[answer.model]}, each window alone, and the answer", filled
+    )
