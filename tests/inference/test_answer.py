@@ -1,18 +1,29 @@
 """The answer: the truth from simulated windows, held terms, Case I, and what is not determined."""
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
 from accpinn.inference.answer import Answer, HeterogeneousWindows, answer
-from accpinn.inference.posterior import features, log_prior_of_features, log_prior_of_theta
+from accpinn.inference.posterior import (
+    AT_SPEED,
+    features,
+    log_prior_of_features,
+    log_prior_of_theta,
+    sample,
+)
+from accpinn.inference.window_posterior import parameters_of
 from accpinn.methods.likelihood import Criterion
+from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, time_gap
+from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
+from accpinn.segment.cut import cut
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
 
@@ -62,6 +73,25 @@ def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> 
         assert span.further_upper - span.further_lower > 1.2 * (span.upper - span.lower)
     ends = given.windows_lower.values, given.windows_upper.values
     assert ((ends[0] < given.windows.values) & (given.windows.values < ends[1])).mean() > 0.85
+
+
+def test_where_s0_is_more_than_the_time_gap_the_gap_stays() -> None:
+    phi = np.array([[np.log(0.1), np.log(0.4), np.log(gap), 20.0, 0.3] for gap in (0.5, 1.5)])
+    found = parameters_of("cthp-s0-delay", phi, 20.0)
+    np.testing.assert_allclose(time_gap("cthp-s0-delay", found, AT_SPEED), [0.5, 1.5])
+    np.testing.assert_allclose(found.tau, [0.0, 1.5 - 20.0 / AT_SPEED], atol=1e-12)
+
+
+def test_the_end_of_the_ridge_is_sampled(openacc_dir: Path) -> None:
+    """The likelihood is largest at τ = 0 and a short delay; before, 10 of 500 draws counted."""
+    recording = read(openacc_dir / "ZalaZone" / "dynamic_part10.csv")
+    segment = cut(recording, 300.0, 300.0, (1, 2))
+    series, model = series_of((segment,), "II"), "cthp-s0-delay"
+    for seed in (0, 1):
+        (found,) = sample(
+            series, joint_maxima((segment,), "II", model), model, seed, stages=(150, 150, 500)
+        )
+        assert found.effective > 80
 
 
 def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:

@@ -198,6 +198,15 @@ def test_vehicles_of_a_group_differ_as_windows_do_one_level_below() -> None:
     assert inside.mean() > 0.75
 
 
+def test_a_time_gap_at_a_speed_that_no_window_holds_is_marked() -> None:
+    slow, fast = row("A", lowest_speed=8.0, highest_speed=20.0), row("B", highest_speed=30.0)
+    groups = group(rows(slow, fast), ("make",))
+    driven = [[part.is_driven(speed / 3.6) for speed in (50.0, 100.0)] for part in groups.groups]
+    assert driven == [[True, False], [True, True]], "a study that does not tell marks nothing"
+    lines = group_table(groups).to_text().splitlines()
+    assert ["*" in line for line in lines if line.startswith(("A ", "B "))] == [True, False]
+
+
 def test_what_is_unknown_counts_as_a_window_only() -> None:
     unknown = row("A", tau=None)
     [found] = group(rows(row("A"), row("A"), unknown), ("make",)).groups
