@@ -202,17 +202,19 @@ def comparison_table(
     case: Case = "II",
     uncertainty: Uncertainty | None = None,
     windows: Sequence[SegmentInfo] = (),
+    own: Mapping[str, Uncertainty] | None = None,
 ) -> Table:
     """One row a follower: for each parameter, what each method finds, or the truth.
 
     Estimates are (M,) by method, from all ``windows``; in Case I all followers share one row. The
-    uncertainty limits the digits to those that the intervals support.
+    uncertainty, or the ``own`` one of an estimate, limits the digits to those that the intervals
+    support.
     """
-    numbers = parameter_rows(info, case)
+    numbers, known = parameter_rows(info, case), own or {}
     filled = [
         (
             Column(name, "", column.digits, column.heading, is_brief=True),
-            brief_cells(parameters.values[: len(numbers), k], uncertainty, k),
+            brief_cells(parameters.values[: len(numbers), k], known.get(name, uncertainty), k),
         )
         for k, column in enumerate(PARAMETER_COLUMNS)
         for name, parameters in estimates.items()

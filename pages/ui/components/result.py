@@ -12,6 +12,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import narrower_intervals, weakly_identified
+from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.regression import Regression
@@ -252,17 +253,18 @@ def _show_comparison(
     """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
     own = name_of(fit).partition(" (")[0]
-    estimates = {own: fit.parameters}
+    estimates, intervals = {own: fit.parameters}, dict[str, Uncertainty]()
     if result.segments:
         solved = Regression.of_windows(result.segments).solve(fit.case)
         estimates["Least squares"] = solved.parameters
     estimates["Maximum likelihood"] = uncertainty.centre
     if (known := result.known_answer) and known.model in CTHPS:
         estimates["Answer"] = known.parameters
+        intervals["Answer"] = known.uncertainty
     if truth:
         estimates["Truth"] = truth
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
-    table = tables.comparison_table(info, estimates, fit.case, uncertainty, result.infos)
+    table = tables.comparison_table(info, estimates, fit.case, uncertainty, result.infos, intervals)
     show.table(table, colours)
     is_likely = fit.config.get("preset") == "calibrated"
     biased = "least squares" if is_likely else f"least squares and the loss of {own}"
