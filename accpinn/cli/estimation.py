@@ -59,7 +59,7 @@ from accpinn.results.tables.estimates import (
     starts_table,
 )
 from accpinn.results.tables.stability import verdict_table
-from accpinn.results.vehicles import known_vehicles
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.segment.cut import DURATION
 from accpinn.study.comparison import (
     Refused,
@@ -269,12 +269,12 @@ def _comparison_text(
 ) -> str:
     first, info = results[0], results[0].info
     followers = ParameterSet(info.source, info.labels[1:], first.fit.parameters)
-    stability, forms = first.stability, first.adequacy.forms
+    subject, forms = KnownVehicles(followers, first.uncertainty), first.adequacy.forms
     each = range(info.followers)
     tables = [
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, first.uncertainty),
-        *([verdict_table(followers, stability, first.uncertainty)] if stability else ()),
+        *([verdict_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in each if forms),
     ]
     said = [

@@ -25,10 +25,9 @@ from accpinn.results.messages.stability import (
     smallest_gap,
 )
 from accpinn.results.tables.estimates import answer
-from accpinn.results.tables.stability import amplitude_table, stability_table
+from accpinn.results.tables.stability import amplitude_table, known_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
-from accpinn.stability import StabilityReport, VehicleStability, Verdict, stability_report
-from accpinn.study.result import Result
+from accpinn.stability import StabilityReport, VehicleStability, Verdict
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MOST_VEHICLES = 100
@@ -57,8 +56,8 @@ def add_stability_options(parser: argparse.ArgumentParser) -> None:
     add_json_option(parser)
 
 
-def _chosen(options: argparse.Namespace) -> tuple[KnownVehicles, Result | None]:
-    """The vehicles that the options give, and the snapshot that they are from.
+def _chosen(options: argparse.Namespace) -> KnownVehicles:
+    """The vehicles that the options give, or those of a snapshot.
 
     Raises:
         ConfigError: when they are missing, given twice, or differ in number.
@@ -71,8 +70,7 @@ def _chosen(options: argparse.Namespace) -> tuple[KnownVehicles, Result | None]:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
-        snapshot = load(path)
-        return known_vehicles(snapshot), snapshot
+        return known_vehicles(load(path))
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
     if missing:
         listed = " and ".join(missing)
@@ -90,21 +88,18 @@ def _chosen(options: argparse.Namespace) -> tuple[KnownVehicles, Result | None]:
             raise ConfigError(f"parameters: --{name} {min(given):g} is negative; give 0 or more.")
     labels = tuple(f"Vehicle {k + 1}" for k in range(count))
     parameters = Parameters(*values.values(), **terms)
-    return KnownVehicles(ParameterSet("parameters given", labels, parameters)), None
+    return KnownVehicles(ParameterSet("parameters given", labels, parameters))
 
 
 def run_stability(options: argparse.Namespace) -> int:
     """Assess vehicles one by one and together, and print the verdicts."""
-    subject, snapshot = _chosen(options)
-    report = stability_report(subject.vehicles.parameters)
-    show_result(options, _describe_report, _report_text, report, subject, snapshot)
+    show_result(options, _describe_report, _report_text, _chosen(options))
     return 0
 
 
-def _describe_report(
-    report: StabilityReport, subject: KnownVehicles, snapshot: Result | None
-) -> dict[str, Any]:
+def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
     """The report as the command-line contract has it."""
+    report, snapshot = subject.report, subject.result
     platoon, numbers = report.platoon, subject.vehicles.vehicles[1:]
     gains = snapshot.measured_gains if snapshot and snapshot.segments else [None] * len(numbers)
     known = subject.uncertainty
@@ -164,13 +159,12 @@ def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[s
     return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
 
 
-def _report_text(report: StabilityReport, subject: KnownVehicles, snapshot: Result | None) -> str:
-    vehicles, labels = subject.vehicles, subject.vehicles.labels
-    table = stability_table(vehicles, report, subject.uncertainty, subject.checks)
-    lines = [table.to_text(), ""]
+def _report_text(subject: KnownVehicles) -> str:
+    vehicles, report = subject.vehicles, subject.report
+    lines, labels = [known_table(subject).to_text(), ""], vehicles.labels
     if subject.uncertainty:
-        lines.append(headline(vehicles, report, subject.uncertainty, subject.checks))
-    if stored := snapshot and snapshot.known_answer:
+        lines.append(headline(subject))
+    if stored := subject.result and subject.result.known_answer:
         lines.append(assumption(stored))
     lines += against_measured(subject.checks, vehicles)
     for label, vehicle in zip(labels, report.vehicles, strict=True):
@@ -206,8 +200,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     leader = Sinusoid(
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
-    subject, _ = _chosen(options)
-    vehicles = subject.vehicles
+    vehicles = _chosen(options).vehicles
     platoon = _platoon(vehicles.parameters, options.vehicles)
     result = simulate_platoon(platoon, leader, model=vehicles.model)
     are_equal = len(vehicles) == 1 < len(platoon)

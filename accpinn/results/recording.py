@@ -16,10 +16,9 @@ from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells
 from accpinn.results.tables.estimates import (
     TITLES,
     driver_cells,
-    drivers,
     parameter_cells,
-    where,
 )
+from accpinn.results.vehicles import drivers, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.quality import (
     LARGE_CONDITION,

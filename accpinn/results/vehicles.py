@@ -4,20 +4,21 @@ Pages, report and command line take vehicles, verdicts, intervals and the measur
 them from here, so that they say the same.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from accpinn.errors import ParameterError
-from accpinn.inference.answer import Answer
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.methods.fit import Outcome
-from accpinn.model.cthp import Parameters
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
-from accpinn.results.tables.estimates import learned_parameters
+from accpinn.platoon.leader import Sinusoid
+from accpinn.segment import SegmentInfo
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.units import MetresPerSecond
@@ -32,56 +33,93 @@ class KnownVehicles:
     """That of the vehicles; None for parameters without a recording, and a stopped training."""
     checks: tuple[GainCheck, ...] = ()
     """The measured gain of each that has one; empty for the estimate of a method."""
+    result: Result | None = None
+    """Whose parameters they are; None for those that are published or typed in."""
+    speed: MetresPerSecond | None = None
+    """At which they are linearised, where that is not each vehicle's median speed."""
+    origin: str = ""
+    """Where they come from, for a page's headline."""
 
     @cached_property
-    def report(self) -> StabilityReport | None:
-        """The stability of each vehicle and the platoon; None where the parameters allow none."""
+    def report(self) -> StabilityReport:
+        """The stability of each vehicle and the platoon.
+
+        Raises:
+            ParameterError: where the parameters allow none.
+        """
+        return stability_report(self.vehicles.parameters)
+
+    @property
+    def has_report(self) -> bool:
+        """Whether the parameters allow one."""
         try:
-            return stability_report(self.vehicles.parameters)
+            return bool(self.report)
         except ParameterError:
-            return None
+            return False
+
+    @property
+    def median_speed(self) -> MetresPerSecond:
+        """The vehicles' median speed in the recording, or that of parameters without one."""
+        stored = self.result.known_answer if self.result else None
+        return float(np.median(stored.speeds)) if stored else Sinusoid.speed
+
+    def at_speed(self, speed: MetresPerSecond) -> "KnownVehicles":
+        """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.
+
+        The measured gain is that of the recorded speeds, so it checks nothing here.
+
+        Raises:
+            ParameterError: where a vehicle has no equilibrium there.
+        """
+        vehicles, known = self.vehicles, self.uncertainty
+        model, own = FOLLOWING[vehicles.model], vehicles.parameters.own
+        for row in own:
+            model.linearised(row, speed)
+        there = replace(vehicles, parameters=model.linearisations(own.T, speed))
+        if known:
+            drawn = model.linearisations(np.moveaxis(known.draws.own, -1, 0), speed)
+            every = drawn.everything.copy()
+            for k in range(every.shape[1]):  # a vehicle has an equilibrium where its answer has one
+                kept = np.isfinite(every[:, k]).all(axis=1)
+                every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
+            known = from_draws(there.parameters, Parameters.of(every), known.level)
+        return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
 
 
-def at_speed(
-    vehicles: ParameterSet, uncertainty: Uncertainty | None, speed: MetresPerSecond
-) -> tuple[ParameterSet, Uncertainty | None]:
-    """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.
+def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:
+    """The segment in a few words: file, window or windows, regimes excluded, a platoon's Case."""
+    seconds = sum(part.window.duration for part in windows)
+    several = f"{len(windows)} windows, {seconds:g} s together" if len(windows) > 1 else ""
+    parts = [info.source, several or str(info.window)]
+    parts += [f"without {', '.join(info.excluded_regimes)}"] if info.excluded_regimes else []
+    return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
 
-    Raises:
-        ParameterError: where a vehicle has no equilibrium there.
-    """
-    model, own = FOLLOWING[vehicles.model], vehicles.parameters.own
-    for row in own:
-        model.linearised(row, speed)
-    there = replace(vehicles, parameters=model.linearisations(own.T, speed))
-    if uncertainty is None:
-        return there, None
-    own = np.moveaxis(uncertainty.draws.own, -1, 0)
-    drawn = model.linearisations(own, speed).everything.copy()
-    for k in range(drawn.shape[1]):  # a vehicle has an equilibrium where its answer has one
-        kept = np.isfinite(drawn[:, k]).all(axis=1)
-        drawn[~kept, k] = np.resize(drawn[kept, k], ((~kept).sum(), drawn.shape[2]))
-    return there, from_draws(there.parameters, Parameters.of(drawn), uncertainty.level)
+
+def drivers(info: SegmentInfo) -> tuple[str, ...]:
+    """(M,) who drives each follower in place of ACC; empty where nobody does."""
+    hand = info.driven_by_hand
+    if hand is None:
+        return ()
+    share = dict(zip(hand.vehicles, hand.shares, strict=True))
+    return tuple(_driver(share.get(number, 0.0)) for number in info.vehicles[1:])
+
+
+def _driver(share: float) -> str:
+    return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
 
 
 def known_vehicles(result: Result) -> KnownVehicles:
     """The answer's followers; those of the method where the answer is not known."""
-    vehicles, stored = learned_parameters(result.info, result.fit), result.known_answer
-    if len(result.infos) > 1:
-        windows = f"{result.info.source}, {len(result.infos)} windows"
-        vehicles = replace(vehicles, title=windows)
-    if stored and (known := of_answer(vehicles, stored, result.gain_checks)):
-        return known
+    info, fit, known = result.info, result.fit, result.known_answer
+    several = f"{info.source}, {len(result.infos)} windows" if len(result.infos) > 1 else ""
+    vehicles = ParameterSet(
+        several or where(info), info.names[1:], fit.parameters, info.vehicles, info.labels[1:],
+        drivers(info), fit.model,
+    )  # fmt: skip
+    if known and np.isfinite(known.parameters.complete).all():
+        vehicles = replace(vehicles, parameters=known.parameters, model=known.model)
+        return KnownVehicles(vehicles, known.uncertainty, result.gain_checks, result)
     is_known = result.parts.uncertainty is not None or bool(result.segments)
     stopped = result.fit.outcome is Outcome.STOPPED
-    return KnownVehicles(vehicles, result.uncertainty if is_known and not stopped else None)
-
-
-def of_answer(
-    vehicles: ParameterSet, known: Answer, checks: tuple[GainCheck, ...]
-) -> KnownVehicles | None:
-    """The followers of an answer in place of a method's; None where one is not determined."""
-    if not np.isfinite(known.parameters.complete).all():
-        return None
-    vehicles = replace(vehicles, parameters=known.parameters, model=known.model)
-    return KnownVehicles(vehicles, known.uncertainty, checks)
+    uncertainty = result.uncertainty if is_known and not stopped else None
+    return KnownVehicles(vehicles, uncertainty, result=result)

@@ -1,7 +1,7 @@
 """The page Compare: the methods' estimates and errors, and what the data identify."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -10,8 +10,7 @@ import streamlit as st
 
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
-from accpinn.inference.answer import Answer, answer
-from accpinn.inference.gain_check import gain_checks
+from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import (
     INCREASE,
     identifiability_warnings,
@@ -32,12 +31,12 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards, papers_estimate
 from accpinn.results.messages.summary import about_curves, agreement, conditional, outside_intervals
 from accpinn.results.tables import estimates as tables
-from accpinn.results.tables.estimates import TITLES, learned_parameters, name_of
-from accpinn.results.vehicles import KnownVehicles, known_vehicles, of_answer
+from accpinn.results.tables.estimates import TITLES, name_of
+from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, refused_among, spread_of
-from accpinn.study.result import Result
+from accpinn.study.result import Parts, Result
 from accpinn.tasks import comparison_seconds
 from accpinn.units import FloatArray, known_mean
 from pages.ui import models
@@ -81,22 +80,19 @@ class _Shown:
         return self.rows[0].uncertainty
 
     @cached_property
-    def answered(self) -> tuple[Answer, KnownVehicles]:
-        """That of the training; before one, that of the windows which a training would take."""
+    def answered(self) -> Result:
+        """The training's; before one, the first row with the windows a training would take."""
         workspace, row = self.workspace, self.rows[0]
         if result := workspace.result:
-            return result.answer, known_vehicles(result)
+            return result
         asked = workspace.training_analysis(CALIBRATED) or row.analysis
         data = asked.segments(workspace.recording, () if workspace.recording else (self.segment,))
-        known = answer(data, asked.case, asked.model, dict(asked.held))
-        vehicles = learned_parameters(row.info, row.fit)
-        of_all = of_answer(vehicles, known, gain_checks(data, known))
-        return known, of_all or KnownVehicles(vehicles)
+        return replace(row, analysis=asked, segments=data, parts=Parts())
 
     @property
     def answer(self) -> Answer:
         """What the windows say together."""
-        return self.answered[0]
+        return self.answered.answer
 
 
 def show_page() -> None:
@@ -180,7 +176,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     shown = _Shown(workspace, segment, rows, follower)
     with first:
         with st.spinner("The answer takes some seconds."):
-            known = shown.answered
+            known = shown.answer, known_vehicles(shown.answered)
         if said := agreement(rows):
             st.markdown(f"**{escape_markdown(said)}**")
         show_cards(cards(segment.info, *known, together=True))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import cycle
 from typing import Literal
 
@@ -31,11 +31,11 @@ from accpinn.results.messages.stability import (
     smallest_gap,
 )
 from accpinn.results.tables.stability import amplitude_table
-from accpinn.results.vehicles import at_speed
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import Chosen, choose_parameters
+from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
@@ -125,7 +125,7 @@ def open_panels(workspace: Workspace) -> None:
 
 def _show_answer(
     workspace: Workspace,
-    source: Chosen,
+    source: KnownVehicles,
     run: PlatoonRun,
     places: Places,
     recorded: Segment | None,
@@ -142,7 +142,7 @@ def _show_answer(
             odds = probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
-        if source.source == "fit" and st.button(
+        if workspace.parameter_source == "fit" and st.button(
             "Next: which model describes this car?", key="platoon_next",
             icon=":material/arrow_forward:", type="tertiary",
         ):  # fmt: skip
@@ -260,7 +260,7 @@ def parse_order(text: str, count: int) -> list[int]:
     return order
 
 
-def _windows(workspace: Workspace, source: Chosen) -> list[Segment]:
+def _windows(workspace: Workspace, source: KnownVehicles) -> list[Segment]:
     """Those of the answer, else the open one, whose leader can drive: all of its speed is known."""
     of_answer = source.result.segments if source.result else ()
     windows = of_answer or filter(None, (workspace.segment,))
@@ -272,7 +272,7 @@ def _windows(workspace: Workspace, source: Chosen) -> list[Segment]:
 
 
 def _choose_leader(
-    workspace: Workspace, source: Chosen, order: Sequence[int], windows: Sequence[Segment]
+    workspace: Workspace, source: KnownVehicles, order: Sequence[int], windows: Sequence[Segment]
 ) -> tuple[Leader | None, Segment | None]:
     """The leader, and the window that it was recorded in.
 
@@ -295,7 +295,7 @@ def _choose_leader(
 
 
 def _planned(
-    workspace: Workspace, kind: Disturbance, source: Chosen, order: Sequence[int]
+    workspace: Workspace, kind: Disturbance, source: KnownVehicles, order: Sequence[int]
 ) -> Leader:
     values: dict[str, float] = {}
     first, speed = FIRST[kind], None
@@ -326,15 +326,14 @@ def _setting(
 
 
 def _frequency(
-    workspace: Workspace, source: Chosen, order: Sequence[int], speed: float | None
+    workspace: Workspace, source: KnownVehicles, order: Sequence[int], speed: float | None
 ) -> float:
     """The one chosen, otherwise the one at which this platoon's last follower moves most."""
     key, (label, step, meaning) = "platoon_frequency", LABELS["frequency"]
-    vehicles = source.vehicles
     if speed:
         speed = workspace.choices.get("platoon_sinusoid_speed", speed)
-        vehicles, _ = at_speed(vehicles, None, speed)
-    platoon = vehicles.parameters[[*order]]
+        source = replace(source, uncertainty=None).at_speed(speed)
+    platoon = source.vehicles.parameters[[*order]]
     peak = float(f"{head_to_tail_peaks(platoon).omega[-1]:.4g}") or Sinusoid.frequency
     chosen = workspace.choices.get(key)
     value = peak if chosen is None else chosen

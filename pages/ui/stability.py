@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import streamlit as st
 
-from accpinn.inference.intervals import LEVEL, Uncertainty
+from accpinn.inference.intervals import LEVEL
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import stability as figures
 from accpinn.results.figures.comparison import Follower, peak_over_speed
-from accpinn.results.figures.stability import Model, cloud_caption, measured_bode
+from accpinn.results.figures.stability import cloud_caption
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
@@ -34,17 +34,17 @@ from accpinn.results.messages.summary import conditional
 from accpinn.results.tables.estimates import answer
 from accpinn.results.tables.stability import (
     criteria_part,
+    known_table,
     measured_gain_table,
-    stability_table,
     verdict_table,
 )
-from accpinn.results.vehicles import at_speed
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN, StabilityReport, VehicleStability, Verdict
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
-from pages.ui.components.parameter_picker import Chosen, choose_parameters
+from pages.ui.components.parameter_picker import choose_parameters
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
@@ -79,18 +79,18 @@ def show_page() -> None:
         _show_answer(source)
         _show_simulate(workspace, source)
     with chart_column:
-        shaded = _show_bode(workspace, source)
+        shown = _show_bode(workspace, source)
     _show_verdicts(source)
     tabs(workspace, "stability", {
         "Why": lambda: _show_reasons(workspace, source),
         **({"Speed": lambda: _show_speeds(source)} if is_nonlinear else {}),
         "Criteria": lambda: _show_criteria(source),
-        "Map": lambda: _show_map(workspace, source, shaded),
-        "Measured": lambda: _show_measured(workspace, source, shaded),
+        "Map": lambda: _show_map(workspace, shown),
+        "Measured": lambda: _show_measured(workspace, shown),
     })  # fmt: skip
 
 
-def _at_chosen_speed(workspace: Workspace, source: Chosen) -> Chosen | None:
+def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicles | None:
     """The vehicles at a speed that the user chooses, by default the recording's median."""
     median = round(KMH * source.median_speed)
     speed = st.number_input(
@@ -101,20 +101,14 @@ def _at_chosen_speed(workspace: Workspace, source: Chosen) -> Chosen | None:
     )  # fmt: skip
     if speed == median:
         return source
-    there = show.attempt(lambda: at_speed(source.vehicles, source.uncertainty, speed / KMH))
-    # The measured gain is that of the recorded speeds.
-    if there is None:
-        return None
-    vehicles, known = there
-    return replace(source, vehicles=vehicles, uncertainty=known, checks=(), speed=speed / KMH)
+    return show.attempt(lambda: source.at_speed(speed / KMH))
 
 
-def _show_answer(source: Chosen) -> None:
+def _show_answer(source: KnownVehicles) -> None:
     """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
     with st.container(border=True):
-        said = headline(chosen, report, source.uncertainty, source.checks)
-        said = said.replace(" %", "\N{NO-BREAK SPACE}%")
+        said = headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
         if len(chosen) > 1:
             platoon = report.platoon
@@ -138,28 +132,27 @@ def _show_answer(source: Chosen) -> None:
         st.caption(escape_markdown(assumed))
 
 
-def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
+def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
     """The chart; a click on a curve leads to the platoon at that frequency.
 
     Returns:
-        The uncertainty, where the user wants to see it in charts.
+        The vehicles as charts show them: without uncertainty where the user wants to see none.
     """
-    chosen, uncertainty = source.vehicles, source.uncertainty
+    chosen, shown = source.vehicles, source
     whole = "leader to last follower" if len(chosen) > 1 else ""
     with st.container(horizontal=True):
         show.key(zip(chosen.labels, figures.colours(chosen), strict=True), dashed=whole)
-        if uncertainty and not st.toggle(
+        if source.uncertainty and not st.toggle(
             "Uncertainty", **kept(workspace, "stability_uncertainty", True),
             help="Bands of the Bode magnitude and of the model beside the measured gain, and"
             " posterior samples on the map.",
         ):  # fmt: skip
-            uncertainty = None
-    result = source.result
-    measured = figures.measured_of(result) if result and source.checks else ()
-    figure = figures.bode(chosen, source.report, uncertainty, measured, HEIGHT)
+            shown = replace(source, uncertainty=None)
+    result, measured = source.result, figures.measured_of(source)
+    figure = figures.bode(shown, HEIGHT)
     event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
     st.caption(
-        f"{about_bode(uncertainty)} Click on a curve to simulate a platoon at that frequency."
+        f"{about_bode(shown.uncertainty)} Click on a curve to simulate a platoon at that frequency."
         + (
             " Points with bars: the measured gain and its band, faint where it is not compared."
             if measured
@@ -172,12 +165,12 @@ def _show_bode(workspace: Workspace, source: Chosen) -> Uncertainty | None:
         st.caption("  \n".join(map(escape_markdown, said)))
     if clicked := clicked_point(event["selection"]["points"]):
         _open_platoon(workspace, *clicked)
-    return uncertainty
+    return shown
 
 
-def _show_verdicts(source: Chosen) -> None:
+def _show_verdicts(source: KnownVehicles) -> None:
     chosen, known, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
-    table = verdict_table(chosen, source.report, known, source.checks)
+    table = verdict_table(source)
     show.table(table, figures.colours(chosen))
     posterior = known and (
         "Probability: the share of posterior samples that are string stable; the verdict is"
@@ -187,12 +180,12 @@ def _show_verdicts(source: Chosen) -> None:
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
               " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip
     st.caption(f"{linear}{posterior or ''}{GAIN}")
-    if differ := criteria_differ(chosen, source.report):
+    if differ := criteria_differ(source):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
 
 
-def _show_simulate(workspace: Workspace, source: Chosen) -> None:
+def _show_simulate(workspace: Workspace, source: KnownVehicles) -> None:
     """One vehicle or the platoon chosen, and a button; nothing where none has a peak."""
     chosen, report = source.vehicles, source.report
     peaks = {WHOLE: report.platoon.peaks[-1]} if len(chosen) > 1 else {}
@@ -240,7 +233,7 @@ def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -
 # Tabs
 
 
-def _show_speeds(source: Chosen) -> None:
+def _show_speeds(source: KnownVehicles) -> None:
     """The largest gain of each vehicle over the speed, where the recording's speeds are marked."""
     vehicles, known = source.vehicles, source.uncertainty
     own, draws = vehicles.parameters.own, known.draws.own if known else None
@@ -264,13 +257,13 @@ def _show_speeds(source: Chosen) -> None:
     )
 
 
-def _show_criteria(source: Chosen) -> None:
+def _show_criteria(source: KnownVehicles) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
     chosen, known = source.vehicles, source.uncertainty
     st.caption(CRITERIA)
     show.key(figures.CRITERIA_KEY)
-    show.chart(figures.criteria_by_vehicle(chosen, source.report), "stability_criteria")
-    table = stability_table(chosen, source.report, known)
+    show.chart(figures.criteria_by_vehicle(source), "stability_criteria")
+    table = known_table(source)
     show.table(criteria_part(table), figures.colours(chosen))
     posterior = (
         " In brackets: intervals from posterior samples of a model with disturbances that last for"
@@ -285,7 +278,7 @@ def _show_criteria(source: Chosen) -> None:
         show.messages(messages(known.findings, source.result.info))
 
 
-def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) -> None:
+def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
     """The boundaries of stability in a plane of two parameters."""
     if is_lagged(source.vehicles.parameters):
         show.messages(
@@ -293,7 +286,7 @@ def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) 
             " or a published set."
         )
         return
-    chosen, held = source.vehicles, len(source.vehicles) - 1
+    chosen, known, held = source.vehicles, source.uncertainty, len(source.vehicles) - 1
     with st.container(horizontal=True, vertical_alignment="center"):
         plane = segments(
             "Plane", PLANES, "beta", "stability_plane", workspace,
@@ -306,13 +299,13 @@ def _show_map(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) 
                 help="The vehicle whose third parameter the boundaries are drawn for.",
             )  # fmt: skip
         show.key(figures.MAP_KEY)
-    chart = figures.stability_map(chosen, source.report, held, plane, shaded)
+    chart = figures.stability_map(source, held, plane)
     show.chart(chart, "stability_map")
     said = escape_markdown(about_map(chosen, held, "α" if plane == "beta" else "β"))
-    st.caption(said + (f" {cloud_caption(chart, shaded, plane)}" if shaded else ""))
+    st.caption(said + (f" {cloud_caption(chart, known, plane)}" if known else ""))
 
 
-def _show_reasons(workspace: Workspace, source: Chosen) -> None:
+def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
     chosen, report = source.vehicles, source.report
     if source.uncertainty:
@@ -356,7 +349,7 @@ def _listed(
     )
 
 
-def _show_measured(workspace: Workspace, source: Chosen, shaded: Uncertainty | None) -> None:
+def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:
     """The gain of one follower by Welch's method, beside the model's curve."""
     chosen, result, follower = source.vehicles, source.result, 0
     windows = (result.segments if result else ()) or tuple(filter(None, (workspace.segment,)))
@@ -377,21 +370,20 @@ def _show_measured(workspace: Workspace, source: Chosen, shaded: Uncertainty | N
     if gain is None:
         return
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
-    key, model = [(f"{labels[follower]}, measured", LEADER)], None
-    if len(chosen) in (1, len(labels)):
-        # Vehicles of another source stand for those of the recording, in their order.
-        which = 0 if len(chosen) == 1 else follower
-        draws = shaded.draws[:, which] if shaded else None
-        known = draws is not None and np.isfinite(draws.alpha).all()
-        model = Model(chosen.labels[which], chosen.parameters[which], draws if known else None)
+    key, which = [(f"{labels[follower]}, measured", LEADER)], min(follower, len(chosen) - 1)
+    # Vehicles of another source stand for those of the recording, in their order.
+    model = source if len(chosen) in (1, len(labels)) else None
+    if model:
         at = f" at {KMH * source.speed:.0f} km/h" if source.speed else ""
-        key.append((f"{model.name}, model{at}", colour))
+        key.append((f"{chosen.labels[which]}, model{at}", colour))
     with head:
         show.key(key)
-    show.chart(measured_bode(gain, labels[follower], colour, model), "stability_measured_gain")
+    chart = figures.measured_bode(gain, labels[follower], colour, model, which)
+    show.chart(chart, "stability_measured_gain")
     level = f"{100 * gain.level:.0f} %"
     about = frame.in_words(segment.window, [one.window for one in windows])
-    band = f" Shaded: {level} band of the model." if model and model.draws is not None else ""
+    is_shaded = any(trace.fill for trace in chart.data)
+    band = f" Shaded: {level} band of the model." * is_shaded
     st.caption(
         f"{escape_markdown(segment.source)}, {about}. The measured gain from the speed"
         " ahead to the vehicle's own, from the recorded speeds alone (Welch's method,"

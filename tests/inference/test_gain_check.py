@@ -13,8 +13,8 @@ from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables import Marked
 from accpinn.results.tables.stability import verdict_table
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
-from accpinn.stability import stability_report
 from bench.disturbed import Disturbance, disturbed
 
 LOUD, CALM = Parameters([0.07], 0.1, 1.1), Parameters([0.05], 0.6, 2.5)
@@ -66,11 +66,11 @@ def test_a_verdict_that_the_recording_denies_is_the_models_alone(
 ) -> None:
     found, said = check(car, parameters)
     assert found.contradiction == kind
-    chosen, report = ParameterSet("made", ("Audi",), parameters), stability_report(parameters)
+    chosen = ParameterSet("made", ("Audi",), parameters)
     assert part in found.sentence(chosen)
-    plain = headline(chosen, report, said.uncertainty)
-    assert headline(chosen, report, said.uncertainty, (found,)) != plain
-    table = verdict_table(chosen, report, said.uncertainty, (found,))
+    plain, checked = (KnownVehicles(chosen, said.uncertainty, by) for by in ((), (found,)))
+    assert headline(checked) != headline(plain)
+    table = verdict_table(checked)
     (mark,) = (cell for cell in table.rows[0] if isinstance(cell, Marked))
     assert mark.why == found.sentence(chosen)
 

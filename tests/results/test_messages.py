@@ -67,9 +67,7 @@ def named(*vehicles: Parameters) -> ParameterSet:
 
 def judged(*vehicles: Parameters, stable: tuple[float, ...] = ()) -> str:
     """The headline of vehicles, by the posterior's probabilities where some are given."""
-    chosen = named(*vehicles)
-    known = posterior(*stable) if stable else None
-    return headline(chosen, stability_report(chosen.parameters), known)
+    return headline(KnownVehicles(named(*vehicles), posterior(*stable) if stable else None))
 
 
 def posterior(*stable: float) -> Any:
@@ -140,7 +138,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
      [AFTER_COLLISION]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
      ["58.2 m", "follower 1 at 251 s"]),
-    (lambda: on_stability.criteria_differ(named(TESLA, CALM), stability_report(row(TESLA, CALM))),
+    (lambda: on_stability.criteria_differ(KnownVehicles(named(TESLA, CALM))),
      ["V1 meets"]),
     # A result and its data
     (lambda: on_result.title(whole()), ["whole"]),

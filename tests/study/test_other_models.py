@@ -22,7 +22,7 @@ from accpinn.recordings.files import read
 from accpinn.results.figures.platoon import cast_of, profiles
 from accpinn.results.messages.stability import by_linearisation
 from accpinn.results.report import training_pictures
-from accpinn.results.vehicles import at_speed, known_vehicles
+from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.study import Analysis
@@ -84,10 +84,10 @@ def test_whatever_follows_is_that_of_its_linearisation(folder: Path) -> None:
     lower, upper = subject.uncertainty.lower.complete[0], subject.uncertainty.upper.complete[0]
     inside = (lower <= true.complete) & (true.complete <= upper)
     assert inside[:4].all()
-    there, known = at_speed(subject.vehicles, subject.uncertainty, 15.0)
+    there = subject.at_speed(15.0)
     slower = FOLLOWING["idm"].linearised(result.answer.parameters.own[0], 15.0)
-    np.testing.assert_allclose(there.parameters.complete[0], slower.complete)
-    assert known.probability_l2.shape == (1,)
+    np.testing.assert_allclose(there.vehicles.parameters.complete[0], slower.complete)
+    assert there.uncertainty.probability_l2.shape == (1,)
 
 
 def test_a_small_disturbance_grows_as_linearised_and_a_large_one_does_not() -> None:

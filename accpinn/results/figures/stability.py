@@ -2,8 +2,7 @@
 
 import html
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
@@ -16,6 +15,7 @@ from accpinn.inference.intervals import Uncertainty, gain_band, interval_ends
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.figures import style
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import StabilityReport
 from accpinn.stability.criteria import (
     response,
@@ -24,7 +24,6 @@ from accpinn.stability.criteria import (
     smallest_headway_paper,
 )
 from accpinn.stability.measured_gain import MeasuredGain
-from accpinn.study.result import Result
 from accpinn.units import FloatArray, RadiansPerSecond
 
 Plane = Literal["beta", "alpha"]
@@ -97,24 +96,25 @@ class Measured(NamedTuple):
     gain: MeasuredGain
 
 
-def measured_of(result: Result) -> list[Measured]:
-    """The measured gains of a result's followers; none where the data are not at hand."""
-    info = result.info
-    gains = result.measured_gains if result.segments else ()
+def measured_of(subject: KnownVehicles) -> list[Measured]:
+    """The measured gains that check the answer; none where the data are not at hand."""
+    result = subject.result
+    if not (result and result.segments and subject.checks):
+        return []
+    info, gains = result.info, result.measured_gains
     named = zip(info.labels[1:], style.vehicle_colours(info.vehicles)[1:], gains, strict=False)
     return [Measured(label, colour, gain) for label, colour, gain in named if gain]
 
 
-def bode(
-    vehicles: ParameterSet, report: StabilityReport, uncertainty: Uncertainty | None = None,
-    measured: Sequence[Measured] = (), height: int = 400,
-) -> go.Figure:  # fmt: skip
+def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     """The Bode magnitude of every vehicle, and from the leader to the last.
 
     Every point carries the vehicle's index as its custom data, -1 for the whole platoon. The
     uncertainty adds the interval of |H| under the curve of every vehicle whose parameters are
     determined. Measured gains are points with bars. The height is in pixels.
     """
+    vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
+    measured = measured_of(subject)
     omega, paints = _frequencies(report), colours(vehicles)
     gains = np.abs(response(vehicles.parameters, omega))
     bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
@@ -231,10 +231,10 @@ def _draw_peaks(chart: style.Chart, vehicles: ParameterSet, report: StabilityRep
         )  # fmt: skip
 
 
-def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.Figure:
+def criteria_by_vehicle(subject: KnownVehicles) -> go.Figure:
     """Criteria and gains along the platoon: the paper's figure, with the exact gains below it."""
     chart = style.Chart("criteria", 400, style.stack(1, 1, spacing=0.1))
-    rows, platoon = report.vehicles, report.platoon
+    vehicles, rows, platoon = subject.vehicles, subject.report.vehicles, subject.report.platoon
     places = [*range(1, len(vehicles) + 1)]
     for panel, name, values, colour, symbol in (
         (1, "L₂ criterion", [v.l2.value for v in rows], L2, "circle"),
@@ -262,16 +262,14 @@ def criteria_by_vehicle(vehicles: ParameterSet, report: StabilityReport) -> go.F
     return chart.figure()
 
 
-def stability_map(
-    vehicles: ParameterSet, report: StabilityReport, held: int, plane: Plane,
-    uncertainty: Uncertainty | None = None,
-) -> go.Figure:  # fmt: skip
+def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
     """Where the criteria's boundaries run in the (β, τ) or (α, τ) plane, and the vehicles on it.
 
     The map keeps the third parameter of the vehicle of index ``held``: the plane "beta" its α,
     "alpha" its β. The uncertainty adds parameter sets consistent with the data; one with α = 0 has
     no time headway, hence no place on the map.
     """
+    vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
     chart = style.Chart(f"map-{plane}-{held}", 400, hovermode="closest")
     kept, along_beta = vehicles.parameters[held], plane == "beta"
     across_map = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
@@ -371,33 +369,26 @@ def gains_thumbnail(vehicles: ParameterSet) -> go.Figure:
     return chart.figure()
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """The vehicle whose Bode magnitude stands beside the measured gain."""
-
-    name: str
-    parameters: Parameters
-    """One vehicle's."""
-    draws: Parameters | None = None
-    """(n,) posterior samples, for a band; None without."""
-
-
 def measured_bode(
-    measured: MeasuredGain, name: str, colour: str, model: Model | None = None
+    measured: MeasuredGain, name: str, colour: str, model: KnownVehicles | None = None, k: int = 0
 ) -> go.Figure:
-    """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below."""
+    """The measured gain of one vehicle over the model's Bode magnitude, and its coherence below.
+
+    The model is that of the ``k``-th of some vehicles, with a band where its posterior is known.
+    """
     chart = style.Chart(
         "measured-gain", 440, style.stack(0.7, 0.3, spacing=0.07), hovermode="closest"
     )
     low, high = min(SPAN[0], float(measured.omega[0])), max(SPAN[1], float(measured.omega[-1]))
     if model:
-        if model.draws is not None:
-            omega = np.geomspace(low, high, BAND_POINTS)
-            lower, upper = interval_ends(np.abs(response(model.draws, omega)), measured.level)
+        if model.uncertainty and np.isfinite(model.uncertainty.draws.alpha[:, k]).all():
+            omega, draws = np.geomspace(low, high, BAND_POINTS), model.uncertainty.draws[:, k]
+            lower, upper = interval_ends(np.abs(response(draws, omega)), measured.level)
             chart.band(omega, decibels(lower), decibels(upper), colour, BAND_OPACITY, panel=1)
         omega = np.geomspace(low, high, FREQUENCIES)
-        gain = decibels(np.abs(response(Parameters.stack([model.parameters]), omega))[0])
-        chart.line(omega, gain, f"{model.name}, model", colour, 2.2, panel=1, hover=AT)
+        gain = decibels(np.abs(response(model.vehicles.parameters[[k]], omega))[0])
+        title = f"{model.vehicles.labels[k]}, model"
+        chart.line(omega, gain, title, colour, 2.2, panel=1, hover=AT)
     levels = decibels(measured.gain)
     ends = [np.clip(decibels(end), levels - CEILING, levels + CEILING)
             for end in (measured.lower, measured.upper)]  # fmt: skip

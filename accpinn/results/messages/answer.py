@@ -193,11 +193,11 @@ class _Verdict(NamedTuple):
 
 def _verdict(subject: KnownVehicles, follower: int) -> _Verdict | None:
     """None where none is known."""
-    report, known = subject.report, subject.uncertainty
-    if report is None or known is None:
+    known = subject.uncertainty
+    if known is None or not subject.has_report:
         return None
     stable, ends = float(known.probability_l2[follower]), known.peak_gain
-    growth = report.vehicles[follower].peak.gain
+    growth = subject.report.vehicles[follower].peak.gain
     gains = (growth, float(ends.lower[follower]), float(ends.upper[follower]))
     if growth < 3:
         most, low, high = (f"{100 * (gain - 1):.0f}" for gain in gains)

@@ -12,6 +12,7 @@ from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import (
     Assessment,
     Behaviour,
@@ -244,8 +245,9 @@ def three(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
+def _amplification(subject: KnownVehicles) -> str:
     """The number of vehicles that amplify disturbances, and the one that amplifies most."""
+    chosen, report = subject.vehicles, subject.report
     amplifying = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
     count, total = len(amplifying), len(chosen)
     if not amplifying:
@@ -254,7 +256,7 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
         if total == 1:
             return f"{_capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
         return f"None of the vehicles amplifies any frequency.{peaks}"
-    name, most = _most(chosen, report, amplifying)
+    name, most = _most(subject, amplifying)
     if total == 1:
         return f"{_capital(name)} amplifies disturbances {most}."
     if count == 1:
@@ -263,33 +265,24 @@ def amplification(chosen: ParameterSet, report: StabilityReport) -> str:
     return f"{_capital(start)} vehicles amplify disturbances, {name} the most: {most}."
 
 
-def _most(
-    chosen: ParameterSet, report: StabilityReport, amplifying: Sequence[int]
-) -> tuple[str, str]:
+def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
     """Which of some vehicles amplifies most, and how much."""
-    worst = max(amplifying, key=lambda k: report.vehicles[k].peak.gain)
-    peak = report.vehicles[worst].peak
+    peaks = [vehicle.peak for vehicle in subject.report.vehicles]
+    worst = max(amplifying, key=lambda k: peaks[k].gain)
+    peak = peaks[worst]
     extent = "without limit" if isinf(peak.gain) else f"up to {factor(peak.gain)} times"
-    return chosen.spoken[worst], extent + (
-        f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
-    )
+    at = f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
+    return subject.vehicles.spoken[worst], extent + at
 
 
-def headline(
-    chosen: ParameterSet,
-    report: StabilityReport,
-    uncertainty: Uncertainty | None,
-    checks: Sequence[GainCheck] = (),
-) -> str:
+def headline(subject: KnownVehicles) -> str:
     """The headline on L₂ string stability, by the posterior where it is known, and who drives.
 
     A verdict that the measured gain contradicts is called the model's.
     """
-    if uncertainty:
-        said = _verdict(chosen, report, uncertainty, checks)
-    else:
-        said = amplification(chosen, report)
-    return f"{said} {not_acc(chosen)}".rstrip()
+    known = subject.uncertainty
+    said = _verdict(subject, known.probability_l2) if known else _amplification(subject)
+    return f"{said} {not_acc(subject.vehicles)}".rstrip()
 
 
 def not_acc(chosen: ParameterSet) -> str:
@@ -302,18 +295,14 @@ def not_acc(chosen: ParameterSet) -> str:
     return f"Driven by hand, not by ACC: {', '.join(labels)}."
 
 
-def _verdict(
-    chosen: ParameterSet,
-    report: StabilityReport,
-    uncertainty: Uncertainty,
-    checks: Sequence[GainCheck],
-) -> str:
-    stable = uncertainty.probability_l2
-    against = _contradicted(chosen, checks)
+def _verdict(subject: KnownVehicles, stable: FloatArray) -> str:
+    """What follows from the probability of string stability (M,)."""
+    chosen = subject.vehicles
+    against = _contradicted(chosen, subject.checks)
     end = f"{' by the model' if against else ''}{_odds(stable)}{against}."
     assessed = [assessment(probability) for probability in stable]
     amplifying = [k for k, said in enumerate(assessed) if said == "unstable"]
-    name, most = _most(chosen, report, amplifying) if amplifying else ("", "")
+    name, most = _most(subject, amplifying) if amplifying else ("", "")
     if len(chosen) == 1:
         extent = f" {most}" if most else ""
         return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessed[0]][0]}{extent}{end}"
@@ -368,11 +357,11 @@ def _odds(stable: FloatArray) -> str:
     return f" (probability of L₂ string stability: {said}{each})"
 
 
-def criteria_differ(chosen: ParameterSet, report: StabilityReport) -> str:
+def criteria_differ(subject: KnownVehicles) -> str:
     """The vehicles that are L∞ stable by the paper's criterion only; empty where none is."""
     names = [
         name
-        for name, vehicle in zip(chosen.spoken, report.vehicles, strict=True)
+        for name, vehicle in zip(subject.vehicles.spoken, subject.report.vehicles, strict=True)
         if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
     ]
     if not names:

@@ -81,8 +81,8 @@ def summary(snapshot: Result) -> tuple[str, ...]:
     sentences = [hand.sentence(info) if hand else "", unfinished(snapshot.fit)]
     if known:
         sentences += [f"{card.lead} {card.trust}" for card in cards(info, known, subject)]
-    elif subject.report:
-        sentences.append(headline(subject.vehicles, subject.report, subject.uncertainty))
+    elif subject.has_report:
+        sentences.append(headline(subject))
     return tuple(sentence for sentence in sentences if sentence)
 
 

@@ -12,7 +12,7 @@ import json
 import re
 import zipfile
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -64,10 +64,9 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     row_vehicles,
 )
-from accpinn.results.tables.stability import criteria_part, stability_table
-from accpinn.results.vehicles import at_speed, known_vehicles
+from accpinn.results.tables.stability import criteria_part, known_table
+from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
-from accpinn.stability import stability_report
 from accpinn.stability.lagged import is_lagged
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
@@ -151,11 +150,8 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     forms = adequacy.forms if adequacy else ()
     for k in range(info.followers if forms else 0):
         tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
-    if subject.report:
-        verdicts = stability_table(
-            subject.vehicles, subject.report, subject.uncertainty, subject.checks
-        )
-        tables["stability"] = verdicts.coloured(paints[1:])
+    if subject.has_report:
+        tables["stability"] = known_table(subject).coloured(paints[1:])
     for k in range(info.followers if snapshot.compared else 0):
         tables[f"methods_{k + 1}"] = methods_table(info, snapshot.compared, k)
     for each in snapshot.parts.judgements or ():
@@ -224,9 +220,10 @@ def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
 
     The table has all that is to be said about a vehicle's L₂ verdict.
     """
-    report = known_vehicles(snapshot).report
-    if report is None:
+    subject = known_vehicles(snapshot)
+    if not subject.has_report:
         return []
+    report = subject.report
     reasons = [
         (label, [reason(verdict, v) for verdict in (v.linf_paper, v.linf_exact)])
         for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
@@ -329,20 +326,20 @@ def training_pictures(snapshot: Result) -> Iterator[Picture]:
 def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     """Bode magnitude, criteria along the platoon, and the map around the last vehicle."""
     subject = known_vehicles(snapshot)
-    report, uncertainty, vehicles = subject.report, subject.uncertainty, subject.vehicles
-    if report is None:
+    uncertainty, vehicles = subject.uncertainty, subject.vehicles
+    if not subject.has_report:
         return
-    measured = stability_figures.measured_of(snapshot) if subject.checks else ()
-    bode = stability_figures.bode(vehicles, report, uncertainty, measured)
+    bode = with_legend(stability_figures.bode(subject))
     said = f"Bode magnitude from the speed ahead to the vehicle's own. {about_bode(uncertainty)}"
-    yield Picture("bode", with_legend(bode), f"{said} {MEASURED}" if measured else said)
+    is_measured = bool(stability_figures.measured_of(subject))
+    yield Picture("bode", bode, f"{said} {MEASURED}" if is_measured else said)
     if len(vehicles) > 1:
-        chart = stability_figures.criteria_by_vehicle(vehicles, report)
+        chart = stability_figures.criteria_by_vehicle(subject)
         yield Picture("criteria", with_legend(chart), CRITERIA)
     if is_lagged(vehicles.parameters):
         return
     held = len(vehicles) - 1
-    chart = stability_figures.stability_map(vehicles, report, held, "beta", uncertainty)
+    chart = stability_figures.stability_map(subject, held, "beta")
     said = about_map(vehicles, held)
     if uncertainty:
         said += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
@@ -352,16 +349,16 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
 def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
     """The followers in their order, or eight like the only one, at the frequency amplified most."""
     subject = known_vehicles(snapshot)
-    report, vehicles = subject.report, subject.vehicles
-    if report is None:
+    vehicles = subject.vehicles
+    if not subject.has_report:
         return None
     order = [*range(len(vehicles))] if len(vehicles) > 1 else [0] * FOLLOWERS
     speed = Sinusoid.speed
     try:
         if vehicles.parameters.own.size:
-            speed = float(f"{np.median(snapshot.answer.speeds):.3g}")
-            report = stability_report(at_speed(vehicles, None, speed)[0].parameters)
-        leader = Sinusoid(report.platoon.peaks[-1].omega or Sinusoid.frequency, speed=speed)
+            speed = float(f"{subject.median_speed:.3g}")
+            subject = replace(subject, uncertainty=None).at_speed(speed)
+        leader = Sinusoid(subject.report.platoon.peaks[-1].omega or Sinusoid.frequency, speed=speed)
         run = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     except ParameterError:
         return None

@@ -14,7 +14,6 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import TERMS, Case, Parameters
-from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.results.tables import (
     Cell,
@@ -25,6 +24,7 @@ from accpinn.results.tables import (
     estimate_cells,
     percent_cells,
 )
+from accpinn.results.vehicles import drivers, where
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Verdict, stability_at
 from accpinn.study import differences
@@ -61,35 +61,6 @@ def name_of(fit: Fit) -> str:
     said += [FOLLOWING[fit.model].title] if fit.model != PAPER else []
     said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
     return f"{method.title} ({', '.join(said)})" if said else method.title
-
-
-def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:
-    """The segment in a few words: file, window or windows, regimes excluded, a platoon's Case."""
-    seconds = sum(part.window.duration for part in windows)
-    several = f"{len(windows)} windows, {seconds:g} s together" if len(windows) > 1 else ""
-    parts = [info.source, several or str(info.window)]
-    parts += [f"without {', '.join(info.excluded_regimes)}"] if info.excluded_regimes else []
-    return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
-
-
-def learned_parameters(info: SegmentInfo, fit: Fit) -> ParameterSet:
-    """The followers' parameters, titled with file, window and excluded regimes."""
-    names, labels = info.names[1:], info.labels[1:]
-    title, who = where(info), drivers(info)
-    return ParameterSet(title, names, fit.parameters, info.vehicles, labels, who, fit.model)
-
-
-def drivers(info: SegmentInfo) -> tuple[str, ...]:
-    """(M,) who drives each follower in place of ACC; empty where nobody does."""
-    hand = info.driven_by_hand
-    if hand is None:
-        return ()
-    share = dict(zip(hand.vehicles, hand.shares, strict=True))
-    return tuple(_driver(share.get(number, 0.0)) for number in info.vehicles[1:])
-
-
-def _driver(share: float) -> str:
-    return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
 
 
 def driver_cells(who: Sequence[str]) -> Iterator[Filled]:

@@ -28,6 +28,7 @@ from accpinn.results.tables.estimates import (
     brief_cells,
     driver_cells,
 )
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import Assessment, StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.units import FloatArray
@@ -93,15 +94,15 @@ def criteria_part(table: Table) -> Table:
     return table.only(lambda column: column.key not in PARAMETER_KEYS and column.title not in aside)
 
 
-def verdict_table(
-    vehicles: ParameterSet,
-    report: StabilityReport,
-    uncertainty: Uncertainty | None = None,
-    checks: Sequence[GainCheck] = (),
-) -> Table:
+def known_table(subject: KnownVehicles) -> Table:
+    """The `stability_table` of vehicles with all that is known of them."""
+    return stability_table(subject.vehicles, subject.report, subject.uncertainty, subject.checks)
+
+
+def verdict_table(subject: KnownVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
-    aside = [BELOW.title, "Paper's criterion", *([STABLE, EXACT.title] if uncertainty else [])]
-    table = stability_table(vehicles, report, uncertainty, checks)
+    certain = [STABLE, EXACT.title] if subject.uncertainty else []
+    aside, table = [BELOW.title, "Paper's criterion", *certain], known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
 

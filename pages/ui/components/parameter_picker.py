@@ -1,27 +1,20 @@
 """Whose parameters the pages Stability and Platoon show: the answer's, published, or typed in."""
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import streamlit as st
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ParameterError
-from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import Uncertainty, of_first
+from accpinn.inference.intervals import of_first
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, PUBLISHED, ParameterSet
-from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.summary import unfinished
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
-from accpinn.results.vehicles import known_vehicles
-from accpinn.stability import StabilityReport, stability_report
-from accpinn.study.result import Result
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study.store import Entry
-from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import segments, select
@@ -47,40 +40,7 @@ MOST = 20
 """Vehicles typed in at most."""
 
 
-@dataclass(eq=False)
-class Chosen:
-    """The parameters that a page shows, and what is known of them."""
-
-    vehicles: ParameterSet
-    source: Source
-    result: Result | None = None
-    """Whose parameters they are; None for those that are published or typed in."""
-    uncertainty: Uncertainty | None = None
-    """That of the vehicles; None for a training that was stopped, too."""
-    checks: tuple[GainCheck, ...] = ()
-    """What the measured gain says of each follower's answer; empty for other parameters."""
-    speed: MetresPerSecond | None = None
-    """At which they hold, where that was chosen."""
-
-    @cached_property
-    def report(self) -> StabilityReport:
-        """The stability report on the parameters."""
-        return stability_report(self.vehicles.parameters)
-
-    @property
-    def median_speed(self) -> MetresPerSecond:
-        """The vehicles' median speed in the recording, or that of parameters without one."""
-        stored = self.result.known_answer if self.result else None
-        return float(np.median(stored.speeds)) if stored else Sinusoid.speed
-
-    @property
-    def origin(self) -> str:
-        """Source and title, for the headline."""
-        kind = SOURCES[self.source]
-        return kind if self.source == "hand" else f"{kind}: {self.vehicles.title}"
-
-
-def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | None:
+def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicles | None:
     """The picker below what it is about, and the parameters chosen; None without a verdict.
 
     ``page`` begins the keys of the widgets; ``lead`` is the caption for those of no recording.
@@ -137,7 +97,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> Chosen | No
         with st.container(border=True):
             st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
             show.messages(missing, "warning", "pause_circle")
-            if chosen.source == "fit":
+            if source == "fit":
                 frame.link(frame.TRAIN, "Continue the training", workspace)
         return None
     return chosen
@@ -164,7 +124,7 @@ def _empty_state(workspace: Workspace, page: str) -> None:
 
 def parameters_from(
     workspace: Workspace, source: Source, entries: tuple[Entry, ...]
-) -> Chosen | None:
+) -> KnownVehicles | None:
     """The parameters that a source holds now; None for the fit where there is none.
 
     Raises:
@@ -173,26 +133,26 @@ def parameters_from(
     choices = workspace.choices
     if source == "published":
         title = choices.get(EXAMPLE, ASTAZERO.title)
-        return Chosen(next(vehicles for vehicles in PUBLISHED if vehicles.title == title), source)
+        vehicles = next(published for published in PUBLISHED if published.title == title)
+        return KnownVehicles(vehicles, origin=f"{SOURCES[source]}: {title}")
     if source == "hand":
-        return Chosen(_typed(choices.get(ROWS, ())), source)
+        return KnownVehicles(_typed(choices.get(ROWS, ())), origin=SOURCES[source])
     result = workspace.result
     if source == "snapshot":
         result = opened(_chosen_snapshot(workspace, entries))
-    return _of_result(result, source) if result else None
-
-
-def _of_result(result: Result, source: Source) -> Chosen:
-    """A result's followers; in Case I, where they share their parameters, one stands for all."""
-    info, fit, subject = result.info, result.fit, known_vehicles(result)
+    if result is None:
+        return None
+    subject = known_vehicles(result)
     vehicles, known = subject.vehicles, subject.uncertainty
-    if info.shares(fit.case):
+    if result.info.shares(result.fit.case):  # one stands for all
         known = of_first(known) if known else None
         vehicles = ParameterSet(
-            vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1], (info.vehicles[0], 0),
-            drivers=tuple(filter(None, vehicles.drivers))[:1], model=vehicles.model,
+            vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1],
+            (result.info.vehicles[0], 0), drivers=tuple(filter(None, vehicles.drivers))[:1],
+            model=vehicles.model,
         )  # fmt: skip
-    return Chosen(vehicles, source, result, known, subject.checks)
+    origin = f"{SOURCES[source]}: {vehicles.title}"
+    return replace(subject, vehicles=vehicles, uncertainty=known, origin=origin)
 
 
 def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:

@@ -21,7 +21,7 @@ from accpinn.results.tables.estimates import (
     TITLES,
     name_of,
 )
-from accpinn.results.vehicles import known_vehicles
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
@@ -225,9 +225,9 @@ def _show_responses(first: Result, second: Result) -> None:
     """Both Bode magnitudes in one chart; nothing where the parameters of either have none."""
     charts = []
     for subject in map(known_vehicles, (first, second)):
-        if subject.report is None:
+        if not subject.has_report:
             return
-        charts.append(bode(subject.vehicles, subject.report))
+        charts.append(bode(KnownVehicles(subject.vehicles)))
     chart, added = charts
     for trace in added.data:
         if trace.mode == "lines+markers" and (trace.customdata is None or trace.customdata[0] >= 0):

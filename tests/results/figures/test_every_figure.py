@@ -30,8 +30,8 @@ from accpinn.results.figures import answer as on_answer
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.quality import label_regimes
-from accpinn.stability import stability_report
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.groups import group
 from tests.results.figures.test_training import history
@@ -51,13 +51,11 @@ WITHOUT_TITLE = ("comparison.residual",)
 
 @cache
 def fitted() -> Any:
-    """A fit, its uncertainty, its vehicles and their stability."""
+    """A fit, its uncertainty, its vehicles and what is known of them."""
     fit = splines.fit(SEGMENT)
-    vehicles = ParameterSet(NAME, SEGMENT.names[1:], fit.parameters)
-    report = stability_report(fit.parameters)
-    return SimpleNamespace(
-        fit=fit, known=intervals(SEGMENT, fit), vehicles=vehicles, report=report
-    )  # fmt: skip
+    vehicles, known = ParameterSet(NAME, SEGMENT.names[1:], fit.parameters), intervals(SEGMENT, fit)
+    subject = KnownVehicles(vehicles, known)
+    return SimpleNamespace(fit=fit, known=known, vehicles=vehicles, subject=subject)
 
 
 @cache
@@ -113,15 +111,9 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     ),
     "recording.motion": lambda: on_recording.motion(SEGMENT.info, SEGMENT.measured),
     "recording.speeds_thumbnail": lambda: on_recording.speeds_thumbnail(SEGMENT),
-    "stability.bode": lambda: on_stability.bode(
-        fitted().vehicles, fitted().report, fitted().known
-    ),
-    "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(
-        fitted().vehicles, fitted().report
-    ),
-    "stability.stability_map": lambda: on_stability.stability_map(
-        fitted().vehicles, fitted().report, 0, "beta", fitted().known
-    ),
+    "stability.bode": lambda: on_stability.bode(fitted().subject),
+    "stability.criteria_by_vehicle": lambda: on_stability.criteria_by_vehicle(fitted().subject),
+    "stability.stability_map": lambda: on_stability.stability_map(fitted().subject, 0, "beta"),
     "stability.gains_thumbnail": lambda: on_stability.gains_thumbnail(fitted().vehicles),
     "stability.measured_bode": lambda: on_stability.measured_bode(
         measured_gain(sample(PLATOON).segment, 0), NAME, COLOUR

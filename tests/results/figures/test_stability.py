@@ -13,6 +13,7 @@ from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.figures import comparison as models
 from accpinn.results.figures import stability as figures
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import stability_at, stability_report
 from accpinn.stability.criteria import response
 from accpinn.stability.measured_gain import measured_gain
@@ -32,7 +33,7 @@ def decibels(vehicles: Parameters, omega: object) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def figure() -> go.Figure:
-    return figures.bode(ASTAZERO, REPORT)
+    return figures.bode(KnownVehicles(ASTAZERO))
 
 
 def test_bode_curves_are_the_magnitude_in_db_with_their_vehicle(figure: go.Figure) -> None:
@@ -67,9 +68,8 @@ def test_peaks_and_crossovers_are_marked_on_the_curves_and_amplification_is_shad
 @pytest.mark.parametrize("vehicle", [UNDAMPED, NO_REACTION, Parameters(1e-4, 0.01, 0.1)])
 def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
     pair = ParameterSet("Mine", ("odd", "calm"), row(vehicle, CALM))
-    report = stability_report(pair.parameters)
-    figure = figures.bode(pair, report)
-    plane = figures.stability_map(pair, report, 0, "beta")
+    figure = figures.bode(KnownVehicles(pair))
+    plane = figures.stability_map(KnownVehicles(pair), 0, "beta")
     assert figure.layout.yaxis.range[1] <= figures.CEILING
     drawn = [trace.y for trace in figure.data[:2]]
     for shown in (*drawn, figure.layout.yaxis.range, plane.layout.yaxis.range):
@@ -77,7 +77,7 @@ def test_extreme_vehicles_stay_in_sight(vehicle: Parameters) -> None:
 
 
 def test_criteria_are_those_of_each_vehicle() -> None:
-    figure = figures.criteria_by_vehicle(ASTAZERO, REPORT)
+    figure = figures.criteria_by_vehicle(KnownVehicles(ASTAZERO))
     assert {trace.name: list(trace.y) for trace in figure.data} == {
         "L₂ criterion": [v.l2.value for v in REPORT.vehicles],
         "L∞ criterion of the paper": [v.linf_paper.value for v in REPORT.vehicles],
@@ -93,7 +93,8 @@ def test_criteria_are_those_of_each_vehicle() -> None:
 @pytest.mark.parametrize("plane", ["beta", "alpha"])
 @pytest.mark.parametrize("held", [0, 3])
 def test_boundaries_separate_stable_from_unstable(plane: figures.Plane, held: int) -> None:
-    figure, kept = figures.stability_map(ASTAZERO, REPORT, held, plane), ASTAZERO.parameters[held]
+    figure = figures.stability_map(KnownVehicles(ASTAZERO), held, plane)
+    kept = ASTAZERO.parameters[held]
     for at, name in enumerate(figures.BOUNDARIES):
         line = named(figure, name)
         for x, tau in list(zip(line.x, line.y, strict=True))[20::60]:
@@ -118,8 +119,7 @@ def test_bands_are_those_of_the_gain_beneath_the_curves(
     learned: tuple[ParameterSet, Uncertainty],
 ) -> None:
     vehicles, uncertainty = learned
-    report = stability_report(vehicles.parameters)
-    before, figure = (figures.bode(vehicles, report, known) for known in (None, uncertainty))
+    before, figure = (figures.bode(KnownVehicles(vehicles, known)) for known in (None, uncertainty))
     assert names(figure)[len(vehicles) :] == names(before)
     for k in range(len(vehicles)):
         band = named(figure, f"band {k}")
@@ -130,7 +130,7 @@ def test_bands_are_those_of_the_gain_beneath_the_curves(
     unknown = uncertainty.draws.values.copy()
     unknown[:, 0] = np.nan
     unknown = replace(uncertainty, draws=Parameters.of(unknown))
-    assert "band 0" not in names(figures.bode(vehicles, report, unknown))
+    assert "band 0" not in names(figures.bode(KnownVehicles(vehicles, unknown)))
 
 
 @pytest.mark.parametrize(("plane", "column"), [("beta", 1), ("alpha", 0)])
@@ -138,8 +138,7 @@ def test_clouds_are_draws_and_those_without_a_place_on_the_map_are_counted(
     learned: tuple[ParameterSet, Uncertainty], plane: figures.Plane, column: int
 ) -> None:
     vehicles, uncertainty = learned
-    report = stability_report(vehicles.parameters)
-    figure = figures.stability_map(vehicles, report, 0, plane, uncertainty)
+    figure = figures.stability_map(KnownVehicles(vehicles, uncertainty), 0, plane)
     cloud, drawn = named(figure, "cloud 1"), uncertainty.draws.values[:, 1][:, [column, 2]]
     assert len(cloud.x) <= figures.CLOUD
     for x, y in zip(cloud.x[:20], cloud.y[:20], strict=True):
@@ -158,9 +157,8 @@ def test_clouds_are_draws_and_those_without_a_place_on_the_map_are_counted(
 
 
 def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> None:
-    measured, audi = measured_gain(sample(PLATOON).segment, 0), ASTAZERO.parameters[0]
-    model = figures.Model("Audi", audi, ASTAZERO.parameters)
-    figure = figures.measured_bode(measured, "2 Audi", "#0c7eae", model)
+    measured = measured_gain(sample(PLATOON).segment, 0)
+    figure = figures.measured_bode(measured, "2 Audi", "#0c7eae", KnownVehicles(ASTAZERO))
     points, clear = named(figure, "2 Audi, measured"), measured.coherent
     np.testing.assert_array_equal(points.x, measured.omega[clear])
     np.testing.assert_allclose(points.y, 20 * np.log10(measured.gain[clear]))
@@ -168,7 +166,7 @@ def test_measured_points_with_bars_stand_over_the_models_curve_and_band() -> Non
     np.testing.assert_allclose(upper, measured.upper[clear])
     faint = named(figure, "2 Audi, measured, not coherent")
     assert len(faint.x) == (~clear).sum()
-    curve = named(figure, "Audi, model")
+    curve = named(figure, "Audi A6, model")
     np.testing.assert_allclose(curve.y, decibels(ASTAZERO.parameters[:1], curve.x)[0])
 
 

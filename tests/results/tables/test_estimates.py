@@ -43,6 +43,7 @@ from accpinn.results.tables.stability import (
     stability_table,
     verdict_table,
 )
+from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality
 from accpinn.stability import assessment, stability_report
@@ -179,7 +180,7 @@ def test_a_method_is_called_by_what_it_was_trained_with() -> None:
 
 def test_the_papers_verdicts_and_the_exact_gain_beside() -> None:
     report = stability_report(ASTAZERO.parameters)
-    table, short = stability_table(ASTAZERO, report), verdict_table(ASTAZERO, report)
+    table, short = stability_table(ASTAZERO, report), verdict_table(KnownVehicles(ASTAZERO))
     assert column(table, "Vehicle")[3] == "Tesla Model 3"
     for title, group, tesla in (
         ("Stable", L2, "NO"),
@@ -213,7 +214,10 @@ def test_verdicts_have_intervals_and_probabilities() -> None:
     known = intervals(segment, fit)
     learned = ParameterSet("Learned", segment.names[1:], fit.parameters)
     report, peak, gain = stability_report(learned.parameters), known.peak_gain, known.linf_gain
-    table, verdicts = (make(learned, report, known) for make in (stability_table, verdict_table))
+    table, verdicts = (
+        stability_table(learned, report, known),
+        verdict_table(KnownVehicles(learned, known)),
+    )
     assert column(table, "Amplified below", L2)[0][1:] == (
         known.crossover.lower[0], known.crossover.upper[0],
     )  # fmt: skip
