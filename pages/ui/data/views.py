@@ -139,8 +139,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    digests = (segment.info.digest, recording.digest)
-    results = _sensitivity(digests, workspace.case, segment, recording)
+    results = _sensitivity(segment, recording, workspace.case)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -152,12 +151,14 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
-@st.cache_resource(max_entries=32, show_spinner="Estimating with and without them …")
+@st.cache_resource(
+    max_entries=32, show_spinner="Estimating with and without them …",
+    hash_funcs={Segment: lambda one: one.info.digest, Recording: lambda one: one.digest},
+)  # fmt: skip
 def _sensitivity(
-    digests: tuple[str, str], case: Case, _segment: Segment, _recording: Recording
+    segment: Segment, recording: Recording, case: Case
 ) -> tuple[SensitivityResult, ...]:
-    """``digests`` are those of the segment and the recording."""
-    return sensitivity(_segment, _recording, case)
+    return sensitivity(segment, recording, case)
 
 
 # A window that nothing is learned from
