@@ -13,15 +13,9 @@ from accpinn.channels import PARAMETERS
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PinnConfig
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.results import reproduction as paper
 from accpinn.results.figures.recording import speeds_thumbnail
 from accpinn.results.figures.stability import gains_thumbnail
-from accpinn.results.reproduction import (
-    ITEMS,
-    PrintedItem,
-    PrintedRun,
-    PrintedVerdicts,
-    reproduction_table,
-)
 from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
@@ -221,9 +215,9 @@ def show_checklist(workspace: Workspace) -> None:
         " from printed parameters is computed at once; learning takes a recording, or a synthetic"
         " sample in its place."
     )
-    for item in ITEMS:
+    for item in paper.ITEMS:
         _show_item(workspace, item)
-    names = {one.vehicles.title: (item, one) for item in ITEMS for one in item.verdicts}
+    names = {one.vehicles.title: (item, one) for item in paper.ITEMS for one in item.verdicts}
     chosen = st.selectbox(
         "Printed beside computed",
         list(names),
@@ -234,12 +228,12 @@ def show_checklist(workspace: Workspace) -> None:
         " them what this session learned from the same window, once it has.",
     )
     item, printed = names[chosen]
-    table = reproduction_table(printed, _learned(workspace, item, printed))
+    table = paper.reproduction_table(printed, _learned(workspace, item, printed))
     show.table(table)
     show.downloads(table, chosen, "home_printed")
 
 
-def _show_item(workspace: Workspace, item: PrintedItem) -> None:
+def _show_item(workspace: Workspace, item: paper.PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
         widths = (0.9, 2.3, 0.9, 1, 3.3)
@@ -255,7 +249,7 @@ def _show_item(workspace: Workspace, item: PrintedItem) -> None:
             _show_buttons(workspace, item, f"{key}_")
 
 
-def _deviation(workspace: Workspace, item: PrintedItem) -> str:
+def _deviation(workspace: Workspace, item: paper.PrintedItem) -> str:
     """How far what this session learned from an item's recording lies from what is printed."""
     if item.run is None:
         return "–"
@@ -269,7 +263,7 @@ def _deviation(workspace: Workspace, item: PrintedItem) -> str:
     return f"{NEEDS} parameters not learned yet"
 
 
-def _show_buttons(workspace: Workspace, item: PrintedItem, key: str) -> None:
+def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> None:
     """What leads to an item: a sample's training, its recording, its parameters, or the panels."""
     path, run = SAMPLES / f"{item.sample}.csv", item.run
     if item.starts:
@@ -314,7 +308,9 @@ def _train_starts(workspace: Workspace, path: Path) -> str:
     return workspace.refusal
 
 
-def _open_run(workspace: Workspace, run: PrintedRun, opening: Callable[[], None] | None) -> str:
+def _open_run(
+    workspace: Workspace, run: paper.PrintedRun, opening: Callable[[], None] | None
+) -> str:
     """Open the paper's recording with its window."""
     if opening:
         opening()
@@ -330,7 +326,7 @@ def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
 
 
 def _learned(
-    workspace: Workspace, item: PrintedItem, printed: PrintedVerdicts
+    workspace: Workspace, item: paper.PrintedItem, printed: paper.PrintedVerdicts
 ) -> Parameters | None:
     """What this session learned for the rows of a table; None before."""
     if item.run is None or printed is not item.verdicts[0]:
@@ -351,7 +347,7 @@ def _learned(
     return Parameters.of(runs[0].parameters[: len(printed.vehicles)]) if runs else None
 
 
-def runs_of(workspace: Workspace, run: PrintedRun) -> list[Entry]:
+def runs_of(workspace: Workspace, run: paper.PrintedRun) -> list[Entry]:
     """The session's finished runs of that recording, window, vehicles and Case, newest first."""
     return [
         entry

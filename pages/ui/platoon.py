@@ -21,15 +21,7 @@ from accpinn.results.figures.animation import animation, watched
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages.stability import (
-    PLACES,
-    Places,
-    by_linearisation,
-    disturbance,
-    not_acc,
-    probabilities,
-    smallest_gap,
-)
+from accpinn.results.messages import stability as words
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
@@ -104,7 +96,7 @@ def show_page() -> None:
     )
     if run is None:
         return
-    places = Places(chosen.spoken) if figures.is_in_order(chosen, order) else PLACES
+    places = words.Places(chosen.spoken) if figures.is_in_order(chosen, order) else words.PLACES
     cast = figures.cast_of(chosen, order)
     _show_answer(workspace, source, run, places, recorded)
     _show_charts(workspace, run, cast, recorded)
@@ -127,19 +119,19 @@ def _show_answer(
     workspace: Workspace,
     source: KnownVehicles,
     run: PlatoonRun,
-    places: Places,
+    places: words.Places,
     recorded: Segment | None,
 ) -> None:
     chosen = source.vehicles
     with st.container(border=True):
-        said = f"{disturbance(run, places)} {not_acc(chosen)}".rstrip()
+        said = f"{words.disturbance(run, places)} {words.not_acc(chosen)}".rstrip()
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        details = f"{smallest_gap(run, places)} {by_linearisation(run)}".rstrip()
+        details = f"{words.smallest_gap(run, places)} {words.by_linearisation(run)}".rstrip()
         if recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
         if source.uncertainty:
-            odds = probabilities(chosen, source.uncertainty)
+            odds = words.probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
         if workspace.parameter_source == "fit" and st.button(

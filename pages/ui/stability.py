@@ -14,30 +14,11 @@ from accpinn.results.figures.comparison import Follower, peak_over_speed
 from accpinn.results.figures.stability import cloud_caption
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
+from accpinn.results.messages import stability as words
 from accpinn.results.messages.answer import assumption
-from accpinn.results.messages.stability import (
-    BEHAVIOURS,
-    BY_ESTIMATES,
-    CRITERIA,
-    GIVEN_PARAMETERS,
-    MEASURED,
-    TITLES,
-    about_bode,
-    about_map,
-    against_measured,
-    criteria_differ,
-    headline,
-    reason,
-    three,
-)
 from accpinn.results.messages.summary import conditional
+from accpinn.results.tables import stability as tables
 from accpinn.results.tables.estimates import answer
-from accpinn.results.tables.stability import (
-    criteria_part,
-    known_table,
-    measured_gain_table,
-    verdict_table,
-)
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN, StabilityReport, VehicleStability, Verdict
 from accpinn.stability.lagged import is_lagged
@@ -108,7 +89,7 @@ def _show_answer(source: KnownVehicles) -> None:
     """Who amplifies, with its probability; the platoon; and what the verdict assumes."""
     chosen, report, result = source.vehicles, source.report, source.result
     with st.container(border=True):
-        said = headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
+        said = words.headline(source).replace(" %", "\N{NO-BREAK SPACE}%")
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
         if len(chosen) > 1:
             platoon = report.platoon
@@ -118,14 +99,14 @@ def _show_answer(source: KnownVehicles) -> None:
             )
             lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
                      for name, l2, linf in verdicts]  # fmt: skip
-            why = escape_markdown(reason(platoon.l2_weak, report))
+            why = escape_markdown(words.reason(platoon.l2_weak, report))
             of = "estimates" if result else "parameters"
             st.markdown(
                 f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
                 help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
                 " last one.",
             )
-        assumed = GIVEN_PARAMETERS
+        assumed = words.GIVEN_PARAMETERS
         if result:
             stored = result.known_answer
             assumed = assumption(stored, source.speed) if stored else conditional(None, result.info)
@@ -152,16 +133,14 @@ def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
     figure = figures.bode(shown, HEIGHT)
     event = show.chart(figure, "stability_bode", on_select="rerun", selection_mode="points")
     st.caption(
-        f"{about_bode(shown.uncertainty)} Click on a curve to simulate a platoon at that frequency."
-        + (
-            " Points with bars: the measured gain and its band, faint where it is not compared."
-            if measured
-            else ""
-        ),
-        help=MEASURED if measured else None,
+        f"{words.about_bode(shown.uncertainty)} Click on a curve to simulate a platoon at that"
+        " frequency."
+        + " Points with bars: the measured gain and its band, faint where it is not compared."
+        * bool(measured),
+        help=words.MEASURED if measured else None,
     )
     if result:
-        said = against_measured(source.checks, result.info)
+        said = words.against_measured(source.checks, result.info)
         st.caption("  \n".join(map(escape_markdown, said)))
     if clicked := clicked_point(event["selection"]["points"]):
         _open_platoon(workspace, *clicked)
@@ -170,7 +149,7 @@ def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
 
 def _show_verdicts(source: KnownVehicles) -> None:
     chosen, known, sure = source.vehicles, source.uncertainty, 100 * CERTAIN
-    table = verdict_table(source)
+    table = tables.verdict_table(source)
     show.table(table, figures.colours(chosen))
     posterior = known and (
         "Probability: the share of posterior samples that are string stable; the verdict is"
@@ -180,7 +159,7 @@ def _show_verdicts(source: KnownVehicles) -> None:
     linear = ("α, β, τ and s₀ are those of the linearisation, a CTHP with the same response to"
               " small disturbances. " if chosen.parameters.own.size else "")  # fmt: skip
     st.caption(f"{linear}{posterior or ''}{GAIN}")
-    if differ := criteria_differ(source):
+    if differ := words.criteria_differ(source):
         st.markdown(f":material/warning: {escape_markdown(differ)}")
     show.downloads(table, f"stability_{chosen.title}".lower(), "stability")
 
@@ -203,7 +182,7 @@ def _show_simulate(workspace: Workspace, source: KnownVehicles) -> None:
                 help="Of the platoon that is simulated: all vehicles in order, or one repeated.",
             )  # fmt: skip
         if st.button(
-            f"Simulate at the peak, {three(peaks[which].omega)} rad/s",
+            f"Simulate at the peak, {words.three(peaks[which].omega)} rad/s",
             key="stability_open_platoon",
             icon=":material/directions_car:",
         ):
@@ -260,11 +239,11 @@ def _show_speeds(source: KnownVehicles) -> None:
 def _show_criteria(source: KnownVehicles) -> None:
     """Each vehicle's criteria, and those of the platoon up to it."""
     chosen, known = source.vehicles, source.uncertainty
-    st.caption(CRITERIA)
+    st.caption(words.CRITERIA)
     show.key(figures.CRITERIA_KEY)
     show.chart(figures.criteria_by_vehicle(source), "stability_criteria")
-    table = known_table(source)
-    show.table(criteria_part(table), figures.colours(chosen))
+    table = tables.known_table(source)
+    show.table(tables.criteria_part(table), figures.colours(chosen))
     posterior = (
         " In brackets: intervals from posterior samples of a model with disturbances that last for"
         " seconds."
@@ -301,7 +280,7 @@ def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
         show.key(figures.MAP_KEY)
     chart = figures.stability_map(source, held, plane)
     show.chart(chart, "stability_map")
-    said = escape_markdown(about_map(chosen, held, "α" if plane == "beta" else "β"))
+    said = escape_markdown(words.about_map(chosen, held, "α" if plane == "beta" else "β"))
     st.caption(said + (f" {cloud_caption(chart, known, plane)}" if known else ""))
 
 
@@ -309,12 +288,12 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
     chosen, report = source.vehicles, source.report
     if source.uncertainty:
-        st.caption(BY_ESTIMATES)
+        st.caption(words.BY_ESTIMATES)
     texts = []
     for label, vehicle in zip(chosen.labels, report.vehicles, strict=True):
         verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
         texts.append(
-            f"**{escape_markdown(label)}.** {BEHAVIOURS[vehicle.behaviour]}\n"
+            f"**{escape_markdown(label)}.** {words.BEHAVIOURS[vehicle.behaviour]}\n"
             + _listed(verdicts, vehicle)
         )
     if len(chosen) > 1:
@@ -343,8 +322,8 @@ def _listed(
     verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport, names: Sequence[str] = ()
 ) -> str:
     return "".join(
-        f"\n- {TITLES[verdict.criterion]}: **{answer(verdict)}**."
-        f" {escape_markdown(reason(verdict, of, names))}"
+        f"\n- {words.TITLES[verdict.criterion]}: **{answer(verdict)}**."
+        f" {escape_markdown(words.reason(verdict, of, names))}"
         for verdict in verdicts
     )
 
@@ -395,7 +374,7 @@ def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:
         f" gain appear higher (by a quarter in simulated recordings of 300 s).{band}"
     )
     show.downloads(
-        measured_gain_table(labels[follower], gain),
+        tables.measured_gain_table(labels[follower], gain),
         f"measured_gain_{labels[follower]}",
         "measured",
     )

@@ -38,32 +38,13 @@ from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.results.messages import messages
+from accpinn.results.messages import stability as sentences
 from accpinn.results.messages import summary as words
 from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
-from accpinn.results.messages.stability import (
-    BY_ESTIMATES,
-    CRITERIA,
-    MEASURED,
-    Places,
-    about_bode,
-    about_map,
-    against_measured,
-    by_linearisation,
-    reason,
-)
 from accpinn.results.reproduction import verification_table
 from accpinn.results.tables import STYLE, Column, Table
+from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table
-from accpinn.results.tables.estimates import (
-    TITLES,
-    judged_table,
-    methods_table,
-    model_form_table,
-    name_of,
-    parameter_rows,
-    parameter_table,
-    row_vehicles,
-)
 from accpinn.results.tables.stability import criteria_part, known_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
@@ -141,28 +122,28 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     info, fit = snapshot.info, snapshot.fit
     subject, adequacy = known_vehicles(snapshot), snapshot.parts.adequacy
     paints = vehicle_colours(info.vehicles)
-    rows = vehicle_colours(info.vehicles, row_vehicles(info, fit.case))
-    tables = dict[str, Table]()
+    rows = vehicle_colours(info.vehicles, tables.row_vehicles(info, fit.case))
+    every = dict[str, Table]()
     if snapshot.segments or snapshot.parts.answer:
-        shown = vehicle_colours(info.vehicles, parameter_rows(info, fit.case))
-        tables["answer"] = answer_table(info, snapshot.answer, fit.case).coloured(shown)
-    tables["parameters"] = parameter_table(snapshot).coloured(rows)
+        shown = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
+        every["answer"] = answer_table(info, snapshot.answer, fit.case).coloured(shown)
+    every["parameters"] = tables.parameter_table(snapshot).coloured(rows)
     forms = adequacy.forms if adequacy else ()
     for k in range(info.followers if forms else 0):
-        tables[f"forms_{k + 1}"] = model_form_table(info, forms, k)
+        every[f"forms_{k + 1}"] = tables.model_form_table(info, forms, k)
     if subject.has_report:
-        tables["stability"] = known_table(subject).coloured(paints[1:])
+        every["stability"] = known_table(subject).coloured(paints[1:])
     for k in range(info.followers if snapshot.compared else 0):
-        tables[f"methods_{k + 1}"] = methods_table(info, snapshot.compared, k)
+        every[f"methods_{k + 1}"] = tables.methods_table(info, snapshot.compared, k)
     for each in snapshot.parts.judgements or ():
-        tables[f"models_{each.info.vehicles[1]}"] = judged_table(each, each.speeds[1])
-    return tables
+        every[f"models_{each.info.vehicles[1]}"] = tables.judged_table(each, each.speeds[1])
+    return every
 
 
 def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
     info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
     label, vehicles = papers_estimate(fit), known_vehicles(snapshot).vehicles
-    places = Places(vehicles.spoken if len(vehicles) > 1 else ())
+    places = sentences.Places(vehicles.spoken if len(vehicles) > 1 else ())
     motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
@@ -183,16 +164,16 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "band": words.about_band(snapshot) if snapshot.segment else "",
         "equation": words.equation(fit.model),
         "training": _placed(training_pictures(snapshot), shown),
-        "estimates": f"The estimate by {name_of(fit)}{label and f': {label}'}.",
-        "by_estimates": BY_ESTIMATES,
+        "estimates": f"The estimate by {tables.name_of(fit)}{label and f': {label}'}.",
+        "by_estimates": sentences.BY_ESTIMATES,
         "reasons": _reasons(snapshot),
-        "measured": against_measured(snapshot.gain_checks, info),
+        "measured": sentences.against_measured(snapshot.gain_checks, info),
         "stability_pictures": _placed(responses[1:], shown),
         "platoon": _placed(run[1] if run else [], shown),
         "run": run[0] if run else None,
         "run_warnings": messages(run[0].findings, places) if run else (),
         "repeated": run[2] if run else "",
-        "linear": by_linearisation(run[0]) if run else "",
+        "linear": sentences.by_linearisation(run[0]) if run else "",
         "form_sheets": [sheet for name, sheet in sheets.items() if name.startswith("forms_")],
         "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
         "models": [
@@ -207,7 +188,7 @@ def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dic
         "verdict": checked.sentence,
         "checks": Markup(verification_table(checked).to_html()),
         "outcome": fit.outcome.value,
-        "method": TITLES.get(fit.method, fit.method),
+        "method": tables.TITLES.get(fit.method, fit.method),
         "settings": [
             (key.replace("_", " "), words.setting(value))
             for key, value in sorted(fit.config.items())
@@ -225,13 +206,13 @@ def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
         return []
     report = subject.report
     reasons = [
-        (label, [reason(verdict, v) for verdict in (v.linf_paper, v.linf_exact)])
+        (label, [sentences.reason(verdict, v) for verdict in (v.linf_paper, v.linf_exact)])
         for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
     ]
     if len(report.vehicles) > 1:
         platoon = report.platoon
         weak = (platoon.l2_weak, platoon.linf_weak)
-        reasons.append(("The platoon", [reason(verdict, report) for verdict in weak]))
+        reasons.append(("The platoon", [sentences.reason(verdict, report) for verdict in weak]))
     return reasons
 
 
@@ -306,7 +287,7 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(
-            segment or info, k, fit.surrogate, snapshot.simulated, name_of(fit),
+            segment or info, k, fit.surrogate, snapshot.simulated, tables.name_of(fit),
             with_error=True, predicted=predicted, disturbance=disturbance,
         )  # fmt: skip
         said = words.about_curves(info, fit, k, predicted)
@@ -330,20 +311,21 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     if not subject.has_report:
         return
     bode = with_legend(stability_figures.bode(subject))
-    said = f"Bode magnitude from the speed ahead to the vehicle's own. {about_bode(uncertainty)}"
-    is_measured = bool(stability_figures.measured_of(subject))
-    yield Picture("bode", bode, f"{said} {MEASURED}" if is_measured else said)
+    said = ["Bode magnitude from the speed ahead to the vehicle's own."]
+    said += [sentences.about_bode(uncertainty)]
+    said += [sentences.MEASURED] if stability_figures.measured_of(subject) else []
+    yield Picture("bode", bode, " ".join(said))
     if len(vehicles) > 1:
         chart = stability_figures.criteria_by_vehicle(subject)
-        yield Picture("criteria", with_legend(chart), CRITERIA)
+        yield Picture("criteria", with_legend(chart), sentences.CRITERIA)
     if is_lagged(vehicles.parameters):
         return
     held = len(vehicles) - 1
     chart = stability_figures.stability_map(subject, held, "beta")
-    said = about_map(vehicles, held)
+    about = sentences.about_map(vehicles, held)
     if uncertainty:
-        said += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
-    yield Picture("map", with_legend(chart), said)
+        about += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
+    yield Picture("map", with_legend(chart), about)
 
 
 def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:

@@ -23,21 +23,9 @@ from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
+from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import (
-    Card,
-    about_answer,
-    about_truth,
-    cards,
-    differing_windows,
-    papers_estimate,
-)
-from accpinn.results.messages.summary import (
-    about_band,
-    about_curves,
-    about_own_estimate,
-    conditional,
-)
+from accpinn.results.messages import summary as words
 from accpinn.results.report import bundle
 from accpinn.results.tables import Table
 from accpinn.results.tables import estimates as tables
@@ -82,7 +70,7 @@ def show_result(
     truth = workspace.true_parameters if workspace.segment == result.segment else None
     has_answer = bool(result.segments or result.parts.answer)
     if has_answer:
-        show_cards(cards(info, result.answer, known_vehicles(result), together=True))
+        show_cards(on_answer.cards(info, result.answer, known_vehicles(result), together=True))
     if next_step:
         next_step()
     if has_answer:
@@ -93,7 +81,7 @@ def show_result(
         _show_checks(result)
         follower = pick_follower(info.labels[1:], f"{page}_follower")
     if has_answer:
-        st.caption(escape_markdown(about_own_estimate(result)))
+        st.caption(escape_markdown(words.about_own_estimate(result)))
     _show_tracking(result, follower, f"{page}_tracking")
     table = _parameter_table(result)
     views: dict[str, Callable[[], None]] = {"Fit": lambda: _show_fit(result, table, follower)}
@@ -107,7 +95,7 @@ def show_result(
     })  # fmt: skip
 
 
-def show_cards(said: Sequence[Card]) -> None:
+def show_cards(said: Sequence[on_answer.Card]) -> None:
     """What is said first: the answer, and how far to trust it."""
     with st.container(border=True, gap="xxsmall"):
         for card in said:
@@ -122,8 +110,8 @@ def show_answer(
     """The answer as a table, and what to know of its windows."""
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
-    made = about_truth(truth, answer) if truth else ""
-    about = (about_answer(answer), differing_windows(info, answer), made)
+    made = on_answer.about_truth(truth, answer) if truth else ""
+    about = (on_answer.about_answer(answer), on_answer.differing_windows(info, answer), made)
     st.caption(escape_markdown(" ".join(filter(None, about))))
 
 
@@ -167,7 +155,7 @@ def _about_estimates(result: Result) -> str:
     """What the method's own estimates are, and their intervals if the training is finished."""
     name, model = escape_markdown(name_of(result.fit)), result.fit.model
     said = f"The {'CTHP' if model in CTHPS else TITLES[model]}'s parameters by {name}"
-    if label := papers_estimate(result.fit):
+    if label := on_answer.papers_estimate(result.fit):
         said += f": **{escape_markdown(label)}**"
     if not result.is_finished:
         return f"{said}. The training did not converge, so they have no intervals or probabilities."
@@ -243,7 +231,8 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     show.messages(messages((*wide, *cure), info), "warning")
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     band = _band(result)
-    if said := ((about_band(result),) if band else ()) + about_curves(info, fit, follower, band):
+    said = [words.about_band(result)] if band else []
+    if said := [*said, *words.about_curves(info, fit, follower, band)]:
         st.caption(escape_markdown(" ".join(said)))
 
 
@@ -283,7 +272,7 @@ def _show_comparison(
             with st.spinner("This takes some seconds."):
                 _ = result.adequacy
             st.rerun()
-    st.caption(conditional(adequacy, info))
+    st.caption(words.conditional(adequacy, info))
     if adequacy and adequacy.forms:
         show.table(tables.model_form_table(info, adequacy.forms, follower))
         show.messages(messages(adequacy.findings, info), icon="lightbulb")

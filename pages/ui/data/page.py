@@ -15,15 +15,10 @@ from accpinn.errors import ConfigError
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.recordings import MappingRemembered, Recording, Window
+from accpinn.results import recording as words
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
 from accpinn.results.messages import messages
-from accpinn.results.recording import (
-    MEANING,
-    WORDS,
-    driver_summary,
-    suggestion_reasons,
-)
 from accpinn.results.reproduction import RUNS, PrintedRun
 from accpinn.segment import Segment
 from accpinn.segment.cut import MAX_FOLLOWERS, MINIMUM_DURATION, chains
@@ -117,7 +112,7 @@ def _describe(recording: Recording) -> str:
         f"{recording.date.day} {recording.date:%B %Y}" if recording.date else "",
         f"{len(recording.present)} vehicles",
         f"{recording.duration:,.0f} s at {rate:.3g} Hz",
-        escape_markdown(driver_summary(recording)),
+        escape_markdown(words.driver_summary(recording)),
         f"distance setting {escape_markdown(setting)}" if setting else "",
         "columns and units as in an earlier file" if remembered else "",
     ]
@@ -210,7 +205,7 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
     ):  # fmt: skip
         usable = workspace.segment.window if workspace.segment else None
         efficiency = information.efficiency(usable, suggestion.window) if usable else 0.0
-        st.markdown(show.bullets(suggestion_reasons(suggestion, usable, efficiency)))
+        st.markdown(show.bullets(words.suggestion_reasons(suggestion, usable, efficiency)))
         st.button(
             "This window is chosen" if taken else f"Take {suggestion.window}",
             disabled=taken, key="data_suggested",
@@ -335,9 +330,9 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
         with st.container(horizontal=True):
             for rating in ratings:
                 colour, icon = MARKS[rating.grade]
-                label = WORDS[rating.question][rating.grade]
+                label = words.WORDS[rating.question][rating.grade]
                 with st.popover(f":{colour}[:material/{icon}:] {label}"):
-                    st.markdown(escape_markdown(MEANING[rating.question]))
+                    st.markdown(escape_markdown(words.MEANING[rating.question]))
                     if len(windows) > 1:
                         st.caption(f"This is the worst of the {len(windows)} windows.")
                     if reasons := messages(rating.findings, segment):

@@ -11,14 +11,9 @@ from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import read
+from accpinn.results import recording as tables
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
-from accpinn.results.recording import (
-    quality_table,
-    recording_table,
-    regimes_table,
-    sensitivity_table,
-)
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment import DrivenByHand, Segment
 from accpinn.segment.cut import chains, complete_windows, cut, first_window
@@ -50,7 +45,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
     st.markdown("**Preview of the window**")
     if workspace.recording is None:
         show.not_acc(segment)
-    table = quality_table(segment.info, quality, estimate)
+    table = tables.quality_table(segment.info, quality, estimate)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
     excluded = (
         f" Without {', '.join(segment.excluded_regimes)}: the estimate and the condition number;"
@@ -84,7 +79,7 @@ def show_changes(workspace: Workspace) -> None:
 
 def show_about(recording: Recording) -> None:
     """The vehicles of the recording, and what is wrong with its data."""
-    table = recording_table(recording)
+    table = tables.recording_table(recording)
     show.table(table)
     st.caption(
         "Correlation: of the gap's rate of change with the difference of the two speeds, 0.8 and"
@@ -109,7 +104,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         st.caption("The window cannot be used yet.")
         return
     regimes, excluded = label_regimes(segment, recording), workspace.excluded
-    table = regimes_table(segment.info, regimes)
+    table = tables.regimes_table(segment.info, regimes)
     show.table(table)
     if not any(regimes.mode_known):
         st.caption("The file has no driver modes, so no instant counts as manual.")
@@ -144,7 +139,7 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
     follower = pick_follower(segment.labels[1:], "data_sensitivity_follower")
-    table = sensitivity_table(segment.info, results, follower)
+    table = tables.sensitivity_table(segment.info, results, follower)
     show.table(table)
     show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))
     label = segment.labels[1 + follower]

@@ -17,18 +17,7 @@ from accpinn.inference.answer import SPEEDS
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.registry import CTHPS
 from accpinn.recordings import Window
-from accpinn.results.database import (
-    HEADINGS,
-    TYPICAL,
-    batch_line,
-    extent,
-    failure_table,
-    failures_line,
-    group_table,
-    headline,
-    spread_table,
-    typical_line,
-)
+from accpinn.results import database as results
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables.estimates import TITLES
@@ -73,9 +62,8 @@ COLUMNS: dict[str, Any] = {
     "p_l2_stable": _number("P(L₂)", format="percent"),
 }
 """The columns of the list of rows, with headings and formats, by their names in the results."""
-FILTERS: Mapping[str, str] = {
-    name: HEADINGS[name] for name in ("make", "model", "distance_setting", "campaign", "mode")
-}
+_FILTERED = ("make", "model", "distance_setting", "campaign", "mode")
+FILTERS: Mapping[str, str] = {name: results.HEADINGS[name] for name in _FILTERED}
 """Columns by which rows are chosen, with their labels."""
 GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "make": ("Make", ("make",)),
@@ -191,14 +179,14 @@ def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFra
         return
     answer, chart = st.columns((1, 2.1), gap="medium")
     with answer, st.container(border=True):
-        st.markdown(f"#### {escape_markdown(headline(selected.whole))}")
-        said = extent(selected.whole, selected.makes, selected.recordings)
-        st.markdown(escape_markdown(f"{said} {typical_line(selected.whole)}"))
-        st.caption(TYPICAL)
-        if line := failures_line(failures):
+        st.markdown(f"#### {escape_markdown(results.headline(selected.whole))}")
+        said = results.extent(selected.whole, selected.makes, selected.recordings)
+        st.markdown(escape_markdown(f"{said} {results.typical_line(selected.whole)}"))
+        st.caption(results.TYPICAL)
+        if line := results.failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
-        _show_forest(selected, batch_line(read_request(folder)))
+        _show_forest(selected, results.batch_line(read_request(folder)))
     tabs(workspace, "database_tabs", {
         "Groups": lambda: _show_groups(selected, f"{study}_by_{by}"),
         "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),
@@ -327,7 +315,7 @@ def _asked() -> dict[str, tuple[str, ...]]:
 
 
 def _show_groups(selected: ShownRows, name: str) -> None:
-    show.table(group_table(selected.groups))
+    show.table(results.group_table(selected.groups))
     st.caption(
         "In brackets: intervals of the typical value. With one vehicle that is its own; with"
         " several it is that of all such vehicles, so it is wide where they are few. With *: no"
@@ -335,12 +323,12 @@ def _show_groups(selected: ShownRows, name: str) -> None:
         " probability; of several their share, and in brackets that of all such vehicles."
         " Measured: the median of the windows' mean time gaps, at whatever speed was driven."
     )
-    show.downloads(group_table(selected.groups), name, "database_groups")
+    show.downloads(results.group_table(selected.groups), name, "database_groups")
 
 
 def _show_spread(selected: ShownRows, name: str) -> None:
     """How far the windows and the vehicles of each group differ."""
-    table = spread_table(selected.groups)
+    table = results.spread_table(selected.groups)
     show.table(table)
     st.caption(
         "Standard deviations beyond the sampling error of each window: two thirds of the windows,"
@@ -494,7 +482,7 @@ def _show_failures(failures: Sequence[Failure], study: str) -> None:
     if not failures:
         st.caption("No failure so far.")
         return
-    show.table(failure_table(failures[:LISTED]))
+    show.table(results.failure_table(failures[:LISTED]))
     if len(failures) > LISTED:
         st.caption(f"{len(failures) - LISTED} more are in the file.")
-    show.downloads(failure_table(failures), f"{study}_failures", "database_failures")
+    show.downloads(results.failure_table(failures), f"{study}_failures", "database_failures")
