@@ -11,9 +11,10 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +38,10 @@ from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import tracking, training_figures
+from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import messages
 from accpinn.results.messages import stability as sentences
 from accpinn.results.messages import summary as words
-from accpinn.results.messages.answer import about_answer, differing_windows, papers_estimate
 from accpinn.results.reproduction import verification_table
 from accpinn.results.tables import STYLE, Column, Table
 from accpinn.results.tables import estimates as tables
@@ -100,9 +101,8 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
     """
     verification = verification or verify(snapshot, refit_within=QUICK)
     script = (HERE / "page.js").read_text(encoding="utf-8")
-    shown = list[Picture]()
-    story = _story(snapshot, verification, shown)
-    drawings = [picture.drawn() for picture in shown]
+    story = _story(snapshot, verification)
+    drawings = [picture.drawn() for picture in story["shown"]]
     document = json.dumps(drawings, ensure_ascii=False, separators=(",", ":"))
     return _template().render(
         story,
@@ -140,59 +140,44 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
     return every
 
 
-def _story(snapshot: Result, checked: Verification, shown: list[Picture]) -> dict[str, Any]:
+def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
+    """What the template tells: with the modules of sentences and tables, which it asks itself."""
     info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
-    label, vehicles = papers_estimate(fit), known_vehicles(snapshot).vehicles
+    vehicles, motion = known_vehicles(snapshot).vehicles, motion_picture(snapshot)
     places = sentences.Places(vehicles.spoken if len(vehicles) > 1 else ())
-    motion, run = motion_picture(snapshot), platoon_pictures(snapshot)
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
+    training = [*training_pictures(snapshot)]
+    run, platoon, repeated = platoon_pictures(snapshot) or (None, (), "")
+    parts = (fits[:1] + responses[:1], [motion] if motion else [], fits[1:], training,
+             responses[1:], platoon)  # fmt: skip
+    names = ("first_page", "motion", "fits", "training", "stability_pictures", "platoon")
     return {
-        "first_page": _placed([*fits[:1], *responses[:1]], shown),
+        **dict(zip(names, parts, strict=True)),
+        "shown": list(chain.from_iterable(parts)),
         "snapshot": snapshot,
-        "title": words.title(snapshot),
-        "summary": words.summary(snapshot),
-        "about": words.about_data(snapshot),
+        "words": words,
+        "on_answer": on_answer,
         "cautions": words.cautions(snapshot),
-        "motion": _placed([motion] if motion else [], shown),
         "sheets": sheets,
-        "about_answer": about_answer(snapshot.answer) if "answer" in sheets else "",
-        "differing": differing_windows(info, snapshot.answer) if "answer" in sheets else "",
         "conditional": words.conditional(adequacy, info),
         "forms": messages(adequacy.findings if adequacy else (), info),
-        "fits": _placed(fits[1:], shown),
-        "band": words.about_band(snapshot) if snapshot.segment else "",
-        "equation": words.equation(fit.model),
-        "training": _placed(training_pictures(snapshot), shown),
-        "estimates": f"The estimate by {tables.name_of(fit)}{label and f': {label}'}.",
+        "label": on_answer.papers_estimate(fit),
+        "name": tables.name_of(fit),
         "by_estimates": sentences.BY_ESTIMATES,
         "reasons": _reasons(snapshot),
         "measured": sentences.against_measured(snapshot.gain_checks, info),
-        "stability_pictures": _placed(responses[1:], shown),
-        "platoon": _placed(run[1] if run else [], shown),
-        "run": run[0] if run else None,
-        "run_warnings": messages(run[0].findings, places) if run else (),
-        "repeated": run[2] if run else "",
-        "linear": sentences.by_linearisation(run[0]) if run else "",
-        "form_sheets": [sheet for name, sheet in sheets.items() if name.startswith("forms_")],
-        "methods": [sheet for name, sheet in sheets.items() if name.startswith("methods_")],
+        "run": run,
+        "run_warnings": messages(run.findings, places) if run else (),
+        "repeated": repeated,
+        "linear": sentences.by_linearisation(run) if run else "",
         "models": [
-            (
-                each.info.labels[1],
-                messages(each.findings, info),
-                sheets[f"models_{each.info.vehicles[1]}"],
-            )
+            (each, messages(each.findings, info), sheets[f"models_{each.info.vehicles[1]}"])
             for each in snapshot.parts.judgements or ()
         ],
         "checked": checked,
-        "verdict": checked.sentence,
         "checks": Markup(verification_table(checked).to_html()),
-        "outcome": fit.outcome.value,
         "method": tables.TITLES.get(fit.method, fit.method),
-        "settings": [
-            (key.replace("_", " "), words.setting(value))
-            for key, value in sorted(fit.config.items())
-        ],
     }
 
 
@@ -214,13 +199,6 @@ def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
         weak = (platoon.l2_weak, platoon.linf_weak)
         reasons.append(("The platoon", [sentences.reason(verdict, report) for verdict in weak]))
     return reasons
-
-
-def _placed(new: Iterable[Picture], shown: list[Picture]) -> list[tuple[int, Picture]]:
-    """The pictures with their places in the list that the script draws, to which they are added."""
-    first = len(shown)
-    shown.extend(new)
-    return list(enumerate(shown[first:], first))
 
 
 def _sheet(table: Table, name: str) -> dict[str, Any]:
