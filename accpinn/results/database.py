@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from math import isnan
 
 from accpinn.findings import percent, probability
-from accpinn.inference.answer import SPEEDS, Span
+from accpinn.inference.answer import SPEEDS
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Marked, Range, Table, between
 from accpinn.results.tables.answer import EXTRAPOLATED, columns_of, gap_column
@@ -153,10 +153,10 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     columns = [
         *_heads(grouped),
         *((gap_column(speed, GAP, "at"), gaps[speed]) for speed in (FASTEST, SPEEDS[0])),
-        (further, [_further(group.time_gap(FASTEST)) for group in groups]),
+        (further, [Range(*astuple(group.time_gap(FASTEST))[3:]) for group in groups]),
         (Column("Mean, measured", "s", 2, GAP, key="mean_time_gap_s"),
          [group.mean_time_gap.value for group in groups]),
-        *((column, [_estimate(group.span(name)) for group in groups])
+        *((column, [group.span(name) for group in groups])
           for name, column in own.items()),
         (Column.chance("L₂ stable"), [_share(group.l2_stable, group) for group in groups]),
         (Column.chance("L∞ stable"), [_share(group.linf_stable, group) for group in groups]),
@@ -198,18 +198,10 @@ def _heads(grouped: Groups) -> list[Filled]:
     ]
 
 
-def _estimate(span: Span) -> Cell:
-    return None if isnan(span.value) else span
-
-
 def _gap(group: Group, speed: MetresPerSecond) -> Cell:
     span = group.time_gap(speed)
     is_plain = isnan(span.value) or group.is_driven(speed)
-    return _estimate(span) if is_plain else Marked(span, EXTRAPOLATED)
-
-
-def _further(span: Span) -> Cell:
-    return None if isnan(span.value) else Range(span.further_lower, span.further_upper)
+    return span if is_plain else Marked(span, EXTRAPOLATED)
 
 
 def _spread(spread: Estimate | None, factor: float) -> Cell:

@@ -119,9 +119,4 @@ GROUPS: dict[str, tuple[Term, ...]] = {
 }  # fmt: skip
 """Terms by subject."""
 
-_KNOWN = {term.word: term.meaning for terms in GROUPS.values() for term in terms}
-
-
-def meaning_of(word: str) -> str:
-    """The meaning of a symbol or a term; empty if it is not in the glossary."""
-    return _KNOWN.get(word, "")
+MEANINGS = {term.word: term.meaning for terms in GROUPS.values() for term in terms}

@@ -5,7 +5,7 @@ The figures of a training that runs are the same, with fewer points.
 
 import html
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -15,9 +15,10 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.registry import CTHPS, PAPER
 from accpinn.results.figures import style
-from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.results.tables import Column
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
 
@@ -58,8 +59,8 @@ def training_figures(
 ) -> dict[str, go.Figure]:
     """Loss and parameters over iterations, by name; the arguments are of `parameter_history`."""
     return {"loss": loss_history(history)} | {
-        curve.key: parameter_history(history, which, segment, truth, solved, model)
-        for which, curve in enumerate(_curves(model))
+        column.key: parameter_history(history, which, segment, truth, solved, model)
+        for which, (_, column) in enumerate(_curves(model))
     }
 
 
@@ -112,14 +113,15 @@ def parameter_history(
         solved: those of least squares, one entry a follower, dotted; None draws none.
         model: key of the model that is estimated; only parameters of its kind are compared.
     """
-    curve = _curves(model)[which]
-    values = history.parameters.everything[:, :, curve.at]
+    at, column = _curves(model)[which]
+    values = history.parameters.everything[:, :, at]
     sets = values.shape[1]
     names, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [style.SHARED]
     ends = _interval(history, which)
-    chart = _over_iterations(history, curve.title, f"parameter-{which}")
+    title = f"{column.group}: {column.title}" if column.group else PARAMETERS[which].name
+    chart = _over_iterations(history, title, f"parameter-{which}")
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
             chart.band(_counted(history), ends[0][:, k], ends[1][:, k], colour, 0.125)
@@ -127,32 +129,17 @@ def parameter_history(
     seen = [values.ravel(), *(end[-1] for end in ends or ())]
     for reference, look in ((truth, style.TRUTH), (solved, SOLVED)):
         if reference and reference.own.shape[-1] == history.parameters.own.shape[-1]:
-            seen.append(reference.everything[:sets, curve.at])
+            seen.append(reference.everything[:sets, at])
             for value, colour in zip(seen[-1].tolist(), colours, strict=False):
                 chart.level("y", value, look | {"color": colour})
-    chart.axis("y", curve.heading, range=style.limits(np.concatenate(seen)) or None)
+    chart.axis("y", column.heading, range=style.limits(np.concatenate(seen)) or None)
     return chart.figure()
 
 
-class _Curve(NamedTuple):
-    """A parameter that is drawn over iterations."""
-
-    key: str
-    title: str
-    heading: str
-    at: int
-    """Its place in `Parameters.everything`."""
-
-
-def _curves(model: str) -> list[_Curve]:
+def _curves(model: str) -> list[tuple[int, Column]]:
     """α, β and τ of a CTHP; another model's own parameters."""
-    if model in CTHPS:
-        return [_Curve(p.key, p.name, p.heading, at) for at, p in enumerate(PARAMETERS)]
-    following = FOLLOWING[model]
-    return [
-        _Curve(p.name, f"{following.title}: {p.symbol}", f"{p.symbol} [{p.unit}]", at)
-        for at, p in enumerate(following.parameters, 6)
-    ]
+    every = [*columns_of(model)]
+    return every[:3] if model in CTHPS else every[3:]
 
 
 def _line(

@@ -19,7 +19,7 @@ from markupsafe import Markup
 
 from accpinn.channels import Quantity
 from accpinn.findings import probability
-from accpinn.results.glossary import meaning_of
+from accpinn.results.glossary import MEANINGS
 from accpinn.units import Estimate, FloatArray
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ class Column:
             return f"{self.shown(cell.cell)}*"
         if isinstance(cell, Estimate):
             value, ends = self._estimate(cell)
-            return value if self.is_brief else f"{value} ({ends})"
+            return value if self.is_brief or not ends else f"{value} ({ends})"
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return ABSENT
         if isinstance(cell, str):
@@ -175,7 +175,9 @@ class Column:
         return Markup("{}{}{}").format(value, mark, interval)
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
-        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"."""
+        """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
+        if math.isnan(cell.value) and math.isnan(cell.lower):
+            return ABSENT, ""
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
@@ -341,7 +343,7 @@ def _template() -> "Template":
     from jinja2 import Environment, StrictUndefined  # few commands print HTML
 
     environment = Environment(autoescape=True, undefined=StrictUndefined)
-    environment.globals["meaning_of"] = meaning_of
+    environment.globals["meanings"] = MEANINGS
     return environment.from_string((_HERE / "table.html").read_text(encoding="utf-8"))
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import isnan
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from accpinn.results.tables import (
 )
 from accpinn.results.tables.estimates import parameter_rows, row_labels
 from accpinn.segment import SegmentInfo
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import FloatArray, MetresPerSecond
 
 EXTRAPOLATED = "extrapolated: no window holds this speed"
 ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
@@ -81,9 +80,9 @@ def _gap(answer: Answer, speed: MetresPerSecond, follower: int) -> Cell:
     return span if answer.is_driven(speed, follower) else Marked(span, EXTRAPOLATED)
 
 
-def _holding(value: float, lower: float, upper: float) -> Cell:
-    """An estimate whose interval holds its value, as the ends are those of draws beside it."""
-    return None if isnan(value) else Estimate(value, min(value, lower), max(value, upper))
+def _holding(values: FloatArray, lower: FloatArray, upper: FloatArray) -> list[Cell]:
+    """Estimates whose intervals hold their values, as the ends are those of draws beside them."""
+    return estimate_cells(values, np.minimum(values, lower), np.maximum(values, upper))
 
 
 def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
@@ -93,19 +92,17 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     """
     speed = answer.stated_speed
     gaps = registry.time_gap(answer.model, answer.windows, speed)[:, follower]
-    spans = zip(gaps, *answer.windows_gap[:, :, follower], strict=True)
+    alone = _holding(gaps, *answer.windows_gap[:, :, follower])
     filled: list[Filled] = [
         (Column("Window"), [*(str(info.window) for info in infos), "Answer"]),
-        (gap_column(speed), [*(_holding(*span) for span in spans),
-                             answer.time_gap(speed, follower)]),
-    ]  # fmt: skip
+        (gap_column(speed), [*alone, answer.time_gap(speed, follower)]),
+    ]
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
     how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
     group = f"{how} ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
-        value, low, high = (answer.values(part, name)[:, follower] for part in parts)
-        ends = np.minimum(value, low), np.maximum(value, high)
-        cells = [*estimate_cells(value, *ends), answer.span(name, follower)]
+        cells = _holding(*(answer.values(part, name)[:, follower] for part in parts))
+        cells.append(answer.span(name, follower))
         filled.append((replace(column, group=group), cells))
     label = infos[0].labels[follower + 1]
     return Table.of(
