@@ -1,7 +1,7 @@
 """Checks of a fit: five questions to be asked before its numbers are quoted, and their answers."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import compress
 from typing import Literal
 
@@ -15,7 +15,6 @@ from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import Fit, IterationsExhausted, Outcome
 from accpinn.study.result import Result
 
-SYMBOLS = tuple(quantity.symbol for quantity in PARAMETERS)
 CheckName = Literal["converged", "inside", "identified", "collision-free", "explained"]
 QUESTIONS: Mapping[CheckName, str] = {
     "converged": "Converged",
@@ -51,56 +50,54 @@ _ANSWERS = {True: "yes", False: "no", None: "not known"}
 
 @dataclass(frozen=True)
 class Check:
-    """The answer to one question."""
+    """The answer to one question, or one for each parameter."""
 
     name: CheckName
-    passed: bool | None
-    """None where it is not known."""
-    failing: tuple[int, ...] = ()
-    """Numbers of the followers that fail."""
-    symbol: str = ""
-    """The parameter in question; empty for a check of all."""
+    answers: Mapping[str, bool | None]
+    """By the symbol of the parameter, which is empty for all together; None: it is not known."""
+    failing: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
+    """Numbers of the followers that fail, likewise; nothing where none does."""
 
     @property
-    def answer(self) -> str:
-        """Yes, no or not known, after the symbol of the parameter."""
-        return f"{self.symbol} {_ANSWERS[self.passed]}".strip()
+    def passed(self) -> bool | None:
+        """The worst of the answers."""
+        return next(worst for worst in (False, None, True) if worst in self.answers.values())
 
-    def reason(self, about: Labelled) -> str:
-        """The followers that fail, as a sentence; empty if none does."""
-        if not self.failing:
-            return ""
-        answer = self.answer if self.symbol else self.answer.capitalize()
-        return f"{answer}: {', '.join(map(about.label, self.failing))}."
+    @property
+    def label(self) -> str:
+        """Title and answers: "Identified: α no, β yes, τ yes"."""
+        said = (f"{symbol} {_ANSWERS[answer]}".strip() for symbol, answer in self.answers.items())
+        return f"{QUESTIONS[self.name]}: {', '.join(said)}"
 
-
-def label_of(group: Sequence[Check]) -> str:
-    """Title and answers of the checks of one name: "Identified: α no, β yes, τ yes"."""
-    return f"{QUESTIONS[group[0].name]}: {', '.join(check.answer for check in group)}"
+    def reasons(self, about: Labelled) -> list[str]:
+        """The followers that fail, a sentence a parameter."""
+        return [
+            f"{f'{symbol} no' if symbol else 'No'}: {', '.join(map(about.label, vehicles))}."
+            for symbol, vehicles in self.failing.items()
+        ]
 
 
 def checks(result: Result) -> tuple[Check, ...]:
-    """All checks of a result, in the order in which they are shown; three on identifiability."""
+    """All checks of a result, in the order in which they are shown."""
     vehicles, uncertainty = result.info.vehicles[1:], result.uncertainty
     evaluation = result.evaluation
     outside = np.logical_not(uncertainty.inside.all(axis=1)).tolist()
     is_determined = bool(np.isfinite(uncertainty.centre.alpha).all())
     colliding = [event.vehicle for event in evaluation.all_findings]
     return (
-        Check("converged", _has_converged(result.fit)),
-        _check("inside", compress(vehicles, outside), is_determined),
-        *_identified(vehicles, uncertainty),
-        _check("collision-free", colliding),
+        Check("converged", {"": _has_converged(result.fit)}),
+        _check("inside", {"": compress(vehicles, outside)}, is_determined),
+        _check("identified", _unidentified(vehicles, uncertainty)),
+        _check("collision-free", {"": colliding}),
         _explained(evaluation.whiteness.findings),
     )
 
 
-def _check(
-    name: CheckName, failing: Iterable[int], is_known: bool = True, symbol: str = ""
-) -> Check:
+def _check(name: CheckName, failing: Mapping[str, Iterable[int]], is_known: bool = True) -> Check:
     """A check that some vehicles fail; without any it passes where the answer is known."""
-    vehicles = tuple(sorted({*failing}))
-    return Check(name, not vehicles if is_known or vehicles else None, vehicles, symbol)
+    found = {symbol: tuple(sorted({*vehicles})) for symbol, vehicles in failing.items()}
+    answers = {symbol: not them if is_known or them else None for symbol, them in found.items()}
+    return Check(name, answers, {symbol: them for symbol, them in found.items() if them})
 
 
 def _has_converged(fit: Fit) -> bool:
@@ -109,19 +106,17 @@ def _has_converged(fit: Fit) -> bool:
     return not any(isinstance(finding, IterationsExhausted) for finding in fit.findings)
 
 
-def _identified(vehicles: Sequence[int], uncertainty: Uncertainty) -> Iterator[Check]:
-    """For each parameter: its intervals are wide, or the data determine none of a follower's."""
-    wide = dict[int, Sequence[str]]()
+def _unidentified(vehicles: Sequence[int], uncertainty: Uncertainty) -> dict[str, list[int]]:
+    """For each parameter the followers with wide intervals, or none as none is determined."""
+    wide: dict[str, list[int]] = {quantity.symbol: [] for quantity in PARAMETERS}
     for k, vehicle in enumerate(vehicles):
-        wide[vehicle] = [interval.symbol for interval in wide_intervals(uncertainty, k)]
-        if np.isnan(uncertainty.centre[k].alpha):
-            wide[vehicle] = SYMBOLS
-    for symbol in SYMBOLS:
-        failing = (vehicle for vehicle, symbols in wide.items() if symbol in symbols)
-        yield _check("identified", failing, symbol=symbol)
+        symbols = [interval.symbol for interval in wide_intervals(uncertainty, k)]
+        for symbol in wide if np.isnan(uncertainty.centre[k].alpha) else symbols:
+            wide[symbol].append(vehicle)
+    return wide
 
 
 def _explained(findings: Sequence[WhitenessFinding]) -> Check:
     failing = [finding.vehicle for finding in findings if isinstance(finding, CorrelatedResidual)]
     is_known = bool(findings) and not any(isinstance(f, ShortResidual) for f in findings)
-    return _check("explained", failing, is_known)
+    return _check("explained", {"": failing}, is_known)

@@ -27,7 +27,7 @@ from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results import checks as of_fit
 from accpinn.results import database as on_batch
-from accpinn.results.checks import MEANING, Check, checks, label_of
+from accpinn.results.checks import MEANING, Check, checks
 from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
@@ -362,17 +362,16 @@ def checked(
 def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
     answers = checked(known, hits=(SimulatedCollision(4, 12.0, -1.0),))
     assert answers == (
-        Check("converged", True),
-        Check("inside", False, (2,)),
-        Check("identified", False, (2,), "α"),
-        Check("identified", True, (), "β"),
-        Check("identified", True, (), "τ"),
-        Check("collision-free", False, (4,)),
-        Check("explained", None),
+        Check("converged", {"": True}),
+        Check("inside", {"": False}, {"": (2,)}),
+        Check("identified", {"α": False, "β": True, "τ": True}, {"α": (2,)}),
+        Check("collision-free", {"": False}, {"": (4,)}),
+        Check("explained", {"": None}),
     )
-    assert label_of(answers[2:5]).endswith(": α no, β yes, τ yes")
-    assert INFO.label(4) in answers[5].reason(INFO)
-    assert answers[0].reason(INFO) == ""
+    assert answers[2].label.endswith(": α no, β yes, τ yes")
+    assert answers[2].reasons(INFO) == [f"α no: {INFO.label(2)}."]
+    assert answers[3].reasons(INFO) == [f"No: {INFO.label(4)}."]
+    assert answers[0].reasons(INFO) == []
     assert {check.name for check in answers} == set(of_fit.QUESTIONS) == set(MEANING)
 
 
@@ -383,6 +382,6 @@ def test_what_did_not_converge_or_is_not_determined(known: Uncertainty) -> None:
     centre = known.centre.values.copy()
     centre[1] = np.nan
     unknown = replace(known, centre=Parameters.of(centre), inside=np.ones((4, 3), bool))
-    inside, alpha, beta = checked(unknown)[1:4]
+    inside, identified = checked(unknown)[1:3]
     assert inside.passed is None
-    assert (alpha.failing, beta.failing) == ((2, 3), (3,))
+    assert (identified.failing["α"], identified.failing["β"]) == ((2, 3), (3,))

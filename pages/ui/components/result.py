@@ -4,7 +4,6 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import groupby
 from pathlib import Path
 
 import streamlit as st
@@ -18,7 +17,7 @@ from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import CTHPS, TITLES
-from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks, label_of
+from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
 from accpinn.results.figures.recording import motion
@@ -185,22 +184,19 @@ def _show_checks(result: Result) -> None:
         "collision-free": messages(events, info),
         "explained": messages(residual.findings if residual else (), info),
     }
-    groups = [[*group] for _, group in groupby(checks(result), lambda check: check.name)]
-    worst = [next(a for a in (False, None, True) if a in {c.passed for c in g}) for g in groups]
-    answers = {group[0].name: answer for group, answer in zip(groups, worst, strict=True)}
-    failing = [QUESTIONS[name].lower() for name, answer in answers.items() if answer is False]
+    found = checks(result)
+    failing = [QUESTIONS[check.name].lower() for check in found if check.passed is False]
     colour, icon = MARKS[False if failing else True]
     failed = f"Failed {'check' if len(failing) == 1 else 'checks'}: {', '.join(failing)}"
     said = failed if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
-        for group, answer in zip(groups, worst, strict=True):
-            colour, icon = MARKS[answer]
+        for check in found:
+            colour, icon = MARKS[check.passed]
             st.markdown(
-                f":{colour}[:material/{icon}:] **{escape_markdown(label_of(group))}**",
-                help=MEANING[group[0].name],
+                f":{colour}[:material/{icon}:] **{escape_markdown(check.label)}**",
+                help=MEANING[check.name],
             )
-            failing_ones = [reason for check in group if (reason := check.reason(info))]
-            if reasons := (*failing_ones, *evidence[group[0].name]):
+            if reasons := (*check.reasons(info), *evidence[check.name]):
                 st.caption(show.bullets(reasons))
 
 
