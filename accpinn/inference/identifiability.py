@@ -24,7 +24,7 @@ from accpinn.methods.regression import Regression, solve_bounded
 from accpinn.model.cthp import LARGEST, Case, Parameters
 from accpinn.recordings import LITTLE_LEADER_MOTION
 from accpinn.segment import Segment, SegmentInfo
-from accpinn.segment.quality import LARGE_CONDITION, LITTLE_RELATIVE_MOTION, Quality, assess_quality
+from accpinn.segment.quality import LARGE_CONDITION, LITTLE_RELATIVE_MOTION, Quality
 from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
 
 WIDE = 5.0
@@ -113,37 +113,14 @@ class NarrowerIntervals(Finding, frozen=True):
         return {"ways": ", or ".join(ways)}
 
 
-def identifiability_warnings(
-    segment: Segment, uncertainty: Uncertainty, case: Case = "II"
-) -> tuple[WeakIdentification, ...]:
-    """Find the followers whose parameters the data determine only weakly.
-
-    Args:
-        segment: the data.
-        uncertainty: the uncertainty of the segment's parameters.
-        case: "I", where all followers share one finding, or "II".
-    """
-    return weakly_identified(segment.info, assess_quality(segment), uncertainty, case)
-
-
-def weakly_identified(
-    info: SegmentInfo, quality: Quality, uncertainty: Uncertainty, case: Case = "II"
-) -> tuple[WeakIdentification, ...]:
-    """The findings of `identifiability_warnings`, from the quality of data not at hand."""
-    findings = [
-        _identification(uncertainty, quality, k, vehicle)
-        for k, vehicle in enumerate((0,) if case == "I" else info.vehicles[1:])
-    ]
-    return tuple(finding for finding in findings if finding.wide or not finding.is_excited)
-
-
-def narrower_intervals(
+def identifiability(
     info: SegmentInfo,
+    quality: Quality,
     uncertainty: Uncertainty,
-    warnings: Sequence[WeakIdentification],
+    case: Case = "II",
     recording: Seconds | None = None,
-) -> tuple[NarrowerIntervals, ...]:
-    """What would narrow the wide intervals; empty if none is wide.
+) -> tuple[WeakIdentification | NarrowerIntervals, ...]:
+    """The followers that the data determine only weakly, and what would narrow their intervals.
 
     Args:
         info: the segment's description.
@@ -151,6 +128,21 @@ def narrower_intervals(
         warnings: the segment's, by `identifiability_warnings`.
         recording: duration of the recording that the window was cut from, if it is known.
     """
+    every = [
+        _identification(uncertainty, quality, k, vehicle)
+        for k, vehicle in enumerate((0,) if case == "I" else info.vehicles[1:])
+    ]
+    weak = [finding for finding in every if finding.wide or not finding.is_excited]
+    return (*weak, *_narrower(info, uncertainty, weak, recording))
+
+
+def _narrower(
+    info: SegmentInfo,
+    uncertainty: Uncertainty,
+    warnings: Sequence[WeakIdentification],
+    recording: Seconds | None,
+) -> tuple[NarrowerIntervals, ...]:
+    """What would narrow the wide intervals; empty if none is wide."""
     wide = {warning.vehicle for warning in warnings if warning.wide}
     unknown = np.isnan(uncertainty.centre.alpha)
     vehicles = tuple(

@@ -18,7 +18,7 @@ from accpinn.evaluation.closed_loop import (
 from accpinn.findings import Finding, Labelled
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.identifiability import identifiability_warnings, narrower_intervals
+from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit
@@ -438,7 +438,5 @@ def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:
 
 def warnings(result: Result, duration: Seconds) -> tuple[str, ...]:
     """On identifiability, and what would improve it; the same for all methods."""
-    (segment,) = result.segments
-    weak = identifiability_warnings(segment, result.uncertainty, result.fit.case)
-    cure = narrower_intervals(segment.info, result.uncertainty, weak, duration)
-    return messages((*weak, *cure), segment)
+    about = (result.info, result.quality, result.uncertainty)
+    return messages(identifiability(*about, result.fit.case, duration), result.info)

@@ -11,12 +11,7 @@ import streamlit as st
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import (
-    INCREASE,
-    identifiability_warnings,
-    narrower_intervals,
-    profiles,
-)
+from accpinn.inference.identifiability import INCREASE, identifiability, profiles
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
@@ -347,17 +342,15 @@ def _show_identifiability(shown: _Shown) -> None:
     segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
     case = shown.workspace.case
     st.markdown("**The CTHP in this window**")
-    warnings = identifiability_warnings(segment, uncertainty, case)
-    duration = recording_duration(shown.rows[0])
-    cure = narrower_intervals(segment.info, uncertainty, warnings, duration)
-    show.messages(messages((*warnings, *cure), segment), "warning")
+    quality, duration = shown.rows[0].quality, recording_duration(shown.rows[0])
+    warnings = identifiability(segment.info, quality, uncertainty, case, duration)
+    show.messages(messages(warnings, segment), "warning")
     if not warnings:
         show.messages(
             "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
             " that the model is adequate (tab Model adequacy).",
             "success",
         )
-    quality = shown.rows[0].quality
     st.caption(
         f"Condition number {quality.condition[follower]:.0f} (above {LARGE_CONDITION:.0f} the"
         " model's terms are nearly proportional). Standard deviations: the leader's speed"

@@ -9,8 +9,8 @@ from accpinn.inference.identifiability import (
     WIDE,
     NarrowerIntervals,
     Profile,
-    identifiability_warnings,
-    narrower_intervals,
+    WeakIdentification,
+    identifiability,
     profiles,
 )
 from accpinn.inference.intervals import intervals
@@ -18,6 +18,7 @@ from accpinn.methods import least_squares
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case, Parameters
 from accpinn.segment import Segment
+from accpinn.segment.quality import assess_quality
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 
@@ -83,8 +84,8 @@ class TestWarnings:
         assert (uncertainty.upper.values < WIDE * uncertainty.lower.values).all(), (
             "the case needs narrow intervals"
         )
-        assert identifiability_warnings(segment, uncertainty) == ()
-        assert narrower_intervals(segment.info, uncertainty, (), 1e4) == ()
+        quality = assess_quality(segment)
+        assert identifiability(segment.info, quality, uncertainty, "II", 1e4) == ()
 
     def test_a_leader_at_constant_speed(self) -> None:
         rng = np.random.default_rng(0)
@@ -92,11 +93,11 @@ class TestWarnings:
         speeds = 20 + 0.05 * rng.standard_normal((1201, 2))
         segment = segment_of(time, speeds, 30 + 0.05 * rng.standard_normal((1201, 1)))
         uncertainty = intervals(segment, least_squares.fit(segment))
-        (found,) = identifiability_warnings(segment, uncertainty)
+        found, cure = identifiability(segment.info, assess_quality(segment), uncertainty)
+        assert isinstance(found, WeakIdentification)
         assert found.wide
         assert found.leader_deviation == pytest.approx(0.05, abs=0.003)
         assert found.relative_deviation == pytest.approx(0.07, abs=0.005)
-        (cure,) = narrower_intervals(segment.info, uncertainty, [found])
         assert cure == NarrowerIntervals((2,), 120.0, None, is_excited=False)
 
     @pytest.mark.usefixtures("all_draws")
@@ -106,10 +107,10 @@ class TestWarnings:
         segment = disturbed(Parameters.of([LAW, LAW]), 1, Disturbance(0.6, 4.0), duration=30.0)
         assert segment.speeds[:, 0].std() > 0.5
         uncertainty = intervals(segment, least_squares.fit(segment, case))
-        found = identifiability_warnings(segment, uncertainty, case)
+        about = (segment.info, assess_quality(segment), uncertainty, case)
+        *found, cure = identifiability(*about, 1523.0)
         assert [one.vehicle for one in found] == ([0] if case == "I" else [2, 3])
         assert all(one.is_excited and one.wide for one in found)
-        (cure,) = narrower_intervals(segment.info, uncertainty, found, 1523.0)
         assert cure == NarrowerIntervals((2, 3), 30.0, 1523.0, is_excited=True)
-        (whole,) = narrower_intervals(segment.info, uncertainty, found, 30.0)
+        *_, whole = identifiability(*about, 30.0)
         assert whole.recording is None, "a recording no longer than the window is no cure"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.findings import Labelled, joined, percent, spelled, who
-from accpinn.inference.identifiability import narrower_intervals, weakly_identified
+from accpinn.inference.identifiability import identifiability
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
@@ -249,12 +249,11 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
 def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info, quality, uncertainty = snapshot.info, snapshot.quality, snapshot.uncertainty
-    wide = weakly_identified(info, quality, uncertainty, snapshot.fit.case)
+    case, duration = snapshot.fit.case, snapshot.facts.get("duration")
     on_parameters = (
         *snapshot.fit.findings,
         *uncertainty.findings,
-        *wide,
-        *narrower_intervals(info, uncertainty, wide, snapshot.facts.get("duration")),
+        *identifiability(info, quality, uncertainty, case, duration),
         *snapshot.evaluation.whiteness.findings,
     )
     return {

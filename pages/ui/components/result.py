@@ -10,7 +10,7 @@ import streamlit as st
 
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import narrower_intervals, weakly_identified
+from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome, headway_findings
@@ -222,9 +222,9 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     if events := messages(result.evaluation.all_findings, info):
         show.warnings(events, "the closed-loop simulation")
         st.caption("The simulation continues, and the closed-loop errors include what follows.")
-    wide = weakly_identified(info, result.quality, uncertainty, fit.case)
-    cure = narrower_intervals(info, uncertainty, wide, recording_duration(result))
-    show.messages(messages((*wide, *cure), info), "warning")
+    duration = recording_duration(result)
+    weak = identifiability(info, result.quality, uncertainty, fit.case, duration)
+    show.messages(messages(weak, info), "warning")
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     band = _band(result)
     said = [words.about_band(result)] if band else []
