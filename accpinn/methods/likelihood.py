@@ -238,12 +238,8 @@ def maximise(
 def search(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
 ) -> list[Maximum]:
-    """The maxima that `ascend` returns; arguments as there."""
-    return end_of(ascend(criterion, z, groups, is_last_held))
-
-
-def end_of(rounds: "Generator[Ascending, None, list[Maximum]]") -> list[Maximum]:
-    """The maxima that a search returns after its last round."""
+    """The maxima that `ascend` returns after its last round; arguments as there."""
+    rounds = ascend(criterion, z, groups, is_last_held)
     while True:
         try:
             next(rounds)

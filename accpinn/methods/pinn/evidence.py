@@ -25,7 +25,6 @@ Sources: MacKay, Neural Computation 4 (1992) 415-447 (evidence); Lindgren, Rue a
 Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solution in a basis).
 """
 
-from collections.abc import Generator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -34,7 +33,7 @@ from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
 from accpinn.methods.kalman import LOG_TWO_PI
-from accpinn.methods.likelihood import Ascending, Criterion, Groups, Maximum, ascend, natural
+from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms
 from accpinn.methods.series import Series
@@ -277,17 +276,3 @@ class Evidence(Criterion):
             for term, group in zip(self._terms, self.series.group, strict=True)
         ]
         return LossTerms(*np.mean([(t.data, t.physics, t.initial) for t in terms], axis=0))
-
-
-def climb(
-    criterion: Evidence, maxima: Sequence[Maximum]
-) -> Generator[Ascending, None, list[Maximum]]:
-    """The search for the maximum of each group's evidence, a round at a time.
-
-    Args:
-        criterion: of G groups.
-        maxima: (G,) where the filter's likelihood is largest, to begin with. The evidence has the
-            same maxima, and the filter, which takes less time, has compared them.
-    """
-    z = np.array([maximum.coordinates for maximum in maxima])
-    return (yield from ascend(criterion, z, np.arange(len(z))))

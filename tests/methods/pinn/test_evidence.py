@@ -9,11 +9,11 @@ from scipy.interpolate import BSpline
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.inference.intervals import intervals
 from accpinn.methods.fit import Outcome, Progress
-from accpinn.methods.likelihood import end_of
+from accpinn.methods.likelihood import search
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import CALIBRATED
-from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Evidence, LinearEvidence, climb
+from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Evidence, LinearEvidence
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Case, Parameters
@@ -99,8 +99,9 @@ def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
     errors, deviations = [], []
     for seed in range(4):
         segment = recording(seed)
-        start = joint_maxima((segment,), "II")
-        (found,) = end_of(climb(Evidence(series_of([segment], "II")), start))
+        (start,) = joint_maxima((segment,), "II")
+        evidence = Evidence(series_of([segment], "II"))
+        (found,) = search(evidence, start.coordinates[None], np.zeros(1, int))
         estimate = Parameters.from_theta(np.exp(found.coordinates[:3])).values
         errors.append(np.log(estimate / SETS[seed % len(SETS)].values))
         deviations.append(found.errors)
