@@ -89,8 +89,6 @@ class Posterior:
 
     coordinates: FloatArray
     """(n, P) draws of z."""
-    theta: FloatArray
-    """(n, 3) draws of α, ατ, β, all above zero."""
     weights: FloatArray
     """(n,) weights, which sum to one."""
     log_likelihood: FloatArray
@@ -101,16 +99,12 @@ class Posterior:
         """The number of independent draws that would be equally precise."""
         return float(1.0 / (self.weights**2).sum())
 
-    def evenly(self, count: int) -> FloatArray:
-        """(count, 3) draws of θ of equal weight, in no particular order of time."""
-        return np.asarray(self.theta[self._even(count)])
-
     def all_evenly(self, count: int) -> FloatArray:
-        """(count, P) draws of z of equal weight, in the order of `evenly`."""
+        """(count, P) draws of z of equal weight, in no particular order of time."""
         return np.asarray(self.coordinates[self._even(count)])
 
     def log_likelihood_evenly(self, count: int) -> FloatArray:
-        """(count,) of the draws in the order of `evenly`."""
+        """(count,) of the draws in the order of `all_evenly`."""
         return np.asarray(self.log_likelihood[self._even(count)])
 
     def _even(self, count: int) -> Groups:
@@ -203,8 +197,7 @@ def sample(
             every = zip(*(stage[1:] for stage in past[g]), strict=True)
             w, z, target, likelihoods = map(np.concatenate, every)
             ratios = target - _log_density(past[g], w)
-            theta = natural(form, z)[:, :3]
-            known[g] = Posterior(z, theta, normalised(ratios), likelihoods)
+            known[g] = Posterior(z, normalised(ratios), likelihoods)
             densities = proposals[g].log_densities(w)
             proposals[g] = proposals[g].adapted(w, _tempered(ratios), densities)
         if stage >= len(stages) - 1:
