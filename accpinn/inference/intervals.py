@@ -224,8 +224,8 @@ def intervals(
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    shared = _shared(segments, fit.case, level, draws, fit.model, held)
-    uncertainty = with_estimates(shared, segments[0], fit)
+    known = shared(segments, fit.case, level, draws, fit.model, held)
+    uncertainty = with_estimates(known, segments[0], fit)
     return replace(uncertainty, seconds=time.perf_counter() - started)
 
 
@@ -306,7 +306,7 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 
 
 @lru_cache(maxsize=64)
-def _shared(
+def shared(
     segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""

@@ -21,15 +21,14 @@ from numpy.typing import ArrayLike
 
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
-from accpinn.inference.intervals import DRAWS, LEVEL, interval_ends
-from accpinn.inference.posterior import sample
+from accpinn.inference.intervals import DRAWS, LEVEL, interval_ends, shared
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import one_thread
 from accpinn.methods.kalman import Innovations, innovations
-from accpinn.methods.likelihood import Criterion, Maximum, maximise, natural
+from accpinn.methods.likelihood import Criterion, Maximum, maximise
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import Series, determined_followers, series_of
-from accpinn.methods.state_space import complete, coordinates
+from accpinn.methods.state_space import coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES
 from accpinn.segment import Segment
@@ -171,30 +170,25 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
             cthp_aic, cthp_density = aic, density
             tests = innovation_tests(series, maxima)
         if form == PAPER:
-            values = spread([maximum.complete for maximum in maxima])
-            posteriors = sample(series, maxima, form)
-            draws = [complete(form, natural(form, part.all_evenly(DRAWS))) for part in posteriors]
-            drawn = np.moveaxis(spread(draws), 0, 1)
+            paper = shared((segment,), case, LEVEL, DRAWS, form, ())
+            intervals = paper.centre, paper.lower, paper.upper
         else:  # as where windows stand alone: one question has one answer
             alone = window_posterior(segment, case, form)
-            values = alone.estimates
             drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds).complete
-        estimate, lower, upper = map(Parameters.of, (values, *_ends(values, drawn)))
-        forms.append(
-            ModelForm(form, estimate, lower, upper, aic - cthp_aic, density - cthp_density)
-        )
+            intervals = _intervals(alone.estimates, drawn)
+        forms.append(ModelForm(form, *intervals, aic - cthp_aic, density - cthp_density))
     tested = InnovationTests(*map(spread, tests))
     subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]
     better, inadequate = _better(subjects, forms), _inadequate(subjects, tested)
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
 
 
-def _ends(values: FloatArray, drawn: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends (M, 6) of the intervals about complete parameters (M, 6), by draws (n, M, 6)."""
+def _intervals(values: FloatArray, drawn: FloatArray) -> tuple[Parameters, Parameters, Parameters]:
+    """Complete parameters (M, 6) and the ends of their intervals, by draws (n, M, 6)."""
     lower, upper = interval_ends(drawn, LEVEL)
     lower = np.where(values == 0.0, 0.0, lower)
     lower[:, 3:] = np.minimum(lower[:, 3:], values[:, 3:])  # a term at its least value
-    return lower, upper
+    return Parameters.of(values), Parameters.of(lower), Parameters.of(upper)
 
 
 def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> list[BetterForm]:

@@ -47,7 +47,7 @@ def segment() -> Segment:
 def test_are_repeatable_wider_for_a_higher_level_and_narrower_in_case_i(segment: Segment) -> None:
     fit = least_squares.fit(segment)
     one = intervals(segment, fit)
-    module._shared.cache_clear()
+    module.shared.cache_clear()
     assert intervals(segment, fit).draws == one.draws
     far = replace(fit, parameters=Parameters.of([[1.0, 1.0, 3.0]] * 2))
     assert intervals(segment, far).draws is intervals(segment, fit).draws, "made once for all fits"
@@ -91,7 +91,7 @@ def test_a_posterior_of_few_different_draws_is_reported(
     assert not [one for one in whole.findings if isinstance(one, FewDraws)]
     few = np.resize(whole.draws.complete[::300], whole.draws.complete.shape)
     thin = replace(whole, draws=Parameters.of(few), findings=())
-    monkeypatch.setattr("accpinn.inference.intervals._shared", lambda *_: thin)
+    monkeypatch.setattr("accpinn.inference.intervals.shared", lambda *_: thin)
     found = [one for one in intervals(segment, fit).findings if isinstance(one, FewDraws)]
     assert found == [FewDraws(vehicle, 7) for vehicle in segment.vehicles[1:]]
 

@@ -16,7 +16,7 @@ def take(draws: tuple[tuple[int, ...], int, tuple[int, ...]]) -> None:
     """From now on; nothing that was kept of another number of draws is taken for theirs."""
     posterior.STAGES, posterior.FURTHER, window_posterior.STAGES = draws
     os.environ[PRELOAD] = "tests.support.draws" if draws == FEW else ""
-    for known in (intervals._shared, window_posterior.window_posterior, answer._answer):
+    for known in (intervals.shared, window_posterior.window_posterior, answer._answer):
         known.cache_clear()
 
 
