@@ -124,8 +124,9 @@ def identifiability(
 
     Args:
         info: the segment's description.
-        uncertainty: the uncertainty of the segment's parameters.
-        warnings: the segment's, by `identifiability_warnings`.
+        quality: of its data.
+        uncertainty: of its parameters.
+        case: "I", where all followers share one finding, or "II".
         recording: duration of the recording that the window was cut from, if it is known.
     """
     every = [
