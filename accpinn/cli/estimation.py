@@ -33,7 +33,6 @@ from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, pr
 from accpinn.methods.pinn.training import start_loading
 from accpinn.methods.registry import METHODS, usual_method
 from accpinn.model.cthp import Parameters
-from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, JUDGED, PAPER, following_model
 from accpinn.recordings import Window
 from accpinn.results.documents import (
@@ -58,8 +57,8 @@ from accpinn.results.tables.estimates import (
     parameter_table,
     starts_table,
 )
-from accpinn.results.tables.stability import verdict_table
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
+from accpinn.results.tables.stability import known_table
+from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.cut import DURATION
 from accpinn.study.comparison import (
     Refused,
@@ -268,13 +267,12 @@ def _comparison_text(
     results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
 ) -> str:
     first, info = results[0], results[0].info
-    followers = ParameterSet(info.source, info.labels[1:], first.fit.parameters)
-    subject, forms = KnownVehicles(followers, first.uncertainty), first.adequacy.forms
-    each = range(info.followers)
+    each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(first)
+    subject = known_vehicles(first)
     tables = [
         *(methods_table(info, results, k) for k in each),
         intervals_table(info, first.uncertainty),
-        *([verdict_table(subject)] if subject.has_report else ()),
+        *([known_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in each if forms),
     ]
     said = [
@@ -288,7 +286,7 @@ def _comparison_text(
         ),
         *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
     ]
-    return "\n".join([*_answer_texts(first), *_texts(tables), *said])
+    return "\n".join([*answer, *_texts(tables), *said])
 
 
 def parse_models(text: str) -> tuple[str, ...]:

@@ -42,7 +42,9 @@ from accpinn.stability.criteria import (
 )
 from accpinn.units import FloatArray, Mask, Seconds
 
-METHOD = "posterior of the exact likelihood, by importance sampling"
+EXACT = "posterior of the exact likelihood, by importance sampling"
+BY_SIMULATION = "normal approximation about the best closed-loop simulation"
+"""How draws are made: of a CTHP, and of any other model."""
 LEVEL = 0.9
 """Level of the intervals."""
 HUGE = 1e300
@@ -313,17 +315,20 @@ def shared(
     if model not in CTHPS:
         posterior = simulated_posterior(segments, case, Law(model, held))
         drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
-        return from_draws(Parameters.of(posterior.estimates), drawn, level)
+        return from_draws(Parameters.of(posterior.estimates), drawn, level, BY_SIMULATION)
     return from_draws(*_sample(segments, case, draws, model, held), level)
 
 
-def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertainty:
+def from_draws(
+    centre: Parameters, draws: Parameters, level: float, method: str = EXACT
+) -> Uncertainty:
     """Compute the uncertainty from draws of the posterior.
 
     Args:
         centre: (M,) the maximum-likelihood estimate; nan for followers that are not determined.
         draws: (n, M) draws of equal weight; nan for these followers.
         level: level of the intervals.
+        method: how the draws were made.
     """
     known = ~np.isnan(draws.alpha[0])
     lower, upper = interval_ends(draws.everything, level)
@@ -331,7 +336,7 @@ def from_draws(centre: Parameters, draws: Parameters, level: float) -> Uncertain
     gains = step_metrics(draws).gain
     is_linf = exact_margin(draws, gains) >= 0
     return Uncertainty(
-        method=METHOD,
+        method=method,
         level=level,
         centre=centre,
         lower=Parameters.of(lower),

@@ -65,6 +65,7 @@ CTHP = FollowingModel(
     "CTHP",
     (_ALPHA, _BETA, Parameter("tau", "τ", "s", 0.05, 10.0, 1.4, 0.3)),
     cthp,
+    formula="α (p − τ v) + β Δv",
     is_cthp=True,
 )
 CTHP_S0 = FollowingModel(
@@ -78,6 +79,7 @@ CTHP_S0 = FollowingModel(
     ),
     cthp_with_intercept,
     terms=("s0",),
+    formula="α (p − s₀ − τ v) + β Δv",
     is_cthp=True,
 )
 IDM = FollowingModel(
@@ -91,6 +93,7 @@ IDM = FollowingModel(
         Parameter("v0", "v₀", "m/s", 5.0, 100.0, 38.0, 0.2),
     ),
     idm,
+    formula="a [1 − (v/v₀)⁴ − (s*/p)²] with s* = s₀ + v T − v Δv / (2 √(a b))",
 )
 FVDM = FollowingModel(
     "fvdm",
@@ -103,4 +106,5 @@ FVDM = FollowingModel(
         Parameter("middle", "d", "m", 0.5, 200.0, 20.0, 0.4),
     ),
     fvdm,
+    formula="κ [V₁ (tanh(c (p − d)) + tanh(c d)) − v] + λ Δv",
 )

@@ -100,6 +100,8 @@ class FollowingModel:
     """See `Acceleration`; it is given the whole θ."""
     terms: tuple[Term, ...] = ()
     """Terms beside the CTHP's α, β, τ; a lag or a delay between f and the acceleration is last."""
+    formula: str = ""
+    """f in symbols, for people: of p, v, Δv = u - v and the parameters' symbols."""
     is_cthp: bool = False
     """Whether it has the CTHP's exact solutions, and its parameters are those of `Parameters`."""
 
@@ -117,6 +119,13 @@ class FollowingModel:
     def is_late(self) -> bool:
         """Whether a lag or a delay stands between f and the acceleration."""
         return self.terms[-1:] in (("lag",), ("delay",))
+
+    @property
+    def equation(self) -> str:
+        """The equation of motion in symbols; without a formula the model's name stands for f."""
+        left = "λ d²v/dt² + dv/dt" if "lag" in self.terms else "dv/dt"
+        later = ", a time d later" if "delay" in self.terms else ""
+        return f"{left} = {self.formula or self.title.partition(' with ')[0]}{later}"
 
     def behind_a(self, term: Term) -> "FollowingModel":
         """The model with a lag or a delay between f and the acceleration."""

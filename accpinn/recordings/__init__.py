@@ -122,9 +122,14 @@ class GapContradictsSpeeds(Finding, frozen=True):
     correlation: float
     """Correlation of the gap's rate of change with the speeds' difference; 1 for sound data."""
 
+    @property
+    def follower(self) -> int:
+        """The vehicle whose gap to the one ahead it is."""
+        return self.vehicle + 1
+
     def _words(self, about: Labelled) -> Words:
         ahead = self.vehicle
-        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": ahead + 1}
+        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": self.follower}
 
 
 class ValuesOutOfRange(Finding, frozen=True):
@@ -142,10 +147,14 @@ class ValuesOutOfRange(Finding, frozen=True):
     extreme: float
     """The value furthest outside."""
 
+    @property
+    def is_above(self) -> bool:
+        """Whether the values are too large, as in another unit; a little below zero is noise."""
+        return self.extreme > RECORDED[self.channel].highest
+
     def sentence(self, about: Labelled) -> str:
         """The side on which the values lie outside decides."""
-        is_below = self.extreme < RECORDED[self.channel].lowest
-        return self.filled(self.text_below if is_below else self.text, about)
+        return self.filled(self.text if self.is_above else self.text_below, about)
 
     def _words(self, about: Labelled) -> Words:
         channel = RECORDED[self.channel]
@@ -172,7 +181,10 @@ class ValuesFrozen(Finding, frozen=True):
 class MappingRemembered(Finding, frozen=True):
     """The columns were read as a mapping says that an earlier file with the same columns had."""
 
-    text = "The columns were read by the mapping of an earlier file with the same columns."
+    text = (
+        "Columns and units were read as those of an earlier file with the same header; map the"
+        " columns again if they are others."
+    )
 
 
 class LittleLeaderMotion(Finding, frozen=True):

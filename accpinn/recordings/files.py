@@ -6,7 +6,7 @@ from functools import cached_property
 
 from accpinn.channels import METADATA, TIME
 from accpinn.errors import RecordingError
-from accpinn.recordings import Recording, openacc, pairs
+from accpinn.recordings import Recording, ValuesOutOfRange, openacc, pairs
 from accpinn.recordings import mapping as mapped
 from accpinn.recordings.mapping import CsvMapping, recall, remember
 from accpinn.recordings.source import Source, SourceFile, read_bytes
@@ -105,7 +105,11 @@ class File:
         if self.runs:
             kind = "trajectories" if self.mapping else "platoons"
             recording = choose_run(self.content, self.runs, trajectory, kind).read()
-            if self.mapping and is_kept and not self.is_remembered:
+            is_sound = not any(
+                isinstance(found, ValuesOutOfRange) and found.is_above
+                for found in recording.findings
+            )  # else units are probably wrong, and they would be for the next file, too
+            if self.mapping and is_kept and is_sound and not self.is_remembered:
                 remember(self.mapping, layout_of(self.content).names)
             return recording
         if trajectory is not None and not self.is_unknown:

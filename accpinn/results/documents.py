@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from accpinn.channels import PARAMETERS, by_key, fields
+from accpinn.channels import by_key, fields
 from accpinn.evaluation.closed_loop import (
     TrackingErrors,
     closed_loop,
@@ -25,7 +25,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.following import LEVEL as MODEL_LEVEL
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import PAPER
+from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import columns_of
@@ -40,7 +40,7 @@ from accpinn.units import Estimate, MetresPerSecond, Seconds
 if TYPE_CHECKING:  # loads pandas, which few commands need
     from accpinn.study.groups import Groups
 
-CARD_FORMAT = "accpinn parameter card 1"
+CARD_FORMAT = "accpinn parameter card 2"
 WHITENESS = {
     "deviation": "deviation",
     "correlation": "correlation",
@@ -194,18 +194,15 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
     info, fit, uncertainty = snapshot.info, snapshot.fit, snapshot.uncertainty
     return {
         "format": CARD_FORMAT,
-        "model": {
-            "name": "constant time-headway policy",
-            "equations": ["dp/dt = Δv", "dv/dt = α (p - τ v) + β Δv"],
-            "units": {quantity.key: quantity.unit for quantity in PARAMETERS},
-        },
+        "model": _model(fit.model),
         "level": uncertainty.level,
         "interval_method": uncertainty.method,
         "vehicles": _of_followers(info, [_card(snapshot, k) for k in range(info.followers)]),
+        "answer_model": _model(snapshot.answer.model),
         "answer": answer_document(info, snapshot.answer),
         "provenance": {
             **fields(info, "source", "sha256"),
-            **fields(info.window, "start", "duration"),
+            "windows": [fields(part.window, "start", "duration") for part in snapshot.infos],
             "vehicles": list(info.vehicles),
             **{key: snapshot.facts.get(key) for key in ("campaign", "date", "distance_setting")},
             **fields(fit, "method", "case"),
@@ -219,17 +216,33 @@ def parameter_card(snapshot: Result) -> dict[str, Any]:
     }
 
 
+def _model(key: str) -> dict[str, Any]:
+    """A model for readers of a card: its name, its equations, and the units of its parameters."""
+    model = FOLLOWING[key]
+    return {
+        "key": key,
+        "name": model.title,
+        "equations": ["dp/dt = Δv", model.equation],
+        "parameters": [
+            fields(parameter, "name", "symbol", "unit") for parameter in model.parameters
+        ],
+    }
+
+
 def _card(snapshot: Result, k: int) -> dict[str, Any]:
-    uncertainty = snapshot.uncertainty
+    uncertainty, following = snapshot.uncertainty, FOLLOWING[snapshot.fit.model]
     make, model = make_and_model(snapshot.info.names[k + 1])
     sets = (snapshot.parameters, uncertainty.lower, uncertainty.upper)
-    ends = zip(PARAMETERS, *(parameters[k].values.tolist() for parameters in sets), strict=True)
+    ends = [
+        [float(value_of(following.key, parameters, name)[k]) for parameters in sets]
+        for name in following.names
+    ]
     return {
         "make": make,
         "model": model,
         **{
-            quantity.key: {"value": value, "low": low, "high": high, "unit": quantity.unit}
-            for quantity, value, low, high in ends
+            parameter.name: {"value": value, "low": low, "high": high, "unit": parameter.unit}
+            for parameter, (value, low, high) in zip(following.parameters, ends, strict=True)
         },
         "probability_l2_stable": float(uncertainty.probability_l2[k]),
         "probability_linf_stable": float(uncertainty.probability_linf[k]),

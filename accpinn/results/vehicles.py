@@ -82,7 +82,7 @@ class KnownVehicles:
             for k in range(every.shape[1]):  # a vehicle has an equilibrium where its answer has one
                 kept = np.isfinite(every[:, k]).all(axis=1)
                 every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
-            known = from_draws(there.parameters, Parameters.of(every), known.level)
+            known = from_draws(there.parameters, Parameters.of(every), known.level, known.method)
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
 
 

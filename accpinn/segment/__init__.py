@@ -21,6 +21,9 @@ from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings import (
     MOVING,
+    GapContradictsSpeeds,
+    MappingRemembered,
+    ValuesOutOfRange,
     Window,
     listed,
     longest,
@@ -173,6 +176,9 @@ SegmentFinding = (
     | RegimesExcluded
     | NothingToExclude
     | DrivenByHand
+    | GapContradictsSpeeds
+    | ValuesOutOfRange
+    | MappingRemembered
 )
 
 
@@ -189,7 +195,8 @@ class _Platoon:
     sha256: str
     """SHA-256 of the recording's bytes; empty for data made in memory."""
     findings: tuple[SegmentFinding, ...] = ()
-    """Findings: data that were moved, resampled, bridged or excluded, and data that are missing."""
+    """Findings: data that were moved, resampled, bridged or excluded, that are missing, and that
+    the whole recording shows to be unsound."""
     excluded_regimes: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation (see `segment.quality`)."""
 

@@ -17,7 +17,15 @@ import numpy as np
 
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
-from accpinn.recordings import HUMAN_FLAG, Mode, Recording, Window
+from accpinn.recordings import (
+    HUMAN_FLAG,
+    GapContradictsSpeeds,
+    MappingRemembered,
+    Mode,
+    Recording,
+    ValuesOutOfRange,
+    Window,
+)
 from accpinn.segment import (
     BlocksMissing,
     Bridged,
@@ -84,7 +92,7 @@ def cut(
     chosen = (
         default_vehicles(recording) if vehicles is None else check_vehicles(recording, vehicles)
     )
-    findings: list[SegmentFinding] = []
+    findings: list[SegmentFinding] = [*_unsound(recording, chosen)]
     window = _fit_window(recording, start, duration, findings)
     platoon = _platoon(recording, chosen)
     source = _source_rows(recording, window)
@@ -107,6 +115,17 @@ def cut(
         missing=missing,
         longest_time_gaps=tuple(longest_in(recording, number) for number in chosen[1:]),
     )
+
+
+def _unsound(recording: Recording, chosen: Sequence[int]) -> Iterator[SegmentFinding]:
+    """What the recording as a whole has against the data of the chosen vehicles."""
+    for finding in recording.findings:
+        if isinstance(finding, MappingRemembered):
+            yield finding
+        elif isinstance(finding, GapContradictsSpeeds | ValuesOutOfRange):
+            is_gap = isinstance(finding, GapContradictsSpeeds) or finding.channel == GAP.column
+            if finding.vehicle in (chosen[:-1] if is_gap else chosen):
+                yield finding
 
 
 def longest_in(recording: Recording, number: int) -> Seconds:

@@ -34,7 +34,7 @@ from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.storage import reported
 from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Sources, files_of, plan
+from accpinn.study.plan import LEAST, Sources, contradictions, files_of, plan
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
 from accpinn.study.studies import Answer, KnownFile, Request, Study, StudyError, read_rows, written
@@ -202,6 +202,8 @@ def cut_windows(
     source, planned = Source.of(recording), plan(recording, request.window or math.inf)
     named = {"file": file.name, "trajectory": source.trajectory, "sha256": source.sha256}
     about = {**facts_of(recording), **named}
+    for finding in contradictions(recording):
+        yield SegmentError(finding.sentence(recording))
     if not planned:
         yield SegmentError(NOTHING)
     for place in planned:

@@ -27,7 +27,14 @@ import numpy as np
 from accpinn.errors import AccpinnError, RecordingError, SegmentError
 from accpinn.methods import FURTHER
 from accpinn.methods.registry import METHODS
-from accpinn.recordings import HUMAN_FLAG, MOVING, Mode, Recording, Window
+from accpinn.recordings import (
+    HUMAN_FLAG,
+    MOVING,
+    GapContradictsSpeeds,
+    Mode,
+    Recording,
+    Window,
+)
 from accpinn.recordings.files import read_all
 from accpinn.segment import time_gaps
 from accpinn.segment.cut import (
@@ -77,13 +84,18 @@ class PlannedWindow:
 def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
     """The windows of a recording, in the order of chains and time.
 
+    A follower whose gap contradicts the speeds has none.
+
     Args:
         recording: what to cut.
         longest: of a window, in s; infinite for whole stretches.
     """
-    planned: list[PlannedWindow] = []
+    planned, none = list[PlannedWindow](), np.zeros(recording.samples, bool)
+    unsound = {finding.follower for finding in contradictions(recording)}
     for chain in _short_chains(recording):
-        allowed = np.column_stack([qualifies(recording, number) for number in chain[1:]])
+        allowed = np.column_stack(
+            [none if number in unsound else qualifies(recording, number) for number in chain[1:]]
+        )
         together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
         planned += [_planned(recording, chain, window) for window in together]
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
@@ -93,6 +105,11 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
             windows = _windows(recording, alone, longest)
             planned += [_planned(recording, pair, window) for window in windows]
     return tuple(planned)
+
+
+def contradictions(recording: Recording) -> list[GapContradictsSpeeds]:
+    """Followers whose gap contradicts the speeds, so that results for them mean nothing."""
+    return [found for found in recording.findings if isinstance(found, GapContradictsSpeeds)]
 
 
 def car_following(

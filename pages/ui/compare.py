@@ -211,7 +211,7 @@ def _show_summary(shown: _Shown) -> None:
     st.caption(_about_errors(shown))
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
-    adequacy = conditional(shown.workspace.adequacy, segment)
+    adequacy = conditional(rows[0], shown.workspace.adequacy)
     show_intervals(rows[0], adequacy)
     show.messages(messages(shown.uncertainty.findings, segment))
 
@@ -385,7 +385,7 @@ def _show_adequacy(shown: _Shown) -> None:
     if not adequacy.forms:
         st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return
-    st.caption(conditional(adequacy, segment))
+    st.caption(conditional(shown.rows[0], adequacy))
     show.messages(messages(adequacy.findings, segment), icon="lightbulb")
     table = tables.model_form_table(segment.info, adequacy.forms, shown.follower)
     show.table(table)

@@ -109,7 +109,7 @@ def _show_answer(source: KnownVehicles) -> None:
         assumed = words.GIVEN_PARAMETERS
         if result:
             stored = result.known_answer
-            assumed = assumption(stored, source.speed) if stored else conditional(None, result.info)
+            assumed = assumption(stored, source.speed) if stored else conditional(result, None)
         st.caption(escape_markdown(assumed))
 
 

@@ -402,7 +402,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     assert len(page.figures()) == 1
     page.open_tab("train_tabs", "Comparison")
     assert "0.0612" in page.texts(), "the truth of the first follower"
-    assert conditional(None, session.segment) in page.plain()
+    assert conditional(session.result, None) in page.plain()
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
     page.open_tab("train_tabs", "Fit")

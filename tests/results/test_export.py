@@ -97,5 +97,6 @@ def test_a_card_names_parameters_intervals_and_where_they_come_from() -> None:
         named = zip(("value", "low", "high", "unit"), (*ends, "s"), strict=True)
         assert vehicle["tau"] == dict(named)
     assert card["provenance"]["sha256"] == info.sha256
-    assert card["provenance"]["duration"] == info.window.duration
+    (window,) = card["provenance"]["windows"]
+    assert window["duration"] == info.window.duration
     assert "CC BY 4.0" in card["attribution"]

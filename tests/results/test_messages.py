@@ -146,7 +146,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: collided()[0], ["12.3 s"]),
     (stopped, ["12 of 20 iterations"]),
     (without_answer, ["All four vehicles amplify"]),
-    (lambda: on_result.conditional(delayed(), small().info), [small().info.labels[1]]),
+    (lambda: on_result.conditional(small(), delayed()), [small().info.labels[1]]),
     (lambda: on_result.about_band(small()), [TITLES[small().answer.model]]),
     (lambda: on_result.about_band(altered(small(), fit=replace(small().fit, model="idm-lag"))),
      [f"linearisation of the {TITLES['idm-lag']}"]),

@@ -1,6 +1,6 @@
 """The answer in sentences, one a follower, and the label of estimates that are the paper's."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil, floor, inf, isnan, log10
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ from accpinn.inference.answer import SPEEDS, Answer, trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
+from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
 from accpinn.results.vehicles import KnownVehicles
@@ -62,7 +63,7 @@ def cards(
     groups: dict[Assessment | int, list[int]] = {}
     for k in range(len(answer.trust)):
         verdict = _verdict(subject, k)
-        is_sure = not (answer.trust[k].is_contradicted or _against(answer, subject, k))
+        is_sure = not (answer.trust[k].is_contradicted or _against(info, answer, subject, k))
         is_known = not isnan(answer.time_gap(answer.stated_speed, k).value)
         is_shared = together and is_sure and is_known
         groups.setdefault(verdict.assessed if is_shared and verdict else k, []).append(k)
@@ -74,7 +75,7 @@ def _card(
 ) -> Card:
     trusts = [answer.trust[k] for k in followers]
     labels = [who(trust.vehicle, info) for trust in trusts]
-    against = _against(answer, subject, followers[0])
+    against = _against(info, answer, subject, followers[0])
     by = " by the model" if _contradiction(subject, followers[0]) else ""
     are_several = len(trusts) > 1 or trusts[0].vehicle == 0
     lead = (
@@ -84,7 +85,7 @@ def _card(
     )
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
     is_contradicted = trusts[0].is_contradicted or bool(against)
-    return Card(" ".join(lead), " ".join((trust, *against)), is_contradicted)
+    return Card(" ".join(lead), " ".join((*against, trust)), is_contradicted)
 
 
 def about_answer(answer: Answer) -> str:
@@ -236,14 +237,26 @@ def _disturbances(
     return ()
 
 
-def _against(answer: Answer, subject: KnownVehicles, follower: int) -> tuple[str, ...]:
+def _against(
+    info: SegmentInfo, answer: Answer, subject: KnownVehicles, follower: int
+) -> tuple[str, ...]:
     """What is against an answer beside its own windows, in sentences."""
-    speed, said = answer.stated_speed, list[str]()
+    numbers = info.vehicles[1:] if answer.trust[0].vehicle == 0 else (info.vehicles[follower + 1],)
+    speed, said = answer.stated_speed, [*_unsound(info, numbers)]
     if not answer.is_driven(speed, follower):
         said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
     if short := _contradiction(subject, follower):
         said.append(f"The measured gain contradicts the model ({short}).")
     return tuple(said)
+
+
+def _unsound(info: SegmentInfo, numbers: Sequence[int]) -> Iterator[str]:
+    """What the data themselves have against the answer of some followers."""
+    gaps = [found for found in info.findings if isinstance(found, GapContradictsSpeeds)]
+    if any(found.follower in numbers for found in gaps):
+        yield "Do not trust it: the measured gap contradicts the speeds."
+    if any(isinstance(found, ValuesOutOfRange) and found.is_above for found in info.findings):
+        yield "Do not trust it: measured values are too large; check their units."
 
 
 def _contradiction(subject: KnownVehicles, follower: int) -> str:

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.findings import Labelled, joined, percent, spelled, who
+from accpinn.findings import joined, percent, spelled, who
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
-from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.stability import headline
@@ -56,16 +56,13 @@ def about_own_estimate(result: Result) -> str:
 
 
 def equation(model: str) -> tuple[str, str]:
-    """A model's equation of motion and its symbols; of one that is no CTHP name and parameters."""
-    if model not in CTHPS:
-        parameters = FOLLOWING[model].parameters
-        return TITLES[model], joined([f"{p.symbol} [{p.unit}]" for p in parameters])
-    terms = FOLLOWING[model].terms
-    gap = "p − s₀ − τ v" if "s0" in terms else "p − τ v"
-    left = "λ d²v/dt² + dv/dt" if "lag" in terms else "dv/dt"
-    later = ", a time d later" if "delay" in terms else ""
-    symbols = "p space-gap, v speed, Δv speed of the vehicle ahead minus own"
-    return f"{left} = α ({gap}) + β Δv{later}", symbols
+    """A model's name and equation of motion, and its symbols."""
+    following = FOLLOWING[model]
+    symbols = joined([f"{p.symbol} [{p.unit}]" for p in following.parameters])
+    return (
+        f"{following.title}: {following.equation}",
+        f"p space-gap, v speed, Δv speed of the vehicle ahead minus own; parameters {symbols}",
+    )
 
 
 def title(snapshot: Result) -> str:
@@ -138,9 +135,11 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
     )
 
 
-def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
-    """What estimates and intervals assume, and for whom another form of the model is better."""
-    assumption = "Estimates and intervals assume the CTHP."
+def conditional(result: Result, adequacy: Adequacy | None) -> str:
+    """What estimates and intervals assume, and for whom another form of the CTHP is better."""
+    assumption = f"Estimates and intervals assume the {TITLES[result.fit.model]}."
+    if result.fit.model != PAPER:
+        return f"{assumption} By another model they would differ."
     if adequacy is None or not adequacy.forms:
         return (
             f"{assumption} With a standstill distance, a lag or a delay in the model they would"
@@ -151,7 +150,7 @@ def conditional(adequacy: Adequacy | None, about: Labelled) -> str:
             f"{assumption} No form with a standstill distance, a lag or a delay describes the data"
             " clearly better, but a recording hardly distinguishes these forms from the CTHP."
         )
-    labels = [who(better.vehicle, about) for better in adequacy.better]
+    labels = [who(better.vehicle, result.info) for better in adequacy.better]
     return f"{assumption} Another form of the model describes the data better: {joined(labels)}."
 
 
@@ -222,6 +221,8 @@ def setting(value: Any) -> str:
 def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
     """The recording and the window as terms and descriptions."""
     info, facts = snapshot.info, snapshot.facts
+    windows = [part.window for part in snapshot.infos]
+    samples = sum(part.samples for part in snapshot.infos)
     flag, excluded = facts.get("acc_flag"), "nothing: every instant counts"
     if info.excluded_regimes:
         shares = ", ".join(
@@ -237,8 +238,8 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
         and f"{FLAGS.get(flag, flag)}, for the recording as a whole; single vehicles may be driven"
         " otherwise",
         "Distance setting": facts.get("distance_setting"),
-        "Window": f"{info.window} of the recording,"
-        f" {info.samples:,} samples every {info.sample_time:g} s",
+        "Windows" if len(windows) > 1 else "Window": f"{joined([*map(str, windows)])} of the"
+        f" recording, {samples:,} samples every {info.sample_time:g} s",
         "Leader": info.labels[0],
         "Followers": ", ".join(info.labels[1:]),
         "Excluded": excluded,

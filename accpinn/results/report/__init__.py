@@ -160,7 +160,7 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
         "on_answer": on_answer,
         "cautions": words.cautions(snapshot),
         "sheets": sheets,
-        "conditional": words.conditional(adequacy, info),
+        "conditional": words.conditional(snapshot, adequacy),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "label": on_answer.papers_estimate(fit),
         "name": tables.name_of(fit),

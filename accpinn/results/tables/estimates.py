@@ -134,11 +134,25 @@ def columns_of(model: str) -> Iterator[tuple[int, Column]]:
         yield at, Column(own.symbol, own.unit, OWN_DIGITS, following.title, key=own.name)
 
 
+def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[int, Column]]:
+    """The columns of (K,) sets, with their places in `Parameters.everything`.
+
+    They are α, β and τ, and of s₀, λ and d those that a set has: τ alone says little beside an s₀.
+    A model that is no CTHP has the s₀ of its linearisation, and then its own parameters.
+    """
+    own = () if model in CTHPS else [*columns_of(model)][len(PARAMETER_COLUMNS) :]
+    yield from enumerate(PARAMETER_COLUMNS)
+    for at, column in enumerate(TERM_COLUMNS[: 1 if own else None], len(PARAMETER_COLUMNS)):
+        if np.nan_to_num(parameters.complete[:, at]).any():
+            yield at, replace(column, key="linearised_s0") if own else column
+    yield from own
+
+
 def parameter_cells(
     parameters: Parameters, group: str = "", model: str = PAPER
 ) -> Iterator[Filled]:
     """The parameters of (K,) vehicles, α, β and τ first."""
-    for at, column in columns_of(model):
+    for at, column in shown_columns(parameters, model):
         shown = replace(column, group=group, key="") if group else column
         yield shown, [*parameters.everything[:, at]]
 
@@ -156,7 +170,7 @@ def _estimate_cells(
 ) -> Iterator[Filled]:
     """The parameters of (M,) followers, each with its interval."""
     sets = (parameters, uncertainty.lower, uncertainty.upper)
-    for at, column in columns_of(model):
+    for at, column in shown_columns(parameters, model):
         group = f"{column.group or kind} ({100 * uncertainty.level:.0f} % interval)"
         yield replace(column, group=group), estimate_cells(*(s.everything[:, at] for s in sets))
 
@@ -175,7 +189,7 @@ def comparison_table(
     windows: Sequence[SegmentInfo] = (),
     own: Mapping[str, Uncertainty] | None = None,
 ) -> Table:
-    """One row a follower: for each parameter, what each method finds, or the truth.
+    """One row a follower: for each parameter, what each method that has it finds, or the truth.
 
     Estimates are (M,) by method, from all ``windows``; in Case I all followers share one row. The
     uncertainty, or the ``own`` one of an estimate, limits the digits to those that the intervals
@@ -185,10 +199,11 @@ def comparison_table(
     filled = [
         (
             Column(name, "", column.digits, column.heading, is_brief=True),
-            brief_cells(parameters.values[: len(numbers), k], known.get(name, uncertainty), k),
+            brief_cells(parameters.complete[: len(numbers), k], known.get(name, uncertainty), k),
         )
-        for k, column in enumerate(PARAMETER_COLUMNS)
+        for k, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS))
         for name, parameters in estimates.items()
+        if k in dict(shown_columns(parameters))
     ]
     followers = (Column("Vehicle"), row_labels(info, numbers))
     return Table.of(f"Estimates side by side, {where(info, windows=windows)}", [followers, *filled])
@@ -202,11 +217,12 @@ def intervals_table(
 ) -> Table:
     """One row a follower, or one for all that share their parameters.
 
-    The columns are the maximum-likelihood estimates with their intervals and the probability of
-    string stability.
+    The columns are the estimates that the intervals are about, those of maximum likelihood or of a
+    model that is no CTHP by simulation, and the probability of string stability.
     """
-    numbers = parameter_rows(info, case)
-    estimates = _estimate_cells(uncertainty.centre, uncertainty, "Maximum likelihood")
+    numbers, centre = parameter_rows(info, case), uncertainty.centre
+    kind = "Closed-loop simulation" if centre.own.size else "Maximum likelihood"
+    estimates = _estimate_cells(centre, uncertainty, kind)
     filled = (*estimates, *probability_cells(uncertainty))
     return Table.of(
         f"Uncertainty, {where(info, windows=windows)}",
@@ -261,8 +277,8 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     if len(results) < 2:
         return table
     percent = [f"{v:.2f} %" if np.isfinite(v) else None for v in spread.percent[follower]]
-    last: tuple[Cell, ...] = ("Spread", *percent, None, None, None, None)
-    return replace(table, rows=(*table.rows, last))
+    blank = (len(table.columns) - 1 - len(percent)) * (None,)
+    return replace(table, rows=(*table.rows, ("Spread", *percent, *blank)))
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:

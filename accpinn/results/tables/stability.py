@@ -22,11 +22,10 @@ from accpinn.results.tables import (
     percent_cells,
 )
 from accpinn.results.tables.estimates import (
-    PARAMETER_COLUMNS,
-    TERM_COLUMNS,
     answer,
     brief_cells,
     driver_cells,
+    shown_columns,
 )
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import Assessment, StabilityReport, assessment
@@ -109,10 +108,8 @@ def verdict_table(subject: KnownVehicles) -> Table:
 
 def _parameter_cells(parameters: Parameters, known: Uncertainty | None) -> Iterator[Filled]:
     """α, β and τ as columns, and s₀, λ and d where a vehicle has them; intervals give digits."""
-    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
-        values = parameters.complete[:, at]
-        if at < len(PARAMETER_COLUMNS) or values.any():
-            yield replace(column, is_brief=True), brief_cells(values, known, at)
+    for at, column in shown_columns(parameters):
+        yield replace(column, is_brief=True), brief_cells(parameters.complete[:, at], known, at)
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:

@@ -268,7 +268,7 @@ def _show_comparison(
             with st.spinner("This takes some seconds."):
                 _ = result.adequacy
             st.rerun()
-    st.caption(words.conditional(adequacy, info))
+    st.caption(words.conditional(result, adequacy))
     if adequacy and adequacy.forms:
         show.table(tables.model_form_table(info, adequacy.forms, follower))
         show.messages(messages(adequacy.findings, info), icon="lightbulb")

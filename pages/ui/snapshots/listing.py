@@ -9,6 +9,7 @@ import numpy as np
 import streamlit as st
 
 from accpinn.errors import RecordingError
+from accpinn.model.cthp import Parameters
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import tracking
@@ -20,6 +21,7 @@ from accpinn.results.tables.estimates import (
     PARAMETER_COLUMNS,
     TITLES,
     name_of,
+    shown_columns,
 )
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study import differences
@@ -181,15 +183,20 @@ def differences_table(first: Result, second: Result) -> Table:
     )  # fmt: skip
     known, rows = first.known_answer, []
     gap = gap_column(known.stated_speed, "", "Answer: time gap at") if known else None
-    quantities = ((gap,) if gap and second.known_answer else ()) + PARAMETER_COLUMNS
+    sets = Parameters.stack(side.parameters[k] for side in (first, second)
+                            for k in range(side.info.followers))  # fmt: skip
+    quantities = [(-1, gap)] if gap and second.known_answer else []
+    quantities += shown_columns(sets)
     methods = dict.fromkeys(name_of(side.fit).partition(" (")[0] for side in (first, second))
     own = " / ".join(methods)
     labels = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue=ABSENT)
     for k, (label, beside) in enumerate(labels):
         name = label if label == beside else f"{label} / {beside}"
-        for column in quantities:
+        for which, column in quantities:
             at = known.stated_speed if known and column is gap else None
-            (a, *cells), (b, *others) = (_estimate(s, k, column, at) for s in (first, second))
+            (a, *cells), (b, *others) = (
+                _estimate(side, k, which, column, at) for side in (first, second)
+            )
             change = 100 * (b - a) / a if a else np.nan
             cells += [*others, _signed(b - a, column.digits or 0), _signed(change, 1)]
             heading = column.heading if at else f"{own}: {column.heading}"
@@ -198,9 +205,9 @@ def differences_table(first: Result, second: Result) -> Table:
 
 
 def _estimate(
-    result: Result, follower: int, column: Column, speed: MetresPerSecond | None
+    result: Result, follower: int, which: int, column: Column, speed: MetresPerSecond | None
 ) -> tuple[float, str, str]:
-    """A parameter, or the answer's time gap at a speed, and how it and its interval are printed.
+    """A parameter by its place, or the answer's time gap at a speed, and how both are printed.
 
     It is nan for no follower.
     """
@@ -209,10 +216,10 @@ def _estimate(
     if speed is not None:
         span = result.answer.time_gap(speed, follower)
         return span.value, column.shown(span.value), column.shown(Range(span.lower, span.upper))
-    known, which = result.parts.uncertainty, PARAMETER_COLUMNS.index(column)
-    value = float(result.parameters.values[follower, which])
+    known = result.parts.uncertainty
+    value = float(result.parameters.complete[follower, which])
     ends = (known.lower, known.upper) if known else ()
-    interval = Range(*(float(end.values[follower, which]) for end in ends)) if ends else None
+    interval = Range(*(float(end.complete[follower, which]) for end in ends)) if ends else None
     return value, column.shown(value), column.shown(interval)
 
 
