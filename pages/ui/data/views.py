@@ -134,7 +134,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    results = _sensitivity(segment, recording, workspace.case)
+    digests = (segment.info.digest, recording.digest)
+    results = _sensitivity(digests, workspace.case, segment, recording)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -146,14 +147,12 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
 
 
-@st.cache_resource(
-    max_entries=32, show_spinner="Estimating with and without them …",
-    hash_funcs={Segment: lambda one: one.info.digest, Recording: lambda one: one.digest},
-)  # fmt: skip
+@st.cache_resource(max_entries=32, show_spinner="Estimating with and without them …")
 def _sensitivity(
-    segment: Segment, recording: Recording, case: Case
+    digests: tuple[str, str], case: Case, _segment: Segment, _recording: Recording
 ) -> tuple[SensitivityResult, ...]:
-    return sensitivity(segment, recording, case)
+    """``digests`` are those of the segment and the recording."""
+    return sensitivity(_segment, _recording, case)
 
 
 # A window that nothing is learned from

@@ -458,15 +458,15 @@ def _show_chosen(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) 
 def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
     """Turn to page Data with a row's window, or say why not."""
     names = ("file", "sha256", "trajectory", "campaign")
-    known = show.attempt(lambda: find_recording(*(row[name] for name in names)))
-    if known is None:
+    recording = show.attempt(lambda: find_recording(*(row[name] for name in names)))
+    if recording is None:
         return
     # All that the study has of the window, whatever the filters leave of it.
     window = rows[["sha256", "start", "duration", "leader"]].eq(
         row[["sha256", "start", "duration", "leader"]]
     )
     last = int(rows[window.all(axis=1)]["vehicle"].max())
-    workspace.open(*known)
+    workspace.open(recording)
     workspace.choose(
         vehicles=tuple(range(int(row["leader"]), last + 1)),
         window=Window(float(row["start"]), float(row["start"] + row["duration"])),

@@ -2,8 +2,10 @@
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Concatenate, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary, ref
 
 import streamlit as st
 
@@ -22,14 +24,13 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
 from accpinn.tasks import TaskQueue
-from accpinn.units import Seconds
 
-P = ParamSpec("P")
-T = TypeVar("T")
+Chosen = ParamSpec("Chosen")
+Known = TypeVar("Known")
 KEPT = 64
-"""Snapshots, and windows of recordings, that are known: one for each of many users at a time."""
-KEPT_FOR: Seconds = 3600.0
-"""What follows for a recording is forgotten after this time."""
+"""Snapshots that are kept in memory: one for each of many users at a time."""
+KEPT_CHOICES = 4
+"""The latest choices of vehicles and window for which is kept what follows for a recording."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
 TITLES = {
@@ -84,22 +85,21 @@ def download_queue() -> TaskQueue:
 
 
 def find_recording(
-    file: str, sha256: str, trajectory: str | None, campaign: str | None = None
-) -> tuple[Recording, Truth | None]:
-    """The recording with that content, from the server's folder or the samples, with its truth.
+    file: str, sha256: str, trajectory: str | None, campaign: str | None
+) -> Recording:
+    """The recording with that content, from the server's folder or the samples.
 
     Several campaigns have files of the same name; that of ``campaign`` is looked at first.
 
     Raises:
         RecordingError: where none is there.
     """
-    made = samples()
-    paths = [path for path in (*made, *listed()) if path.name == file]
+    paths = [path for path in (*listed(), *samples()) if path.name == file]
     for path in sorted(paths, key=lambda path: campaign not in path.parts):
         with suppress(RecordingError):  # another file of that name
             recording = files.read(path, trajectory=trajectory)
             if recording.sha256 == sha256:
-                return recording, load_truth(truth_path(path)) if path in made else None
+                return recording
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
@@ -120,6 +120,12 @@ def samples() -> list[Path]:
 def sample_title(path: Path) -> str:
     """What a sample is called."""
     return TITLES.get(path.stem, path.stem)
+
+
+def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
+    """The sample of that file name and content, with its true parameters; None for none."""
+    known = (sample(path) for path in samples() if path.name == name)
+    return next((pair for pair in known if pair[0].sha256 == sha256), None)
 
 
 def recordings_folder() -> Path:
@@ -146,12 +152,26 @@ def listed() -> list[Path]:
 # What follows for a recording that is open, computed once
 
 
-def _of_recording(function: Callable[P, T]) -> Callable[P, T]:
-    """The function with a memory, of which a recording's content is a part of the key."""
-    return st.cache_resource(
-        ttl=KEPT_FOR, max_entries=KEPT, show_spinner=False,
-        hash_funcs={Recording: lambda recording: recording.digest},
-    )(function)  # fmt: skip
+def _of_recording(
+    function: Callable[Concatenate[Recording, Chosen], Known],
+) -> Callable[Concatenate[Recording, Chosen], Known]:
+    """The function with a memory, which forgets a recording that no session has open any more."""
+    kept = WeakKeyDictionary[Recording, Callable[..., Known]]()
+
+    @wraps(function)
+    def known(recording: Recording, /, *chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
+        if recording not in kept:
+            weak = ref(recording)
+
+            def compute(*chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
+                asked = weak()
+                assert asked  # whoever asks has it open
+                return function(asked, *chosen, **named)
+
+            kept[recording] = lru_cache(maxsize=KEPT_CHOICES)(compute)
+        return kept[recording](*chosen, **named)
+
+    return known
 
 
 @_of_recording
