@@ -40,7 +40,7 @@ from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.result import banner, recording_needed, show_cards, show_intervals
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower, segments, tabs
-from pages.ui.session.workspace import Workspace, recording_duration
+from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
 ONLINE = "α, β, τ by the online methods"
@@ -342,7 +342,7 @@ def _show_identifiability(shown: _Shown) -> None:
     segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
     case = shown.workspace.case
     st.markdown("**The CTHP in this window**")
-    quality, duration = shown.rows[0].quality, recording_duration(shown.rows[0])
+    quality, duration = shown.rows[0].quality, shown.rows[0].facts.get("duration")
     warnings = identifiability(segment.info, quality, uncertainty, case, duration)
     show.messages(messages(warnings, segment), "warning")
     if not warnings:

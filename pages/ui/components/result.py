@@ -38,7 +38,7 @@ from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, pick_follower, tabs
 from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
-from pages.ui.session.workspace import WINDOWS_OFF, Workspace, recording_duration
+from pages.ui.session.workspace import WINDOWS_OFF, Workspace
 from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
@@ -222,7 +222,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     if events := messages(result.evaluation.all_findings, info):
         show.warnings(events, "the closed-loop simulation")
         st.caption("The simulation continues, and the closed-loop errors include what follows.")
-    duration = recording_duration(result)
+    duration = result.facts.get("duration")
     weak = identifiability(info, result.quality, uncertainty, fit.case, duration)
     show.messages(messages(weak, info), "warning")
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))

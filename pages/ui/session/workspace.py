@@ -30,7 +30,6 @@ from accpinn.tasks import (
     starts_task,
     training_task,
 )
-from accpinn.units import Seconds
 from pages.ui.session.resources import (
     first_segment,
     judged_subjects,
@@ -480,8 +479,3 @@ class Workspace:
     def keep(self, key: str) -> Callable[[Any], None]:
         """What keeps a choice under that key."""
         return lambda value: self.choices.update({key: value})
-
-
-def recording_duration(result: Result) -> Seconds | None:
-    """The duration of the recording that a result was learned from, where it is known."""
-    return result.recording.duration if result.recording else result.facts.get("duration")
