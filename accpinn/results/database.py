@@ -11,7 +11,7 @@ from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Marked, Range, Table, between
 from accpinn.results.tables.answer import EXTRAPOLATED, columns_of, gap_column
 from accpinn.study.batch import BatchProgress
-from accpinn.study.groups import Group, Groups
+from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
 from accpinn.units import Estimate, MetresPerSecond
@@ -111,16 +111,8 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
-HEADINGS = {
-    "make": "Make",
-    "model": "Model",
-    "distance_setting": "Setting",
-    "campaign": "Campaign",
-    "mode": "Mode",
-    "name": "Vehicle",
-    "file": "File",
-    "date": "Date",
-}
+_NAMED = ("Make", "Model", "Setting", "Campaign", "Mode", "Vehicle", "File", "Date")
+HEADINGS = dict(zip(GROUPABLE, _NAMED, strict=True))
 FASTEST = SPEEDS[-1]
 GAP = "Time gap"
 NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}

@@ -3,8 +3,9 @@
 Vehicle names come from files, so they are escaped: plotly reads a little HTML.
 """
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any, Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -23,7 +24,7 @@ from accpinn.segment.quality import (
     STANDSTILL,
     Regimes,
 )
-from accpinn.units import FloatArray, Mask, Seconds, stretches
+from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
 WINDOW = "rgba(12, 126, 174, 0.16)"
@@ -37,11 +38,14 @@ REGIME_COLOURS = {
 }
 """Each with a contrast of 3 or more on white and on the dark page; car-following, which the model
 is for, is grey; the others differ under any vision, and from the first vehicles."""
-DRIVERS = {
-    "ACC": (Mode.ACC, REGIME_COLOURS[FOLLOWING], 3.0),
-    "by hand": (Mode.HUMAN, REGIME_COLOURS[MANUAL], 8.0),
+Looks = Mapping[int, tuple[str, str, float]]
+"""Name, colour and width of bars, by the code of what they tell."""
+DRIVERS: Looks = {
+    Mode.ACC: ("ACC", REGIME_COLOURS[FOLLOWING], 3.0),
+    Mode.HUMAN: ("by hand", REGIME_COLOURS[MANUAL], 8.0),
 }
-"""Mode, colour and width of the bars that tell who drives."""
+MISSED = len(REGIME_COLOURS)
+"""The code of an instant without a sample, beside those of the regimes."""
 
 View = Literal["motion", "relative", "time gap"]
 CHANNELS = {"motion": (SPEED, GAP), "relative": (RELATIVE_SPEED,), "time gap": (TIME_GAP,)}
@@ -177,59 +181,52 @@ def speeds_thumbnail(segment: Segment) -> go.Figure:
 
 def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[style.Part]:
     """Who drives each of the vehicles; nothing where no driver is known to drive."""
-    modes = recording.mode[:, np.array(vehicles) - 1].T
-    if not (modes == Mode.HUMAN).any():
-        return []
-    return [
-        bars
-        for number, mode in zip(vehicles, modes, strict=True)
-        for name, (code, colour, width) in DRIVERS.items()
-        for bars in _bars(number, name, mode == code, recording.time, colour, width)
-    ]
+    modes = recording.mode[:, np.array(vehicles) - 1]
+    return _bars(vehicles, modes, DRIVERS, recording.time) if (modes == Mode.HUMAN).any() else []
 
 
 def driver_key() -> list[tuple[str, str]]:
     """Name and colour of the bars among `driver_ribbons`."""
-    return [(name, colour) for name, (_, colour, _) in DRIVERS.items()]
+    return [(name, colour) for name, colour, _ in DRIVERS.values()]
 
 
 def regime_ribbons(segment: Segment, regimes: Regimes) -> list[style.Part]:
     """A trace for each follower and regime that occurs, over the recording's time."""
-    time, step = segment.window.start + segment.time, segment.sample_time
-    ribbons: list[style.Part] = []
-    for k, number in enumerate(segment.vehicles[1:]):
-        measured = _measured(regimes)[:, k]
-        for code, name in enumerate(regimes.names):
-            mask = (regimes.codes[:, k] == code) & measured
-            colour, width = REGIME_COLOURS[code], 8.0 if code else 3.0
-            ribbons += _bars(number, name, mask, time, colour, width, step)
-        ribbons += _bars(number, "missing", ~measured, time, MISSING, 8.0, step)
-    return ribbons
+    time = segment.window.start + segment.time
+    codes, looks = _regimes(regimes)
+    return _bars(segment.vehicles[1:], codes, looks, time, segment.sample_time)
 
 
-def _measured(regimes: Regimes) -> Mask:
-    everywhere: Mask = np.ones(regimes.codes.shape, bool)
-    return everywhere if regimes.measured is None else regimes.measured
+def _regimes(regimes: Regimes) -> tuple[NDArray[np.intp], Looks]:
+    """The code of each instant (N, M), where a sample is missing `MISSED`, and how each looks."""
+    looks = {code: (regimes.names[code], colour, 8.0 if code else 3.0)
+             for code, colour in REGIME_COLOURS.items()}  # fmt: skip
+    measured = True if regimes.measured is None else regimes.measured
+    return np.where(measured, regimes.codes, MISSED), looks | {MISSED: ("missing", MISSING, 8.0)}
 
 
 def regime_key(regimes: Regimes) -> list[tuple[str, str]]:
     """Name and colour of each regime that occurs, and of missing samples."""
-    measured = _measured(regimes)
-    codes = [code for code in REGIME_COLOURS if ((regimes.codes == code) & measured).any()]
-    names = [(regimes.names[code], REGIME_COLOURS[code]) for code in codes]
-    return names + [("missing", MISSING)] * (not measured.all())
+    codes, looks = _regimes(regimes)
+    return [(name, colour) for code, (name, colour, _) in looks.items() if (codes == code).any()]
 
 
 def _bars(
-    number: int, name: str, mask: NDArray[np.bool_], time: FloatArray, colour: str, width: float,
+    vehicles: Sequence[int], codes: NDArray[Any], looks: Looks, time: FloatArray,
     step: Seconds = 0.0,
 ) -> list[style.Part]:  # fmt: skip
-    """One trace with a bar a run of instants, each of which stands for the ``step`` around it."""
-    x: list[float | None] = []
-    for run in stretches(mask):
-        x += [float(time[run.first]) - step / 2, float(time[run.last]) + step / 2, None]
-    bars = {
-        "x": x, "y": [str(number)] * len(x), "name": f"{number} {name}", "mode": "lines",
-        "line": {"color": colour, "width": width}, "hoverinfo": "skip",
-    }  # fmt: skip
-    return [bars] if x else []
+    """A trace for each vehicle and code (N, V) that occurs, with a bar a run of instants.
+
+    Each instant stands for the ``step`` around it.
+    """
+    traces = list[style.Part]()
+    for (k, number), (code, (name, colour, width)) in product(enumerate(vehicles), looks.items()):
+        x: list[float | None] = []
+        for run in stretches(codes[:, k] == code):
+            x += [float(time[run.first]) - step / 2, float(time[run.last]) + step / 2, None]
+        bars: style.Part = {
+            "x": x, "y": [str(number)] * len(x), "name": f"{number} {name}", "mode": "lines",
+            "line": {"color": colour, "width": width}, "hoverinfo": "skip",
+        }  # fmt: skip
+        traces += [bars] if x else []
+    return traces

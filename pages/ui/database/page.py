@@ -21,7 +21,7 @@ from accpinn.results import database as results
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables.estimates import TITLES
-from accpinn.study.groups import POSTERIOR, Group, Groups, group, read_study
+from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import (
     Failure,
     read_failures,
@@ -46,11 +46,7 @@ LISTED = 100
 TOOLS = ("zoom2d", "pan2d", "resetScale2d")
 _number = st.column_config.NumberColumn
 COLUMNS: dict[str, Any] = {
-    "make": "Make",
-    "model": "Model",
-    "distance_setting": "Setting",
-    "campaign": "Campaign",
-    "file": "File",
+    **{name: results.HEADINGS[name] for name in (*BY, "campaign", "file")},
     "start": _number("From [s]", format="%.0f"),
     "tau": _number("τ [s]", format="%.2f"),
     "tau_low": _number("τ from", format="%.2f"),
@@ -62,13 +58,12 @@ COLUMNS: dict[str, Any] = {
     "p_l2_stable": _number("P(L₂)", format="percent"),
 }
 """The columns of the list of rows, with headings and formats, by their names in the results."""
-_FILTERED = ("make", "model", "distance_setting", "campaign", "mode")
-FILTERS: Mapping[str, str] = {name: results.HEADINGS[name] for name in _FILTERED}
+FILTERS: Mapping[str, str] = {name: results.HEADINGS[name] for name in (*BY, "campaign", "mode")}
 """Columns by which rows are chosen, with their labels."""
 GROUPINGS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "make": ("Make", ("make",)),
     "model": ("Make and model", ("make", "model")),
-    "setting": ("Model and setting", ("make", "model", "distance_setting")),
+    "setting": ("Model and setting", BY),
     "campaign": ("Campaign", ("campaign",)),
     "mode": ("Mode", ("mode",)),
 }
