@@ -33,17 +33,12 @@ TURN = "home_turn"
 """The choice that leads to page Train, once a run has been restored."""
 CARDS = 4
 """In a row."""
-_STYLE = """<style>
-.st-key-home_drop [data-testid="stFileUploaderDropzone"] { min-height: 7.5rem;
-  align-items: center; justify-content: center; }
-</style>"""
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
 """Computed here; needs a training."""
 
 
 def show_page() -> None:
     workspace = frame.begin("")
-    st.html(_STYLE)
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
     recent = recent_sessions(workspace.id)
     if workspace.recording or workspace.restored or recent:

@@ -49,28 +49,6 @@ CHARTED = ("Stability", "Platoon", "Database")
 CALLBACK_FAILED = "frame_callback_failed"
 """The entry in Streamlit's session state that is set when a widget's callback has failed."""
 
-_STYLE = """<style>
-.stMainBlockContainer { padding: 2.6rem 2.5rem 3rem; max-width: 92rem; }
-@media (max-width: 640px) {
-  .stMainBlockContainer { padding: 3.4rem 1rem 3rem; }
-  div:has(> [class*="st-key-later_1"]) { order: 1; }
-  div:has(> [class*="st-key-later_2"]) { order: 2; }
-  div:has(> [class*="st-key-later_3"]) { order: 3; }
-}
-.st-key-frame_head { padding-top: 1.2rem; }
-[data-testid="stStatusWidget"] { display: none; }
-[data-testid="stButtonGroup"] > div button { min-height: 2.5rem; }
-[data-testid="stCaptionContainer"], [data-testid="stCaptionContainer"] code { color: inherit; }
-[data-testid="stCaptionContainer"] { opacity: .78; }
-[data-selected="true"] p, [role="tab"][aria-selected="true"] p {
-  color: light-dark(#0b6e8a, #7cc8e0); }
-.vehicle-key { display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; font-size: .875rem; }
-.vehicle-key span { white-space: nowrap; }
-.vehicle-key .faint { opacity: .75; font-style: italic; }
-.vehicle-key i { display: inline-block; width: 1.1em; height: .28em; border-radius: 2px;
-  margin-right: .45em; vertical-align: middle; }
-</style>"""
-
 _STATUS = {
     Status.QUEUED: "is under way",
     Status.RUNNING: "is under way",
@@ -88,7 +66,7 @@ def begin(title: str) -> Workspace:
         layout="wide",
         initial_sidebar_state=SIDEBAR,
     )
-    st.html(_STYLE)
+    st.html(HERE / "frame.css")
     admit()
     workspace = current()
     _sidebar(workspace)
