@@ -14,7 +14,7 @@ from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES
-from accpinn.results.figures.training import thinned_history, tracking, training_figures
+from accpinn.results.figures.training import tracking, training_figures
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.study.result import Result
@@ -35,8 +35,6 @@ PRESET_LINES = {
     "fast": "Seconds: minimum of the paper's loss, solved exactly; biased if disturbances last.",
     "paper": "Many minutes: the paper's training by gradient; biased if disturbances last.",
 }
-POINTS = 300
-"""Points a line of the live charts, which are drawn anew again and again."""
 REDRAWN = 1.1
 """Growth of the iterations after which the live charts are drawn anew: less is not seen on their
 logarithmic axes, and Streamlit takes down a chart that has changed and puts up another."""
@@ -190,11 +188,9 @@ def _live_figures(
     """The figures of a training at a ``step``: loss and parameters and, if known, the curves."""
     history, curves = training.history(), training.surrogate
     assert history is not None  # a training that has begun to draw has one
-    drawn, solved = thinned_history(history, POINTS), least_squares.fit(segment, case)
-    return (
-        training_figures(drawn, segment.info, model, truth, solved.parameters),
-        tracking(segment, 0, curves, None, points=POINTS) if curves else None,
-    )
+    solved = least_squares.fit(segment, case).parameters
+    drawn = training_figures(history, segment.info, model, truth, solved)
+    return drawn, tracking(segment, 0, curves, None) if curves else None
 
 
 def _show_validation(workspace: Workspace) -> None:

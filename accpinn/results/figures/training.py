@@ -1,10 +1,10 @@
 """A fit as figures: loss and parameters over iterations, and its curves beside the data.
 
-The figures of a training that runs are the same, with fewer points.
+The figures of a training that runs are the same.
 """
 
 import html
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,16 +38,6 @@ HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
 BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
-
-
-def thinned_history(history: History, points: int) -> History:
-    """About ``points`` of the K moments, evenly spread on a logarithmic axis, with the last one."""
-    rows = np.unique(np.geomspace(1, len(history.iteration), points).round().astype(int)) - 1
-    parts = {part.name: getattr(history, part.name) for part in fields(history)}
-    kept: dict[str, Any] = {
-        name: part if part is None else part[rows] for name, part in parts.items()
-    }
-    return History(**kept)
 
 
 def training_figures(
@@ -204,7 +194,6 @@ def tracking(
     predicted: GapBand | None = None,
     disturbance: FloatArray | None = None,
     height: int | None = None,
-    points: int = style.POINTS,
     answered: Trajectories | None = None,
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
@@ -219,7 +208,6 @@ def tracking(
         predicted: the band of the gap, drawn under its curves.
         disturbance: (N, M) in m/s²; adds a panel.
         height: in pixels; by default that of its panels.
-        points: drawn per line at most, about.
         answered: the simulation of this follower alone by the answer.
     """
     data = segment if isinstance(segment, Segment) else None
@@ -253,7 +241,7 @@ def tracking(
         for row, (channel, values) in enumerate(zip(rows[:moved], drawn, strict=False), 1):
             chart.line(
                 start + source.time, values, name, paint, width, dash, row, _hover(channel, name),
-                points, opacity=opacity,
+                opacity=opacity,
             )  # fmt: skip
     if data and closed_loop:
         findings = closed_loop_findings(data, closed_loop)
@@ -267,7 +255,7 @@ def tracking(
         time = start + np.linspace(0, segment.window.duration, len(disturbance))
         chart.line(
             time, disturbance[:, follower], "disturbance", colour, 1.5, panel=len(rows),
-            hover=_hover(DISTURBANCE, "disturbance"), points=points, showlegend=False,
+            hover=_hover(DISTURBANCE, "disturbance"), showlegend=False,
         )  # fmt: skip
     return style.with_legend(chart.figure())
 

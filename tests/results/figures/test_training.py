@@ -57,16 +57,6 @@ def test_evidence_stands_beside_the_loss_and_gives_an_interval_that_narrows() ->
     assert lower[-1] < 0.1 < upper[-1]
 
 
-def test_a_live_training_is_drawn_with_few_points_the_last_among_them() -> None:
-    long = history(moments=4000)
-    few = training.thinned_history(long, 300)
-    assert 200 < len(few.iteration) <= 300
-    assert (few.iteration[0], few.iteration[-1]) == (0, 3999)
-    assert (np.diff(few.iteration) > 0).all()
-    np.testing.assert_array_equal(few.total, long.total[few.iteration.astype(int)])
-    assert few.evidence is None
-
-
 def test_each_model_has_the_curves_of_its_own_parameters() -> None:
     track, model = history(), FOLLOWING["idm"]
     own = np.linspace(model.typical, 2 * model.typical, 40)[:, None] * [[1.0], [1.5]]
