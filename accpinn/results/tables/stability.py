@@ -19,13 +19,8 @@ from accpinn.results.tables import (
     Marked,
     Table,
     estimate_cells,
+    estimates,
     percent_cells,
-)
-from accpinn.results.tables.estimates import (
-    answer,
-    brief_cells,
-    driver_cells,
-    shown_columns,
 )
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import Assessment, StabilityReport, assessment
@@ -65,12 +60,12 @@ def stability_table(
     headways = [vehicle.smallest_tau for vehicle in assessed]
     parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
-    gains = [v.linf_gain for v in assessed]
+    gains, answer = [v.linf_gain for v in assessed], estimates.answer
     return Table.of(
         f"String stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
-            *driver_cells(vehicles.drivers),
+            *estimates.driver_cells(vehicles.drivers),
             *_parameter_cells(parameters, known),
             *_posterior(L2, known.probability_l2 if known else None, against),
             (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
@@ -108,8 +103,11 @@ def verdict_table(subject: KnownVehicles) -> Table:
 
 def _parameter_cells(parameters: Parameters, known: Uncertainty | None) -> Iterator[Filled]:
     """α, β and τ as columns, and s₀, λ and d where a vehicle has them; intervals give digits."""
-    for at, column in shown_columns(parameters):
-        yield replace(column, is_brief=True), brief_cells(parameters.complete[:, at], known, at)
+    for at, column in estimates.shown_columns(parameters):
+        yield (
+            replace(column, is_brief=True),
+            estimates.brief_cells(parameters.complete[:, at], known, at),
+        )
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:

@@ -22,14 +22,7 @@ from pages.ui.components import show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ask_for_columns
-from pages.ui.session.resources import (
-    download_queue,
-    listed,
-    recordings_folder,
-    sample,
-    sample_title,
-    samples,
-)
+from pages.ui.session import resources
 from pages.ui.session.workspace import Workspace
 
 OPENING, ARRIVED = "data_opening", "data_arrived"
@@ -47,7 +40,8 @@ def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], Non
         if known[0].source == file and known[0].campaign in (None, campaign):
             return lambda: workspace.open(*known)
     others = {run.campaign for run in catalogue() if run.file == file} - {campaign}
-    paths = [path for path in listed() if path.name == file and others.isdisjoint(path.parts)]
+    named = [path for path in resources.listed() if path.name == file]
+    paths = [path for path in named if others.isdisjoint(path.parts)]
     path = min(paths, key=lambda path: campaign not in path.parts, default=None)
     return (lambda: open_file(workspace, path, path.name)) if path else None
 
@@ -56,7 +50,7 @@ def open_sample(workspace: Workspace, path: Path) -> None:
     """Open a sample; if that fails, keep what was open and say why."""
     workspace.pending = None
     try:
-        workspace.open(*sample(path))
+        workspace.open(*resources.sample(path))
     except AccpinnError as fault:
         workspace.refusal = str(fault)
     else:
@@ -114,7 +108,7 @@ def choose_source(workspace: Workspace) -> None:
     with left:
         _choose_sample(workspace)
     with right:
-        root = recordings_folder()
+        root = resources.recordings_folder()
         _choose_published(workspace, root)
         _choose_file(workspace, root)
 
@@ -196,14 +190,14 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
 
 
 def _choose_sample(workspace: Workspace) -> None:
-    paths = samples()
+    paths = resources.samples()
     if not paths:
         st.info("There are no samples here; write them with `make samples`.")
         return
     path = st.selectbox(
         "Sample: synthetic, true parameters known",
         paths,
-        format_func=sample_title,
+        format_func=resources.sample_title,
         key="data_sample",
         help="Made from the parameters that the paper reports, with noise as receivers have it.",
     )
@@ -218,7 +212,7 @@ def _choose_sample(workspace: Workspace) -> None:
 def _choose_file(workspace: Workspace, root: Path) -> None:
     """The files in the server's folder that are no published runs."""
     published = {run.path(root) for run in catalogue()}
-    paths = [path for path in listed() if path not in published]
+    paths = [path for path in resources.listed() if path not in published]
     if not paths:
         st.caption(
             "Other files in the server's folder of recordings are listed here;"
@@ -248,7 +242,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
         help="All runs that the Joint Research Centre publishes. Those that are not here"
         " yet are downloaded into the folder of recordings.",
     )  # fmt: skip
-    submitted = download_queue().of(workspace.id, "download")
+    submitted = resources.download_queue().of(workspace.id, "download")
     task = submitted if isinstance(submitted, DownloadTask) else None
     if task and task.is_active:
         watch(task, lambda: _line_of(task))
@@ -271,7 +265,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
 
 def _download(workspace: Workspace, run: Run, root: Path) -> None:
     base = os.environ.get(MIRROR_VARIABLE) or PUBLISHED_AT
-    download_queue().submit(DownloadTask(workspace.id, run, root, base))
+    resources.download_queue().submit(DownloadTask(workspace.id, run, root, base))
 
 
 def _line_of(task: DownloadTask) -> str:

@@ -21,15 +21,9 @@ from accpinn.results import database as results
 from accpinn.results.figures import database as figures
 from accpinn.results.figures.stability import EXACT, L2
 from accpinn.results.tables.estimates import TITLES
+from accpinn.study import studies as on_disk
 from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
-from accpinn.study.studies import (
-    Failure,
-    read_failures,
-    read_request,
-    state_of,
-    studies,
-    study_path,
-)
+from accpinn.study.studies import Failure
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import bound, kept, select, tabs
@@ -97,7 +91,7 @@ def show_page() -> None:
     _follow_link(workspace)
     # Of a batch that waits nothing may be written yet.
     active = batch_queue().active_owners("batch")
-    names = tuple(dict.fromkeys((*active, *studies())))
+    names = tuple(dict.fromkeys((*active, *on_disk.studies())))
     asked = workspace.choices.get("database_study", "")
     refused = asked not in names and running.show_refusal(asked)
     if not names:
@@ -125,9 +119,9 @@ def choose(workspace: Workspace, **chosen: Any) -> None:
 
 
 def _show_body(workspace: Workspace, study: str) -> None:
-    folder = study_path(study)
-    state = state_of(folder)
-    running.show_batch(study, read_request(folder) if state else None)
+    folder = on_disk.study_path(study)
+    state = on_disk.state_of(folder)
+    running.show_batch(study, on_disk.read_request(folder) if state else None)
     rows = study_rows(str(folder), state) if state else pd.DataFrame()
     if len(rows):
         _show_study(workspace, study, state, rows)
@@ -138,7 +132,7 @@ def _show_body(workspace: Workspace, study: str) -> None:
         if is_active else "The study has no rows yet."
     )  # fmt: skip
     if state:
-        _show_failures(read_failures(folder), study)
+        _show_failures(on_disk.read_failures(folder), study)
 
 
 def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
@@ -164,11 +158,11 @@ def _show_head(workspace: Workspace, names: tuple[str, ...]) -> None:
 
 
 def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFrame) -> None:
-    folder = study_path(study)
+    folder = on_disk.study_path(study)
     with st.container(key="later_1_database_filters"):
         filters, method, by = _show_filters(workspace, rows)
     selected = shown(str(folder), state, tuple(filters.items()), method, by)
-    failures = read_failures(folder)
+    failures = on_disk.read_failures(folder)
     if selected.whole is None:
         show.messages("No row has these properties; take a filter back.")
         return
@@ -181,7 +175,7 @@ def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFra
         if line := results.failures_line(failures):
             st.caption(f":material/error: {escape_markdown(line)}")
     with chart:
-        _show_forest(selected, results.batch_line(read_request(folder)))
+        _show_forest(selected, results.batch_line(on_disk.read_request(folder)))
     tabs(workspace, "database_tabs", {
         "Groups": lambda: _show_groups(selected, f"{study}_by_{by}"),
         "Spread": lambda: _show_spread(selected, f"{study}_spread_by_{by}"),

@@ -30,13 +30,7 @@ from accpinn.tasks import (
     starts_task,
     training_task,
 )
-from pages.ui.session.resources import (
-    first_segment,
-    judged_subjects,
-    store,
-    task_queue,
-    windows_in_car_following,
-)  # fmt: skip
+from pages.ui.session import resources
 
 DEFAULT_CASE: Case = "II"
 """Each follower with parameters of its own, as different cars have."""
@@ -182,7 +176,7 @@ class Workspace:
         if not (self.recording and self.vehicles and chosen):
             return ()
         off = self.choices.get(WINDOWS_OFF, ())
-        every = windows_in_car_following(self.recording, self.vehicles)
+        every = resources.windows_in_car_following(self.recording, self.vehicles)
         return tuple(window for window in every if window.start not in off) or every
 
     @property
@@ -236,7 +230,8 @@ class Workspace:
     @property
     def runs(self) -> tuple[Entry, ...]:
         """The finished trainings that this session has shown, the newest first."""
-        return tuple(entry for entry in store().entries(session=self.id) if not entry.fault)
+        entries = resources.store().entries(session=self.id)
+        return tuple(entry for entry in entries if not entry.fault)
 
     def as_snapshot(self, name: str = "", note: str = "", with_data: bool = False) -> Result:
         """The current result with all that the session knows of it.
@@ -367,14 +362,16 @@ class Workspace:
                 self.restored = self.result
             self._record([self.result])
             self.choose_source("fit")
-            task = training_task(self.id, asked, self.recording, store(), self._data, anew)
-            self.training = task_queue().submit(task)
+            task = training_task(
+                self.id, asked, self.recording, resources.store(), self._data, anew
+            )
+            self.training = resources.task_queue().submit(task)
 
     @property
     def compared_segment(self) -> Segment | None:
         """What the methods are compared on: the chosen window, or the first one of several."""
         if self.several_windows and self.recording:
-            return first_segment(
+            return resources.first_segment(
                 self.recording, self.several_windows[0], self.vehicles, self.excluded
             )
         return self.segment
@@ -389,14 +386,14 @@ class Workspace:
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self._data)
-            self.comparison = task_queue().submit(task)
+            self.comparison = resources.task_queue().submit(task)
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training on the same window from each of five initial values."""
         asked = self._compared_analysis(config)
         if asked and self.segment:
-            task = starts_task(self.id, asked, self.recording, store(), self._data)
-            self.starts = task_queue().submit(task)
+            task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
+            self.starts = resources.task_queue().submit(task)
 
     @property
     def subjects(self) -> tuple[Subject, ...]:
@@ -406,11 +403,13 @@ class Workspace:
             SegmentError: where the chosen window is too short.
         """
         now = self.recording
-        return judged_subjects(now, self.vehicles, self.window) if now else ()
+        return resources.judged_subjects(now, self.vehicles, self.window) if now else ()
 
     def judge_models(self, models: Sequence[str]) -> None:
         """Queue car-following models on the recording."""
-        self.judgement = task_queue().submit(judgement_task(self.id, self.subjects, models))
+        self.judgement = resources.task_queue().submit(
+            judgement_task(self.id, self.subjects, models)
+        )
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:
@@ -424,7 +423,7 @@ class Workspace:
         if result and result.parts.judgements != self.judgements:
             result.parts.judgements = self.judgements
             if result.is_finished and not result.id:
-                store().keep(result)
+                resources.store().keep(result)
 
     @property
     def tasks(self) -> tuple[Task[Any], ...]:
