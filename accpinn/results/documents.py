@@ -29,7 +29,7 @@ from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import columns_of
-from accpinn.segment import Segment, SegmentInfo
+from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
 from accpinn.study.judge import Judgement, ModelScore, wins
@@ -140,7 +140,9 @@ def _window(window: Result, together: Fit) -> dict[str, Any]:
         **fields(segment, "source", "samples"),
         "log_likelihood": window.fit.loss.get("log_likelihood"),
         "closed_loop_mae": _errors(closed_loop_errors(segment, together)),
-        "incidents": _incidents(segment, together),
+        "incidents": messages(
+            closed_loop_findings(segment, closed_loop(segment, together)), segment
+        ),
     }
 
 
@@ -431,10 +433,6 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
 def incidents(result: Result) -> tuple[str, ...]:
     """Sentences on collisions, reversing and divergence in the closed-loop simulation."""
     return messages(result.evaluation.findings, result.info)
-
-
-def _incidents(segment: Segment, fit: Fit) -> tuple[str, ...]:
-    return messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment)
 
 
 def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:

@@ -134,7 +134,7 @@ def _show_answer(
             odds = words.probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
-        if workspace.parameter_source == "fit" and st.button(
+        if source.result and source.result is workspace.result and st.button(
             "Next: which model describes this car?", key="platoon_next",
             icon=":material/arrow_forward:", type="tertiary",
         ):  # fmt: skip

@@ -4,7 +4,7 @@ import html
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -88,22 +88,14 @@ def colours(vehicles: ParameterSet) -> tuple[str, ...]:
     return tuple(style.vehicle_colours(vehicles.vehicles)[1:])
 
 
-class Measured(NamedTuple):
-    """A vehicle's measured gain in a figure."""
-
-    label: str
-    colour: str
-    gain: MeasuredGain
-
-
-def measured_of(subject: KnownVehicles) -> list[Measured]:
-    """The measured gains that check the answer; none where the data are not at hand."""
+def measured_of(subject: KnownVehicles) -> list[tuple[str, str, MeasuredGain]]:
+    """Label, colour and measured gain of each follower whose answer one checks."""
     result = subject.result
     if not (result and result.segments and subject.checks):
         return []
     info, gains = result.info, result.measured_gains
     named = zip(info.labels[1:], style.vehicle_colours(info.vehicles)[1:], gains, strict=False)
-    return [Measured(label, colour, gain) for label, colour, gain in named if gain]
+    return [(label, colour, gain) for label, colour, gain in named if gain]
 
 
 def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
@@ -119,7 +111,7 @@ def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     gains = np.abs(response(vehicles.parameters, omega))
     bands = _bands(uncertainty, omega[0], omega[-1]) if uncertainty else {}
     tops = [*(vehicle.peak.db for vehicle in report.vehicles), report.platoon.peaks[-1].db, 1.0]
-    tops += [float(decibels(m.gain.upper[compared(m.gain)]).max(initial=1.0)) for m in measured]
+    tops += [float(decibels(g.upper[compared(g)]).max(initial=1.0)) for _, _, g in measured]
     tops += [float(upper.max()) for _, upper in bands.values()]
     top = min(max(tops) * 1.12 + 0.4, CEILING)
     chart = style.Chart(
@@ -132,7 +124,7 @@ def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     for k, (lower, upper) in bands.items():
         chart.band(along, lower, upper, paints[k], BAND_OPACITY, f"band {k}")
     for one in measured:
-        _draw_measured(chart, one, top)
+        _draw_measured(chart, *one, top)
     for k, (label, colour) in enumerate(zip(vehicles.labels, paints, strict=True)):
         _draw_clickable(chart, omega, gains[k], k, label, colour)
     if len(vehicles) > 1:
@@ -145,12 +137,13 @@ def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     return chart.figure()
 
 
-def _draw_measured(chart: style.Chart, measured: Measured, top: float) -> None:
+def _draw_measured(
+    chart: style.Chart, label: str, colour: str, gain: MeasuredGain, top: float
+) -> None:
     """Draw a measured gain, full where it is compared with a model's, with its band as bars.
 
     Bars end at the axes, of which ``top`` in dB is one end.
     """
-    gain = measured.gain
     inside = (gain.omega <= SPAN[1]) & (decibels(gain.gain) >= FLOOR)
     sure = compared(gain)
     for part, words, opacity in (
@@ -160,11 +153,11 @@ def _draw_measured(chart: style.Chart, measured: Measured, top: float) -> None:
         levels, lower, upper = (
             np.clip(decibels(end[part]), FLOOR, top) for end in (gain.gain, gain.lower, gain.upper)
         )
-        name = f"{measured.label}, {words}"
+        name = f"{label}, {words}"
         chart.dots(
             gain.omega[part], levels, name, hover=f"{AT}<extra>{html.escape(name)}</extra>",
-            ends=(lower, upper), bar={"thickness": 1.2, "color": measured.colour},
-            marker={"color": measured.colour, "size": 6, "line": {"width": 0}}, opacity=opacity,
+            ends=(lower, upper), bar={"thickness": 1.2, "color": colour},
+            marker={"color": colour, "size": 6, "line": {"width": 0}}, opacity=opacity,
             showlegend=False,
         )  # fmt: skip
 
