@@ -271,7 +271,7 @@ def _comparison_text(
     subject = known_vehicles(first)
     tables = [
         *(methods_table(info, results, k) for k in each),
-        intervals_table(info, first.uncertainty),
+        intervals_table(first),
         *([known_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in each if forms),
     ]

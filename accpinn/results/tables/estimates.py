@@ -182,50 +182,44 @@ def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
 
 
 def comparison_table(
-    info: SegmentInfo,
-    estimates: Mapping[str, Parameters],
-    case: Case = "II",
-    uncertainty: Uncertainty | None = None,
-    windows: Sequence[SegmentInfo] = (),
-    own: Mapping[str, Uncertainty] | None = None,
+    result: Result, estimates: Mapping[str, Parameters], own: Mapping[str, Uncertainty]
 ) -> Table:
     """One row a follower: for each parameter, what each method that has it finds, or the truth.
 
-    Estimates are (M,) by method, from all ``windows``; in Case I all followers share one row. The
-    uncertainty, or the ``own`` one of an estimate, limits the digits to those that the intervals
-    support.
+    Estimates are (M,) by method, from the result's windows; in Case I all followers share one row.
+    The result's uncertainty, or the ``own`` one of an estimate, limits the digits to those that the
+    intervals support.
     """
-    numbers, known = parameter_rows(info, case), own or {}
+    info, uncertainty = result.info, result.uncertainty
+    numbers = parameter_rows(info, result.fit.case)
     filled = [
         (
             Column(name, "", column.digits, column.heading, is_brief=True),
-            brief_cells(parameters.complete[: len(numbers), k], known.get(name, uncertainty), k),
+            brief_cells(parameters.complete[: len(numbers), k], own.get(name, uncertainty), k),
         )
         for k, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS))
         for name, parameters in estimates.items()
         if k in dict(shown_columns(parameters))
     ]
     followers = (Column("Vehicle"), row_labels(info, numbers))
-    return Table.of(f"Estimates side by side, {where(info, windows=windows)}", [followers, *filled])
+    return Table.of(
+        f"Estimates side by side, {where(info, windows=result.infos)}", [followers, *filled]
+    )
 
 
-def intervals_table(
-    info: SegmentInfo,
-    uncertainty: Uncertainty,
-    case: Case = "II",
-    windows: Sequence[SegmentInfo] = (),
-) -> Table:
+def intervals_table(result: Result) -> Table:
     """One row a follower, or one for all that share their parameters.
 
     The columns are the estimates that the intervals are about, those of maximum likelihood or of a
     model that is no CTHP by simulation, and the probability of string stability.
     """
-    numbers, centre = parameter_rows(info, case), uncertainty.centre
+    info, uncertainty = result.info, result.uncertainty
+    numbers, centre = parameter_rows(info, result.fit.case), uncertainty.centre
     kind = "Closed-loop simulation" if centre.own.size else "Maximum likelihood"
     estimates = _estimate_cells(centre, uncertainty, kind)
     filled = (*estimates, *probability_cells(uncertainty))
     return Table.of(
-        f"Uncertainty, {where(info, windows=windows)}",
+        f"Uncertainty, {where(info, windows=result.infos)}",
         [
             (Column("Follower"), row_labels(info, numbers)),
             *((column, [*cells][: len(numbers)]) for column, cells in filled),

@@ -9,13 +9,12 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.evaluation.closed_loop import simulated
-from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.regression import Regression
-from accpinn.model.cthp import Case, Parameters, Trajectories
+from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import CTHPS, TITLES
 from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks
 from accpinn.results.figures import training as figures
@@ -31,7 +30,6 @@ from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
-from accpinn.segment import SegmentInfo
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown
@@ -73,7 +71,7 @@ def show_result(
     if next_step:
         next_step()
     if has_answer:
-        show_answer(info, result.answer, fit.case, truth)
+        _show_answer(result, truth)
     _show_outcome(fit.outcome, has_answer)
     with st.container(horizontal=True, vertical_alignment="center"):
         st.markdown(f"**{escape_markdown(name_of(fit))}: the method's own estimate**")
@@ -103,10 +101,9 @@ def show_cards(said: Sequence[on_answer.Card]) -> None:
             st.markdown(f"**{lead}**  \n{mark}:small[{trust}]")
 
 
-def show_answer(
-    info: SegmentInfo, answer: Answer, case: Case, truth: Parameters | None = None
-) -> None:
+def _show_answer(result: Result, truth: Parameters | None) -> None:
     """The answer as a table, and what to know of its windows."""
+    info, answer, case = result.info, result.answer, result.fit.case
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
     made = on_answer.about_truth(truth, answer) if truth else ""
@@ -249,7 +246,7 @@ def _show_comparison(
     if truth:
         estimates["Truth"] = truth
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
-    table = tables.comparison_table(info, estimates, fit.case, uncertainty, result.infos, intervals)
+    table = tables.comparison_table(result, estimates, intervals)
     show.table(table, colours)
     is_likely = fit.config.get("preset") == "calibrated"
     biased = "least squares" if is_likely else f"least squares and the loss of {own}"
@@ -341,7 +338,7 @@ def show_intervals(result: Result, more: str) -> None:
     """Maximum-likelihood estimates with intervals; ``more`` ends the caption."""
     info, case = result.info, result.fit.case
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
-    show.table(tables.intervals_table(info, result.uncertainty, case, result.infos), colours)
+    show.table(tables.intervals_table(result), colours)
     st.caption(
         "Maximum likelihood estimates the disturbances together with the parameters; in brackets,"
         " the values consistent with the data. Probability of string stability: the share of"

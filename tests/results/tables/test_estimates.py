@@ -117,7 +117,7 @@ def test_intervals_stand_beside_the_parameters(uncertainty: Uncertainty) -> None
     assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
     assert (leader[1:4], first[1:4]) == (["", "", ""], ["0.01037", "0.0", "0.02"])
     assert len(set(head)) == len(head) == len(first)
-    alone = intervals_table(INFO, uncertainty)
+    alone = intervals_table(result(known=uncertainty))
     likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
     assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
     shares = np.multiply(100, uncertainty.probability_l2)
@@ -132,8 +132,8 @@ def test_followers_that_share_their_parameters_have_one_row_for_them(
     assert column(table, "Vehicle") == ["1 Audi (A8)", EVERY_FOLLOWER, "2 BMW", "3 Tesla"]
     assert [cell is None for cell in column(table, "τ", GROUP)] == [True, False, True, True]
     assert column(table, "p", OWN) == [None, None, 0.04, 0.05]
-    assert len(intervals_table(INFO, uncertainty, "I").rows) == 1
-    assert len(comparison_table(INFO, {"PiNN": LEARNED}, "I").rows) == 1
+    assert len(intervals_table(result(shared, uncertainty)).rows) == 1
+    assert len(comparison_table(result(shared, uncertainty), {"PiNN": LEARNED}, {}).rows) == 1
 
 
 def test_preview_of_the_window() -> None:
