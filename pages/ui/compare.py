@@ -420,14 +420,13 @@ def _show_residual(shown: _Shown) -> None:
 
 def _show_disturbance(shown: _Shown) -> None:
     """What moves the vehicle beside the model's equation, below the data."""
-    segment, fits = shown.segment, [row.fit for row in shown.rows]
-    fit = next((fit for fit in fits if "disturbance" in fit.arrays), None)
-    if fit is None:
+    row = next((row for row in shown.rows if "disturbance" in row.fit.arrays), None)
+    if row is None:
         return
-    values = fit.arrays["disturbance"]
-    figure = tracking(segment, shown.follower, None, None, disturbance=values)
+    values = row.fit.arrays["disturbance"]
+    figure = tracking(shown.segment, shown.follower, None, None, disturbance=values)
     show.chart(figure, "compare_disturbance")
-    said = " ".join(about_curves(segment.info, fit, shown.follower))
+    said = " ".join(about_curves(row, shown.follower))
     st.caption(f"{escape_markdown(said)} Shown is its most probable course, given all data.")
 
 

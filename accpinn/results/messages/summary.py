@@ -18,7 +18,6 @@ from accpinn.results.messages.stability import headline
 from accpinn.results.recording import FLAGS
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
-from accpinn.segment import SegmentInfo
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
 
@@ -196,10 +195,9 @@ def _is_outside(row: Result, follower: int, which: int) -> bool:
     return bool(is_known and not row.uncertainty.inside[follower, which])
 
 
-def about_curves(
-    info: SegmentInfo, fit: Fit, follower: int, band: GapBand | None = None
-) -> tuple[str, ...]:
+def about_curves(result: Result, follower: int, band: GapBand | None = None) -> tuple[str, ...]:
     """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
+    info, fit = result.info, result.fit
     vehicles = (0, info.vehicles[follower + 1])
     coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
     sizes = [size for size in disturbance_sizes(info.vehicles, fit) if size.vehicle in vehicles]

@@ -268,7 +268,7 @@ def fit_pictures(snapshot: Result) -> Iterator[Picture]:
             segment or info, k, fit.surrogate, snapshot.simulated, tables.name_of(fit),
             with_error=True, predicted=predicted, disturbance=disturbance,
         )  # fmt: skip
-        said = words.about_curves(info, fit, k, predicted)
+        said = words.about_curves(snapshot, k, predicted)
         caption = " ".join(said) or f"{label}: space-gap and speed."
         yield Picture(f"fit_{k + 1}", figure, caption)
 

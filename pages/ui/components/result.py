@@ -225,7 +225,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
     band = _band(result)
     said = [words.about_band(result)] if band else []
-    if said := [*said, *words.about_curves(info, fit, follower, band)]:
+    if said := [*said, *words.about_curves(result, follower, band)]:
         st.caption(escape_markdown(" ".join(said)))
 
 
