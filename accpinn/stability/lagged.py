@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from accpinn.model.cthp import Parameters
@@ -157,10 +158,7 @@ def _derived(coefficients: FloatArray) -> FloatArray:
 
 def _value(coefficients: FloatArray, x: NDArray[Any]) -> NDArray[Any]:
     """(V, K) the polynomials (V, n) at (V, K), real or complex."""
-    result = np.zeros_like(x)
-    for coefficient in coefficients.T[::-1]:
-        result = result * x + coefficient[:, None]
-    return np.asarray(result)
+    return np.asarray(polyval(x, coefficients.T[:, :, None], tensor=False))
 
 
 def _square_at(coefficients: FloatArray, omega: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -266,7 +264,7 @@ def rational(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
 def frequency_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:
     """(V, K) H(jω) of V vehicles at (K,) frequencies in rad/s; infinite in undamped resonance."""
     s = 1j * np.asarray(omega, float)
-    upper, lower = (np.polynomial.polynomial.polyval(s, part.T) for part in polynomials(parameters))
+    upper, lower = (polyval(s, part.T) for part in polynomials(parameters))
     late = np.exp(-s * parameters.complete[:, 5:]) * upper
     ratio = np.divide(late, lower, out=np.full(lower.shape, np.inf + 0j), where=lower != 0)
     silent = (parameters.alpha == 0) & (parameters.beta == 0)
