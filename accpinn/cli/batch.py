@@ -10,11 +10,12 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.options import add_method_help
+from accpinn.cli.options import ALL, add_method_help, named_keys
 from accpinn.cli.output import interruptible, print_json, show, show_result
 from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
+from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.registry import BEST, FOLLOWING
 from accpinn.recordings.mapping import load_mapping
 from accpinn.results.database import counted, group_table, summary_line
@@ -22,11 +23,9 @@ from accpinn.results.documents import groups_document
 from accpinn.results.tables import Table
 from accpinn.segment.cut import DURATION
 from accpinn.study.batch import BatchProgress, batch
-from accpinn.study.comparison import parse_methods
 from accpinn.study.groups import BY, GROUPABLE, group, read_study
 from accpinn.study.studies import FAILURES
 
-ALL = "all"
 KEYS = (
     "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds",
     "stopped", "unknown_names",
@@ -63,7 +62,7 @@ def run_batch(options: argparse.Namespace) -> int:
             options.sources,
             options.out,
             window=_seconds(options.window),
-            methods=parse_methods(options.methods),
+            methods=named_keys(options.methods, METHODS, method_of),
             case=options.case,
             model=options.model,
             workers=options.workers,

@@ -22,6 +22,7 @@ from accpinn.cli.options import (
     add_windows_option,
     chosen_analysis,
     chosen_store,
+    named_keys,
 )
 from accpinn.cli.output import interruptible, note, show_result
 from accpinn.cli.recordings import chosen_recording
@@ -31,7 +32,7 @@ from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.pinn.config import DEFAULT, PRESETS, STARTS, PinnConfig, preset
 from accpinn.methods.pinn.training import start_loading
-from accpinn.methods.registry import METHODS, usual_method
+from accpinn.methods.registry import METHODS, method_of, usual_method
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, JUDGED, PAPER, following_model
 from accpinn.recordings import Window
@@ -64,7 +65,6 @@ from accpinn.study.comparison import (
     Refused,
     Spread,
     compare,
-    parse_methods,
     refused_among,
     results_among,
     spread_of,
@@ -248,7 +248,7 @@ def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     if options.models:
         return run_judge(options)
-    methods = parse_methods(options.methods)
+    methods = named_keys(options.methods, METHODS, method_of)
     analysis, recording = chosen_analysis(options)
     compared = compare(analysis, recording, methods, context=TaskContext(threads=options.threads))
     outcomes = list(
@@ -289,22 +289,12 @@ def _comparison_text(
     return "\n".join([*answer, *_texts(tables), *said])
 
 
-def parse_models(text: str) -> tuple[str, ...]:
-    """Keys of the registry, or those that are judged unless others are named.
-
-    Raises:
-        ConfigError: for an unknown one.
-    """
-    keys = JUDGED if text == "all" else tuple(part.strip() for part in text.split(","))
-    return tuple(following_model(key).key for key in dict.fromkeys(keys))
-
-
 def run_judge(options: argparse.Namespace) -> int:
     """Judge the models, and print a row for each; 130 when interrupted, with those that are done.
 
     Every window in car-following is left out in turn, unless a window is given: then its blocks.
     """
-    models = parse_models(options.models)
+    models = named_keys(options.models, JUDGED, following_model)
     if options.leave_out:
         raise ConfigError("leave-out: models are judged on whole windows; leave --leave-out away.")
     recording = chosen_recording(options)

@@ -16,7 +16,7 @@ from accpinn.study.plan import AUTO, car_following
 from accpinn.study.store import Store
 
 ALL = "all"
-"""The word for all complete windows of a recording."""
+"""The word for all methods or models, and for all complete windows of a recording."""
 
 
 def add_segment_options(parser: argparse.ArgumentParser) -> None:
@@ -101,6 +101,12 @@ def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(str(fault)) from None
 
     return parsed
+
+
+def named_keys(text: str, every: Iterable[str], of: Callable[[str], Any]) -> tuple[str, ...]:
+    """Keys that a text as "all" or "a,b" names, each once; a registry refuses unknown ones."""
+    keys = every if text == ALL else (part.strip() for part in text.split(","))
+    return tuple(of(key).key for key in dict.fromkeys(keys))
 
 
 def chosen_analysis(

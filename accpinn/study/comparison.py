@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accpinn.channels import PARAMETERS
-from accpinn.errors import AccpinnError, ConfigError, SegmentError
+from accpinn.errors import AccpinnError, SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import Outcome
@@ -63,23 +63,6 @@ class Refused:
     def method(self) -> str:
         """Key of the method."""
         return self.analysis.method
-
-
-def parse_methods(text: str) -> tuple[str, ...]:
-    """The methods of a text as "all" or "pinn,splines", each once.
-
-    Raises:
-        ConfigError: for a method that is not known.
-    """
-    if text == "all":
-        return tuple(METHODS)
-    chosen = tuple(dict.fromkeys(part.strip() for part in text.split(",")))
-    for name in chosen:
-        if name not in METHODS:
-            raise ConfigError(
-                f'methods: "{name[:40]}" is not known; choose all or {", ".join(METHODS)}.'
-            )
-    return chosen
 
 
 def compare(
@@ -179,7 +162,6 @@ class SpreadUndetermined(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     symbol: str
     """Symbol of the parameter."""
     count: int
