@@ -108,8 +108,6 @@ class Method:
     """Their type, with `to_json` and `from_json`; None for a method without settings."""
     variant: Callable[[Mapping[str, Any]], str] | None = None
     """A few words on `Fit.config` that distinguish two fits of this method."""
-    is_iterative: bool = False
-    """Whether it reports progress, can be stopped, continued, and begun from another fit."""
     is_closed_loop: bool = False
     """Whether its trajectories are its closed-loop simulation and so no surrogate."""
     allows_missing: bool = False

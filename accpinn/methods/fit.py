@@ -100,7 +100,6 @@ class Undetermined(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     model: str
     """Its title."""
     symbols: tuple[str, ...]

@@ -47,7 +47,6 @@ class DisturbanceSize(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     deviation: float
     """Standard deviation s in m/s²."""
     memory: Seconds

@@ -9,7 +9,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
 from accpinn.segment import Segment
 
-RIVALS = {key: method.fit for key, method in METHODS.items() if not method.is_iterative}
+RIVALS = {key: method.fit for key, method in METHODS.items() if not method.settings}
 """Every method but the network, which takes longer."""
 WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data=(3.0, 0.7))
 """The network's loss with another weight for every term."""

@@ -358,7 +358,6 @@ METHOD = Method(
     tolerance=1e-3,
     settings=PinnConfig,
     variant=_variant,
-    is_iterative=True,
     duration=typical_seconds,
     redraw=redraw,
     together=_together,

@@ -213,7 +213,7 @@ class Workspace:
     def compared_with_training(self) -> tuple[Result, ...]:
         """The same, and the training finished on the same window with settings of its own."""
         rows, result = self.compared, self.result
-        if not rows or result is None or not METHODS[result.analysis.method].is_iterative:
+        if not rows or result is None or not METHODS[result.analysis.method].settings:
             return rows
         if result.analysis.windows != rows[0].analysis.windows or not result.is_finished:
             return rows
