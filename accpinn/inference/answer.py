@@ -76,7 +76,6 @@ class HeterogeneousWindows(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     windows: int
     probability: float
     spread: Seconds
@@ -87,7 +86,6 @@ class Trust(Finding, frozen=True):
     """What the windows say of one vehicle's answer."""
 
     vehicle: int
-    """0 for all followers together."""
     windows: int
     same: int
     """Number of windows whose own time gap is within `ALIKE` of the answer's at ``speed``."""

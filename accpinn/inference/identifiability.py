@@ -47,7 +47,6 @@ class WeakIdentification(Finding, frozen=True):
     text_if_narrow = "{vehicle}: treat the intervals with caution{reasons}."
 
     vehicle: int
-    """0 for all followers together."""
     wide: tuple[ParameterInterval, ...] = ()
     """The wide intervals; empty if only the excitation is too small."""
     leader_deviation: MetresPerSecond | None = None

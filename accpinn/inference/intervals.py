@@ -113,7 +113,6 @@ class NotDetermined(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
 
 
 class OutsideInterval(Finding, frozen=True):
@@ -122,7 +121,6 @@ class OutsideInterval(Finding, frozen=True):
     text = "{vehicle}: the estimate's {estimates} {lie} outside the interval; {why}."
 
     vehicle: int
-    """0 for all followers together."""
     parameters: tuple[ParameterInterval, ...]
     """The intervals, with the estimates outside of them."""
     cause: Cause
@@ -143,7 +141,6 @@ class FewDraws(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     draws: int
 
 

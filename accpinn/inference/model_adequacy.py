@@ -52,7 +52,6 @@ class BetterForm(Finding, frozen=True, kw_only=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     form: str
     aic: float
     """AIC of the form minus that of the CTHP."""
@@ -72,7 +71,6 @@ class Inadequate(Finding, frozen=True):
     )
 
     vehicle: int
-    """0 for all followers together."""
     correlated: bool
     """Whether they are correlated over time."""
     uneven: bool
