@@ -53,14 +53,12 @@ def add_windows_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_model_options(
-    parser: argparse.ArgumentParser, models: Iterable[str] = tuple(FOLLOWING)
-) -> None:
+def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Declare the model of answer and fit."""
     parser.add_argument(
-        "--model", choices=list(models), metavar="NAME",
+        "--model", choices=list(FOLLOWING), metavar="NAME",
         help=f"of the answer ({BEST}), and of the fit where its method can estimate it ({PAPER}):"
-        f" {', '.join(models)}",
+        f" {', '.join(FOLLOWING)}",
     )  # fmt: skip
     parser.add_argument(
         "--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",
