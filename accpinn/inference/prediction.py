@@ -30,8 +30,8 @@ from accpinn.inference.intervals import Uncertainty, interval_ends
 from accpinn.methods import PAPERS, Law
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
-from accpinn.methods.state_space import add_command, discretise
-from accpinn.model.cthp import Case, collides
+from accpinn.methods.state_space import discretise
+from accpinn.model.cthp import Case, add_command, collides
 from accpinn.model.registry import CTHPS
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
@@ -199,9 +199,8 @@ class _Steps:
             rates[:, p[k], ahead], rates[:, p[k], v[k]] = 1.0, -1.0
             command[:, p[k]], command[:, ahead] = alpha, beta
             command[:, v[k]] = -alpha * np.nan_to_num(tau) - beta
-            kinds = (("lag", lag), ("delay", delay))
-            late = {name: np.maximum(value, LATE) for name, value in kinds if value.any()}
-            add_command(rates, command, v[k], w[k] + 1, late)
+            late = (np.maximum(value, LATE * value.any()) for value in (lag, delay))
+            add_command(rates, command, v[k], w[k] + 1, *late)
         rates[:, v, r] = 1.0
         rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
         rates[:, w, w] = -1.0 / memory

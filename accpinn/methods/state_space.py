@@ -20,14 +20,21 @@ The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Co
 Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 225-237.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from accpinn.model.cthp import LARGEST, LARGEST_ALPHA_TAU, TERMS, TYPICAL, Parameters, Term
+from accpinn.model.cthp import (
+    LARGEST,
+    LARGEST_ALPHA_TAU,
+    TERMS,
+    TYPICAL,
+    Parameters,
+    Term,
+    add_command,
+)
 from accpinn.model.registry import FOLLOWING
 from accpinn.units import FloatArray, Seconds
 
@@ -157,7 +164,7 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     density[:, p, p] = GAP_DRIFT
     command = np.zeros((count, size))
     command[:, p], command[:, v], command[:, u] = alpha, -alpha_tau - beta, beta
-    add_command(rates, command, v, 6, terms)
+    add_command(rates, command, v, 6, terms.get("lag", 0.0), terms.get("delay", 0.0))
     usual = 0.25
     if "lag" in terms:
         covariance[:, 6, 6] = usual**2
@@ -189,35 +196,6 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
         first_covariance=_last(covariance),
         rates=_last(rates),
     )
-
-
-def add_command(
-    rates: FloatArray, command: FloatArray, v: int, own: int, terms: Mapping[str, FloatArray]
-) -> None:
-    """The command becomes acceleration, by way of the states of a lag or a delay.
-
-    Args:
-        rates: (B, n, n) d/dt of the states, to which it is added.
-        command: (B, n)
-        v: place of the speed.
-        own: of the state of a lag, or of the first of the two of a delay.
-        terms: lag or delay (B,) in s, or neither.
-    """
-    if "lag" in terms:
-        lag = terms["lag"]
-        rates[:, own] = command / lag[:, None]
-        rates[:, own, own] -= 1.0 / lag
-        rates[:, v, own] = 1.0
-        return
-    rates[:, v] += command
-    if "delay" in terms:
-        # exp(-ds) is about 1 - 12ds / (d²s² + 6ds + 12).
-        delay = terms["delay"]
-        rates[:, own, own + 1] = 1.0
-        rates[:, own + 1] = command
-        rates[:, own + 1, own] -= 12.0 / delay**2
-        rates[:, own + 1, own + 1] -= 6.0 / delay
-        rates[:, v, own + 1] -= 12.0 / delay
 
 
 def discretise(

@@ -293,7 +293,7 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
     total = size + sum(further)
     matrix = np.zeros((total, total + 1))
     ahead, own = total, size
-    for gap, theta, (lag, delay) in zip(
+    for gap, theta, late in zip(
         range(0, size, 2), parameters.theta, parameters.complete[:, 4:], strict=True
     ):
         alpha, alpha_tau, beta = theta
@@ -301,22 +301,36 @@ def motion_matrix(parameters: Parameters) -> FloatArray:
         matrix[gap, [ahead, speed]] = 1.0, -1.0
         command = np.zeros(total + 1)
         command[[gap, speed, ahead]] = alpha, -alpha_tau - beta, beta
-        reached = command
-        if delay > 0:
-            reached = command.copy()
-            reached[own + 1] -= 12.0 / delay
-            matrix[own, own + 1] = 1.0
-            matrix[own + 1] = command
-            matrix[own + 1, [own, own + 1]] += -12.0 / delay**2, -6.0 / delay
-            own += 2
-        if lag > 0:
-            matrix[own] = reached / lag
-            matrix[own, own] -= 1.0 / lag
-            reached = np.eye(total + 1)[own]
-            own += 1
-        matrix[speed] = reached
+        own = add_command(matrix, command, speed, own, *late)
         ahead = speed
     return matrix
+
+
+def add_command(
+    rates: FloatArray, command: FloatArray, speed: int, own: int, lag: ArrayLike, delay: ArrayLike
+) -> int:
+    """A command (.., L) becomes acceleration, by the states of a delay and of a lag where they are.
+
+    It is added to the rates (.., K, L) of the states, of which ``own`` is the first of these. Lag
+    and delay (..) are in s, 0 for none. The place behind their states is returned.
+    """
+    lag, delay, reached = np.asarray(lag, float), np.asarray(delay, float), command
+    if (delay > 0).any():
+        # exp(-ds) is about 1 - 12ds / (d²s² + 6ds + 12).
+        rates[..., own, own + 1] = 1.0
+        rates[..., own + 1, :] = command
+        rates[..., own + 1, own] -= 12.0 / delay**2
+        rates[..., own + 1, own + 1] -= 6.0 / delay
+        reached = command.copy()
+        reached[..., own + 1] -= 12.0 / delay
+        own += 2
+    if (lag > 0).any():
+        rates[..., own, :] = reached / lag[..., None]
+        rates[..., own, own] -= 1.0 / lag
+        rates[..., speed, own] = 1.0
+        return own + 1
+    rates[..., speed, :] += reached
+    return own
 
 
 def orbit(transition: FloatArray, start: FloatArray, count: int) -> FloatArray:
