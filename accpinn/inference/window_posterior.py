@@ -133,7 +133,7 @@ def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Par
         speed: (..) of the linearisation, in m/s; a CTHP is the same at every speed.
     """
     if model not in CTHPS:
-        return FOLLOWING[model].linearisations(own_of(model, phi), speed)
+        return FOLLOWING[model].linearisations(FOLLOWING[model].values_at(phi), speed)
     complete = np.zeros((*phi.shape[:-1], 6))
     complete[..., 0], complete[..., 1] = np.exp(phi[..., 0]), np.exp(phi[..., 1])
     for at, term in enumerate(FOLLOWING[model].terms, 3):
@@ -146,12 +146,6 @@ def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Par
     return Parameters.of(complete)
 
 
-def own_of(model: str, phi: FloatArray) -> FloatArray:
-    """(p, ..) the parameters of a model that is no CTHP, from coordinates (.., p)."""
-    kinds = FOLLOWING[model].parameters
-    return np.array([kind.value(phi[..., k]) for k, kind in enumerate(kinds)])
-
-
 def possible(model: str, phi: FloatArray, speed: float) -> FloatArray:
     """Draws (n, p) of equal weight that have an equilibrium at a speed; others in place of those.
 
@@ -159,7 +153,7 @@ def possible(model: str, phi: FloatArray, speed: float) -> FloatArray:
     """
     if model in CTHPS or not np.isfinite(phi).all():
         return phi
-    gaps = FOLLOWING[model].equilibrium_gaps(own_of(model, phi), speed)
+    gaps = FOLLOWING[model].equilibrium_gaps(FOLLOWING[model].values_at(phi), speed)
     kept = np.flatnonzero(np.isfinite(gaps))
     if not len(kept):
         return phi

@@ -301,12 +301,8 @@ class _Search:
         deviation = deviation * shrunk
         reach = ndtri(0.5 + LEVEL / 2) * deviation
         ends_of = (z, np.maximum(z - reach, self.bounds[0]), np.minimum(z + reach, self.bounds[1]))
-        values = [
-            np.stack([p.value(part[:, k]) for k, p in enumerate(model.parameters)], axis=1)
-            for part in ends_of
-        ]
+        theta, lower, upper = (model.values_at(part).T for part in ends_of)
         gap_squares = (errors[:, 0] ** 2).sum(axis=(0, 2)) / (freedom[0] / 2)
-        theta, lower, upper = values
         return tuple(
             Estimate(
                 model,
@@ -330,7 +326,7 @@ class _Search:
         count = z.shape[1]
         # (B, n, n): one perturbed copy a parameter
         at = z[:, None, :] + 1j * COMPLEX_STEP * np.eye(count)
-        theta = np.array([p.value(at[..., k]) for k, p in enumerate(self._model.parameters)])
+        theta = self._model.values_at(at)
         starts = drives.gaps[:1, ..., None], drives.speeds[:1, ..., None]
         moved = self._model.integrate(
             theta[:, None, :, None, :], drives.ahead[..., None], *starts, drives.step

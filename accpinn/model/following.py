@@ -115,6 +115,10 @@ class FollowingModel:
         """(n,) θ at its typical values."""
         return np.array([parameter.typical for parameter in self.parameters])
 
+    def values_at(self, z: Any) -> FloatArray:
+        """(n, ..) θ at scores z (.., n), in standard deviations of the priors."""
+        return np.array([p.value(z[..., k]) for k, p in enumerate(self.parameters)])
+
     @property
     def is_late(self) -> bool:
         """Whether a lag or a delay stands between f and the acceleration."""

@@ -73,8 +73,7 @@ def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray
 
 def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
     """(n, M) parameters at z (S, n), one row a follower or one for all."""
-    z = np.broadcast_to(z, (followers, z.shape[1]))
-    return np.array([p.value(z[:, k]) for k, p in enumerate(model.parameters)])
+    return model.values_at(np.broadcast_to(z, (followers, z.shape[1])))
 
 
 def thinned(count: int, every: int) -> tuple[NDArray[np.intp], FloatArray]:
