@@ -23,7 +23,7 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.recordings import Mode, Recording, completed
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
-from accpinn.units import FloatArray, MetresPerSecond
+from accpinn.units import FloatArray, MetresPerSecond, known_mean
 
 TRAJECTORY, TIME_INDEX = "Trajectory_ID", "Time_Index"
 LEADER, LEADER_TYPE, LEADER_SPEED = "ID_LV", "Type_LV", "Speed_LV"
@@ -231,9 +231,7 @@ def _shared(following: FloatArray, leading: FloatArray) -> tuple[int, int] | Non
 
 def _difference(first: FloatArray, second: FloatArray) -> float:
     """Root mean square of the difference where both are known; nan where nowhere."""
-    difference = first - second
-    known = difference[np.isfinite(difference)]
-    return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
+    return float(np.sqrt(known_mean((first - second) ** 2)))
 
 
 def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> Recording:

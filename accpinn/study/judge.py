@@ -36,7 +36,7 @@ from accpinn.segment.cut import cut, default_vehicles
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.plan import car_following
-from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds
+from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, known_mean
 
 LONGEST: Seconds = 150.0
 """Longest window of car-following that is left out."""
@@ -359,7 +359,7 @@ def _scores(
     errors = np.nan_to_num(driven - drives.gaps, nan=LARGEST, posinf=LARGEST, neginf=-LARGEST)
     errors = np.where(known, errors.clip(-LARGEST, LARGEST), np.nan)
     fast = np.where(drives.speeds > SLOW, drives.speeds, np.nan)
-    rmse, time_gap_rmse = (_rms(part) for part in (errors, errors / fast))
+    rmse, time_gap_rmse = (np.sqrt(known_mean(e**2)) for e in (errors, errors / fast))
     collided: Mask = np.asarray((known & collides(driven)).any(axis=0))
     return tuple(
         ModelScore(
@@ -372,10 +372,3 @@ def _scores(
             subjects, of_subjects, estimates[len(groups) :], strict=True
         )
     )
-
-
-def _rms(errors: FloatArray) -> FloatArray:
-    """(W,) root mean squares of what is known of (N, W); nan where nothing is."""
-    known = np.isfinite(errors)
-    sums = np.where(known, errors**2, 0.0).sum(axis=0)
-    return np.asarray(np.sqrt(sums / np.where(known.any(axis=0), known.sum(axis=0), np.nan)))
