@@ -209,7 +209,8 @@ def fit_text(result: Result, with_intervals: bool) -> str:
         *(own_windows_table(result.infos, answer, k) for k in followers),
     ]
     cached = ", answered from the cache" if fit.cached else ""
-    effort = f"{fit.iterations} iterations in {fit.seconds:.1f} s{cached}"
+    count = f"{fit.iterations} iterations in " if fit.iterations else ""
+    effort = f"{count}{fit.seconds:.1f} s{cached}"
     first = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
     said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
     said += [f"Note: {note}" for note in notes(result, with_intervals)]

@@ -94,7 +94,7 @@ class Trust(Finding, frozen=True):
     rmse: Metres
     """Of the simulated gap; nan where nothing can be simulated."""
     deviation: Metres
-    """Standard deviation of the measured gap."""
+    """Standard deviation of the measured gap about its mean in each window."""
     collides: bool
     """Whether a simulated gap ends at the vehicle ahead while the measured one does not."""
 
@@ -462,13 +462,16 @@ def trust(
     off = [_errors(pair, model, answer) for pair in pairs]
     errors = np.concatenate([part for part, _ in off])
     known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
+    measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
+    counts = [len(gaps) for gaps in measured]
+    squares = [len(gaps) * np.var(gaps) for gaps in measured if len(gaps)]
     return Trust(
         vehicle,
         len(segments),
         int((np.abs(gaps - gap) <= ALIKE * gap).sum()),
         speed,
         float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
-        float(np.sqrt(np.nanmean([np.nanvar(pair.measured_gaps) for pair in pairs]))),
+        float(np.sqrt(sum(squares) / sum(counts))) if sum(counts) else float("nan"),
         any(collided for _, collided in off),
     )
 

@@ -3,9 +3,9 @@
 The CTHP, and models with an intercept s₀, a lag, a delay, and with s₀ and a delay (see
 `model.following`), have the same exact likelihood.
 
-They are compared by their likelihoods, by Akaike's criterion, AIC = 2k - 2 log L with k unknowns,
-and by the density that each, estimated from the first two thirds of the time, gives to the
-measurements of the last third. A model that neither prefers may still be true: a lag of a second
+They are compared by their largest likelihoods, for which the further terms have no prior, by
+Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and by the density that each, estimated from
+the first two thirds of the time, gives to the measurements of the last third. A model that neither prefers may still be true: a lag of a second
 changes α and β by half, and yet five minutes of a recording hardly distinguish it from no lag. The
 intervals under each model (see `inference.posterior`) show how much α, β and τ depend on it.
 
@@ -25,7 +25,7 @@ from accpinn.inference.intervals import DRAWS, LEVEL, interval_ends, shared
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import one_thread
 from accpinn.methods.kalman import Innovations, innovations
-from accpinn.methods.likelihood import Criterion, Maximum, maximise
+from accpinn.methods.likelihood import Criterion, Maximum, maximise, search
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import coordinates
@@ -162,7 +162,7 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     for form in FORMS:
         maxima = joint_maxima((segment,), case, form, known)
         size = len(coordinates(form))
-        aic = spread([2 * size - 2 * maximum.log_likelihood for maximum in maxima])
+        aic = spread(2 * size - 2 * _largest_likelihoods(series, maxima, form))
         density = spread(_held_out_density(series, maxima, form))
         if form == "cthp":
             cthp_aic, cthp_density = aic, density
@@ -203,6 +203,14 @@ def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> 
         if aic < -BETTER and holdout > 0:
             better.append(BetterForm(vehicle=vehicle, form=best.form, aic=aic, holdout=holdout))
     return better
+
+
+def _largest_likelihoods(series: Series, maxima: Sequence[Maximum], form: str) -> FloatArray:
+    """(G,) log L where the terms have no prior: of nested models the larger has no less of it."""
+    if form != PAPER:
+        z = np.array([maximum.coordinates for maximum in maxima])
+        maxima = search(Criterion(series, form, is_flat=True), z, np.arange(len(z)))
+    return np.array([maximum.log_likelihood for maximum in maxima])
 
 
 def _held_out_density(series: Series, maxima: Sequence[Maximum], form: str) -> FloatArray:

@@ -95,8 +95,8 @@ class Undetermined(Finding, frozen=True):
     """Parameters of a model about which the data say hardly more than the prior."""
 
     text = (
-        "{vehicle}: these data do not determine {symbols} of the {model}; the intervals are those"
-        " of what is known of cars beforehand."
+        "{vehicle}: these data hardly determine {symbols} of the {model}; the intervals are about"
+        " as wide as what is known of cars beforehand."
     )
 
     vehicle: int

@@ -130,8 +130,13 @@ class Criterion:
     negligible: float = 0.0
     """Gain that is worth no further round; a search that expects less ends."""
 
-    def __init__(self, series: Series, form: Form = "cthp", held: Held = ()) -> None:
-        """For series, under a form of the model, with some of its terms held at given values."""
+    def __init__(
+        self, series: Series, form: Form = "cthp", held: Held = (), is_flat: bool = False
+    ) -> None:
+        """For series, under a form of the model, with some of its terms held at given values.
+
+        Its terms have no prior where it is flat.
+        """
         self.series, self.form = series, form
         values = dict(held)
         unknowns = [
@@ -146,6 +151,8 @@ class Criterion:
         self._weight = np.array(
             [0.0 if unknown.spread is None else unknown.spread**-2 for unknown in unknowns]
         )
+        if is_flat:
+            self._weight[len(COMMON) :] = 0.0
         self._members = [series.members(g) for g in range(series.groups)]
 
     def model(self, z: FloatArray) -> StateSpace:

@@ -245,7 +245,10 @@ def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> 
     who = rows[["campaign", "name"]].fillna("").assign(sha256=rows["sha256"].where(nameless, ""))
     who = who.reset_index(drop=True)
     cars, differing, speeds = [], [], []
-    for _, members in who.groupby(list(who), sort=False, dropna=False):
+    # In Case I the followers of a platoon have one posterior, so they count as one.
+    platoon = rows[["sha256", "leader", "start", "duration"]].reset_index(drop=True)
+    is_again = platoon.duplicated() & (rows["case"] == "I").to_numpy()
+    for _, members in who[~is_again].groupby(list(who), sort=False, dropna=False):
         own = rows.iloc[members.index]
         known = tuple(raw for drawn in own[POSTERIOR] if (raw := _checked(drawn, model)))
         if known:

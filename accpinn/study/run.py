@@ -124,8 +124,10 @@ def _together(
         )
     _check_windows(segments, analysis.case)
     context = context or TaskContext()
+    began = time.perf_counter()
     together = method.together(segments, analysis.case, config, context, analysis.law)
-    fits = tuple(replace(fit, model=analysis.law.model) for fit in together)
+    took = time.perf_counter() - began
+    fits = tuple(replace(fit, model=analysis.law.model, seconds=took) for fit in together)
     windows, began = list[Result](), time.perf_counter()
     quiet = replace(context, on_progress=None, checkpoints=None)
     for asked, segment in zip(analysis.windows, segments, strict=True):

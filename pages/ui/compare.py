@@ -332,8 +332,9 @@ def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) ->
     figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
     st.caption(
-        "Shaded: one standard deviation by the method itself, which is far too small for α and β"
-        " where disturbances last for seconds." + (" Dashed: true value." if shown.truth else "")
+        "Shaded: one standard deviation by the method itself. Where disturbances last for seconds,"
+        " that of recursive least squares is too small, and the filters' α and β are too low."
+        + (" Dashed: true value." if shown.truth else "")
     )
 
 

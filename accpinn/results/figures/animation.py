@@ -29,7 +29,8 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     behind = np.zeros((len(rows), len(cast.labels)))
     behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     speeds = driven.speeds[rows]
-    moments = [f"{driven.time[row]:.1f}" for row in rows]
+    digits = 1 if np.ptp(driven.time[rows]) > 0.1 * len(rows) else 2
+    moments = [f"{driven.time[row]:.{digits}f}" for row in rows]
     # Rounded to what a screen shows.
     pictures = [*zip(_rounded(behind, 2), _rounded(speeds, 3), strict=True)]
     # The axes stand still while the cars move.
@@ -63,8 +64,8 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         chart.dots([None], [None], name, 1, marker=square | {"color": colour})
     figure = chart.figure()
     figure.frames = [
-        go.Frame(name=moment, data=[{"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y}], traces=[0, 1])
-        for moment, (x, y) in zip(moments, pictures, strict=True)
+        go.Frame(name=str(k), data=[{"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y}], traces=[0, 1])
+        for k, (x, y) in enumerate(pictures)
     ]
     return figure
 
@@ -94,7 +95,8 @@ def _buttons() -> dict[str, Any]:
 def _slider(moments: Sequence[str]) -> dict[str, Any]:
     still = _motion(0)
     steps = [
-        {"label": moment, "method": "animate", "args": [[moment], still]} for moment in moments
+        {"label": moment, "method": "animate", "args": [[str(k)], still]}
+        for k, moment in enumerate(moments)
     ]
     return {
         "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},

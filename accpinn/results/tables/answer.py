@@ -19,7 +19,7 @@ from accpinn.results.tables import (
     estimate_cells,
     estimates,
 )
-from accpinn.results.tables.estimates import parameter_rows, row_labels
+from accpinn.results.tables.estimates import EVERY_FOLLOWER, parameter_rows, row_labels
 from accpinn.segment import SegmentInfo
 from accpinn.units import FloatArray, MetresPerSecond
 
@@ -104,7 +104,8 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
         cells = _holding(*(answer.values(part, name)[:, follower] for part in parts))
         cells.append(answer.span(name, follower))
         filled.append((replace(column, group=group), cells))
-    label = infos[0].labels[follower + 1]
+    is_shared = infos[0].followers > len(answer.trust)
+    label = EVERY_FOLLOWER if is_shared else infos[0].labels[follower + 1]
     return Table.of(
         f"{label}: {registry.TITLES[answer.model]}, each window alone, and the answer", filled
     )
