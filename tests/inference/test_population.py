@@ -10,6 +10,8 @@ from accpinn.inference import population
 from accpinn.inference.population import TAILS, Population, sampled_population
 from accpinn.units import FloatArray
 
+pytestmark = pytest.mark.usefixtures("all_draws")
+
 CENTRE = np.array([-2.5, -1.5, 0.2])
 CARS = np.array([[0.4, 0.1, 0.0], [0.1, 0.5, -0.05], [0.0, -0.05, 0.05]])
 WINDOWS = np.array([[0.09, 0.03, 0.0], [0.03, 0.09, -0.005], [0.0, -0.005, 0.0064]])

@@ -75,7 +75,7 @@ TRUTHS = {
 @pytest.mark.parametrize("key", ["cthp-s0", "fvdm", "idm-delay"])
 def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
     model, truth = FOLLOWING[key], TRUTHS[key]
-    windows = [part for seed in range(4) for part in followed(model, truth, seed, noise=0.03)]
+    windows = [one for seed in range(3) for one in followed(model, truth, seed, 0.03, 100.0)]
     groups = [list(range(k, len(windows), 2)) for k in range(2)]
     for found, theta in zip(estimate(model, Drives.of(windows, model), groups), truth, strict=True):
         assert found.converged
@@ -87,7 +87,7 @@ def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
 
 def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
     model = FOLLOWING["idm"]
-    (window,) = followed(model, TRUTHS["idm"][:1], 7, noise=0.03)
+    (window,) = followed(model, TRUTHS["idm"][:1], 7, noise=0.03, seconds=75.0)
     unrest = np.random.default_rng(0).standard_normal(window.speeds.shape)
     gaps = np.full(window.gaps.shape, 36.0)
     steady = replace(window, speeds=25.0 + 0.02 * unrest, gaps=gaps)

@@ -19,7 +19,7 @@ from websockets.exceptions import InvalidStatus
 from bench.browsing import XSRF, Browser
 from bench.load import Load, Request, wrong_results
 from tests.support.openacc_files import csv
-from tests.support.samples import frame
+from tests.support.samples import FOLDER, NOISY, VICOLUNGO, frame
 from tests.support.server import FEW_DRAWS, Server, free_port, running
 
 SECRET = "of the tests, and long enough to sign a cookie with it"
@@ -117,8 +117,10 @@ def test_a_user_s_session_is_nobody_else_s_and_goes_on_after_a_kill_in_mid_train
 
 @pytest.mark.slow
 def test_users_at_once_get_their_own_results_and_what_they_held_is_given_back(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    few = [FOLDER / f"{name}.csv" for name in (NOISY, VICOLUNGO)]  # one and three followers
+    monkeypatch.setattr("bench.load.SAMPLES", few)
     options = ["--server.disconnectedSessionTTL=1"]
     place = tmp_path / "cache", tmp_path / "log"
     with running(*place, options=options, program=FEW_DRAWS) as server:

@@ -1,7 +1,6 @@
 """Batches: which windows they take, every one once, and what is known is not done again."""
 
 import json
-import os
 import signal
 import sqlite3
 import subprocess
@@ -9,7 +8,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import msgspec
@@ -34,12 +35,15 @@ from accpinn.segment.cut import cut
 from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results
-from accpinn.study.batch import WindowJob, batch
+from accpinn.study.batch import batch
 from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, plan
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import FILE, Answer, read_failures
+from accpinn.study.studies import FILE, Request, read_failures, read_request
+from accpinn.tasks import Status, TaskQueue
+from accpinn.tasks.batches import StudyTask
 from tests.support.command import ROOT, Capture, document
 from tests.support.openacc_files import csv, metadata, platoon, recording
+from tests.support.studies import DEATHS, dying
 
 
 def quick_intervals(_: Sequence[Segment], fit: Fit, held: Held = ()) -> Uncertainty:
@@ -191,29 +195,32 @@ def test_a_stopped_batch_goes_on(cluster: str, folder: Path, study: Path) -> Non
     assert unique(table(study))
 
 
-def dying(job: WindowJob) -> list[Answer]:
-    """A job at which its worker dies: every time at run2.csv, else once."""
-    mark = Path(os.environ["ACCPINN_TEST_DEATHS"]) / job.file.name
-    if job.file.name == "run2.csv" or not mark.exists():
-        mark.touch()
-        os._exit(1)
-    return [Answer(job.analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
-
-
-def test_workers_that_die_are_replaced_and_a_window_at_which_all_die_is_tried_again(
+def test_workers_that_die_are_replaced_and_none_runs_what_the_server_calls_its_main_module(
     cluster: str, folder: Path, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("ACCPINN_TEST_DEATHS", str(tmp_path))
-    options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 200}
+    page, main = tmp_path / "page.py", ModuleType("__main__")
+    page.write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()")
+    main.__file__ = str(page)
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    monkeypatch.setenv(DEATHS, str(tmp_path))
+    request = Request((str(folder),), METHODS_USED[:1], 200.0, workers=1)
+    queue, task = TaskQueue(prepare=lambda: None), StudyTask("me", study, request)
     with monkeypatch.context() as patched:
         patched.setattr(batches, "answer_all", dying)
-        found = batch(folder, study, workers=1, **options)
-    assert (tmp_path / "copy.csv").exists()
-    assert (found.rows, found.failed) == (1, 1)
+        queue.submit(task)
+        assert task.wait(150)
+    queue.close()
+    assert not (tmp_path / "ran").exists()
+    assert (task.status, task.share, task.error) == (Status.DONE, 1.0, "")
+    assert (task.summary.rows, task.summary.failed) == (1, 1)
+    assert read_request(study) == replace(request, is_finished=True)
+    tries = [(tmp_path / name).read_text() for name in ("copy.csv", "run2.csv")]
+    assert tries == ["x", "xx"], "another worker tried again"
     [failure] = [one for one in read_failures(study) if one.start == 0]
     assert (failure.file, "every worker died" in failure.reason) == ("run2.csv", True)
     # Tried again the next time, and then no failure any more.
-    assert batch(folder, study, scheduler=cluster, **options).failed == 0
+    again = batch(folder, study, methods=METHODS_USED[:1], window=200, scheduler=cluster)
+    assert again.failed == 0
     assert not [one for one in read_failures(study) if one.start == 0]
 
 

@@ -57,11 +57,11 @@ def test_the_table_of_a_database_gives_it_too(
 ) -> None:
     model, out = "idm", tmp_path / "study"
     methods = ("--methods", "least-squares", "--scheduler", cluster, "--model", model)
-    document(capsys, "batch", STUDY, "--out", out, "--window", 100, *methods)
+    document(capsys, "batch", STUDY, "--out", out, "--window", 140, *methods)
     (group,) = document(capsys, "table", out)["groups"]
-    windows = ("--windows", "all", "--duration", 100, "--model", model)
+    windows = ("--windows", "all", "--duration", 140, "--model", model)
     (fitted,) = document(capsys, "fit", STUDY, *windows)["answer"]
-    assert group["windows"] == fitted["windows"] == 3
+    assert group["windows"] == fitted["windows"] == 2
     for name in ("parameters", "intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():
             assert value == pytest.approx(fitted[name][key], rel=1e-6), (name, key)

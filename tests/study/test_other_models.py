@@ -37,7 +37,7 @@ from tests.support.openacc_files import csv, metadata
 IDM = np.array([[1.2, 1.6, 1.1, 3.0, 40.0]])
 
 
-def file_of(path: Path, key: str, theta: np.ndarray, seconds: float = 300.0) -> Path:
+def file_of(path: Path, key: str, theta: np.ndarray, seconds: float = 200.0) -> Path:
     """A recording of a vehicle that drives by a model behind another one."""
     (run,) = driven(FOLLOWING[key], theta, 3, noise=0.03, seconds=seconds)
     columns = {"Time": run.time, "Speed1": run.speeds[:, 0], "Speed2": run.speeds[:, 1]}

@@ -4,20 +4,30 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from accpinn.inference import answer, intervals, posterior, window_posterior
+from accpinn.inference import answer, intervals, population, posterior, window_posterior
 
-USERS = (posterior.STAGES, posterior.FURTHER, window_posterior.STAGES)
-FEW = ((60, 60, 200), 0, (60, 60, 100))
+Draws = tuple[tuple[int, ...], int, tuple[int, ...], int, int]
+USERS: Draws = (
+    posterior.STAGES, posterior.FURTHER, window_posterior.STAGES, population.BURN, population.KEPT
+)  # fmt: skip
+FEW: Draws = ((60, 60, 200), 0, (60, 60, 100), 8, 20)
 PRELOAD = "DASK_DISTRIBUTED__WORKER__PRELOAD"
 """The variable that names a module whose `dask_setup` the workers of a batch call first."""
 
 
-def take(draws: tuple[tuple[int, ...], int, tuple[int, ...]]) -> None:
-    """From now on; nothing that was kept of another number of draws is taken for theirs."""
-    posterior.STAGES, posterior.FURTHER, window_posterior.STAGES = draws
+taken = USERS
+
+
+def take(draws: Draws) -> Draws:
+    """From now on, in place of those returned; what was kept of another number counts no more."""
+    global taken
+    before, taken = taken, draws
+    posterior.STAGES, posterior.FURTHER, window_posterior.STAGES, population.BURN, kept = draws
+    population.KEPT = answer.KEPT = kept
     os.environ[PRELOAD] = "tests.support.draws" if draws == FEW else ""
     for known in (intervals.shared, window_posterior.window_posterior, answer._answer):
         known.cache_clear()
+    return before
 
 
 def take_few() -> None:
@@ -33,8 +43,7 @@ def dask_setup(_: object) -> None:
 @contextmanager
 def as_users_have() -> Iterator[None]:
     """All of them."""
-    before = posterior.STAGES, posterior.FURTHER, window_posterior.STAGES
-    take(USERS)
+    before = take(USERS)
     try:
         yield
     finally:

@@ -115,9 +115,9 @@ def trained() -> Result:
 @cache
 def whole() -> Result:
     """The same with the network, a comparison and the data, as a snapshot has it."""
-    result = trained()
-    compared = results_among(compare(result.analysis, platoon(), ("least-squares", "recursive")))
-    return named(replace(result, compared=compared), "whole", NOTE, with_data=True)
+    quick = ("least-squares", "savitzky-golay")
+    compared = results_among(compare(trained().analysis, platoon(), quick))
+    return named(replace(trained(), compared=compared), "whole", NOTE, with_data=True)
 
 
 @cache

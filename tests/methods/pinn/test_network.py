@@ -127,12 +127,15 @@ def of_length(duration: float, step: float = 0.1, masked: bool = False) -> Segme
     return replace(segment, mask=mask)
 
 
-@pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize(
-    "config",
-    [preset("fast"), preset("fast", highest_frequency=2.0), preset("calibrated"), preset("paper")],
+    ("config", "masked", "model"),
+    [
+        *((preset(name), True, "cthp") for name in get_args(PresetName)),
+        (preset("fast", highest_frequency=2.0), False, "cthp"),
+        *((preset("fast"), masked, "idm-delay") for masked in (False, True)),
+        (preset("paper"), True, "idm"),
+    ],
 )
-@pytest.mark.parametrize("model", ["cthp", "idm", "idm-delay"])
 def test_the_longest_window_named_is_allowed(config: PinnConfig, masked: bool, model: str) -> None:
     step = 0.5 if masked else 0.1
     with pytest.raises(SegmentError, match="GB of memory") as caught:

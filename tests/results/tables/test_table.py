@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.findings import probability
@@ -147,6 +147,7 @@ def test_latex_and_html_show_a_name_as_it_is(name: str) -> None:
     assert "script" not in [tag for tag, _ in read.tags]
 
 
+@settings(max_examples=40)
 @given(st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=30))
 def test_any_name_survives_html_and_csv(name: str) -> None:
     table = Table("", (Column("Vehicle"), Column("α", digits=2)), ((name, 1.0),))
