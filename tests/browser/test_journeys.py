@@ -31,7 +31,7 @@ from tests.browser.running import (
     upload,
     watched,
 )
-from tests.support.openacc_files import csv, metadata, platoon
+from tests.support.openacc_files import csv, metadata
 from tests.support.samples import FOLDER, frame
 from tests.support.studies import row, write_study
 
@@ -122,7 +122,7 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     makes = (row(f"Make {k}", file="a.csv", start=0.0, duration=60.0, sha256="0") for k in range(9))
     write_study(app.studies / "nine makes", *makes)
     whole = (FOLDER / "synthetic_astazero_like.csv").read_text().replace("A8-like", NASTY)
-    sample = "".join(whole.splitlines(keepends=True)[:1500])  # is soon done
+    sample = "".join(whole.splitlines(keepends=True)[:900])  # is soon done
     file = f"{NASTY.replace('/', '')}.csv"
     first = opened()
     look(first)
@@ -236,7 +236,7 @@ def test_a_real_recording_is_dropped_trained_on_and_its_window_moved(
     window(page, "914.9–1215")
 
 
-def test_a_drag_sets_the_window_and_a_corrupt_file_loses_nothing(opened: Open) -> None:
+def test_a_drag_sets_the_window_again_and_again(opened: Open) -> None:
     page = opened("/Data")
     page.get_by_role("button", name="Open this sample").click()
     page.get_by_text("Preview of the window").wait_for()
@@ -250,11 +250,6 @@ def test_a_drag_sets_the_window_and_a_corrupt_file_loses_nothing(opened: Open) -
     assert float(length.input_value()) == pytest.approx(200, abs=3)
     drag(overview, 0.50, 0.60)  # and again, over a chart that was drawn anew
     expect(length).to_have_value(re.compile(r"^(39|4\d)\."))
-
-    upload(page, ("part12.csv", csv(platoon())[:9000] + bytes(500)))
-    expect(page.get_by_text("NUL bytes instead of text")).to_be_visible()
-    expect(page.get_by_text("The recording opened before is kept")).to_be_visible()
-    expect(page.get_by_text("Preview of the window")).to_be_visible()
 
 
 def test_all_methods_run_stop_and_survive_a_reload(opened: Open) -> None:

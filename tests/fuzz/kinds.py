@@ -433,11 +433,11 @@ def use_large(content: bytes, folder: Path) -> bool:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("recording", draw_recording, use_recording, ".csv", 200),
-        Kind("pairs", draw_pairs, use_pairs, ".csv", 40),
-        Kind("mapping", draw_mapping, use_mapping, ".json", 50),
-        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 50),
-        Kind("study", draw_study, use_study, ".sqlite", 40),
+        Kind("recording", draw_recording, use_recording, ".csv", 140),
+        Kind("pairs", draw_pairs, use_pairs, ".csv", 30),
+        Kind("mapping", draw_mapping, use_mapping, ".json", 40),
+        Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 35),
+        Kind("study", draw_study, use_study, ".sqlite", 30),
         Kind("arguments", draw_arguments, use_arguments, ".json", 20, 20.0),  # some estimate
         Kind("large", draw_large, use_large, ".csv"),
     )

@@ -299,6 +299,7 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     page.upload("bad.csv", b"\x89PNG not a run")
     (error,) = page.error
     assert "this is a PNG image, not a CSV file" in error.value.replace("\\", "")
+    assert "The recording opened before is kept" in page.plain()
     assert (session.recording, session.segment) == before
     assert "Preview of the window" in page.texts()
     page.upload("mine.csv", PAIR)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import impulse
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
@@ -153,22 +152,6 @@ def test_the_exact_gain_lies_between_peak_and_product(platoon: list[Parameters])
     slack = 1e-7 + 3 * found.error
     assert (found.gain >= head_to_tail_peaks(vehicles).gain - slack).all()
     assert (found.gain <= np.cumprod(step_metrics(vehicles).gain) + slack).all()
-
-
-def test_the_exact_gain_agrees_with_a_fine_convolution() -> None:
-    step = 0.005
-    # The midpoint rule for each h, then the integral of the magnitude of their convolution.
-    instants = np.arange(60_000) * step + step / 2
-    one, other = (
-        impulse(([v.beta, v.alpha], [1.0, v.alpha * v.tau + v.beta, v.alpha]), T=instants)[1]
-        for v in (AUDI, TESLA)
-    )
-    length = 2 * len(instants)
-    both = np.fft.irfft(np.fft.rfft(one, length) * np.fft.rfft(other, length))[: len(one)]
-    found = head_to_tail_gains(row(AUDI, TESLA))
-    assert found.gain[1] == pytest.approx(np.abs(both).sum() * step**2, abs=2e-5)
-    assert found.error[1] < 1e-6
-    assert found.error[0] == 0
 
 
 def test_nothing_passes_one_that_does_not_react_and_an_undamped_one_has_no_bound() -> None:

@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
-from scipy.signal import lti
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
@@ -14,6 +13,7 @@ from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
 from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.stability.lagged import is_lagged, lagged_stability, step_gain
 from accpinn.units import FloatArray
+from tests.support.vehicles import AUDI, TESLA, row
 
 
 def drawn(count: int, seed: int, lag: float = 0.0, delay: float = 0.0) -> Parameters:
@@ -87,10 +87,8 @@ def test_the_gain_of_peaks_is_the_integral_of_the_impulse_response() -> None:
     late = Parameters([0.06, 0.15, 0.04], [0.12, 0.4, 0.6], [1.2, 1, 1.8], delay=[0.7, 0.5, 0.3])
     expected = [variation_under_delay(vehicle) for vehicle in late]
     np.testing.assert_allclose(step_gain(late)[1], expected, rtol=0.01)
-    lagged, time, expected = drawn(8, 4, lag=1.0), np.linspace(0.0, 300.0, 15_001), []
-    for (alpha, alpha_tau, beta), lag in zip(lagged.theta, lagged.lag, strict=True):
-        _, h = lti([beta, alpha], [lag, 1.0, alpha_tau + beta, alpha]).impulse(T=time)
-        expected.append(float(trapezoid(np.abs(h), time)))
+    lagged, time = drawn(8, 4, lag=1.0), np.linspace(0.0, 300.0, 15_001)
+    expected = [integral(vehicle[None], time) for vehicle in lagged]
     np.testing.assert_allclose(step_gain(lagged)[1], expected, rtol=2e-3)
 
 
@@ -130,6 +128,9 @@ def test_gains_along_a_platoon_take_a_delay_as_a_shift() -> None:
         gain = head_to_tail_gains(pair).gain
         assert gain[1] <= np.prod(step_gain(pair)[1]) * (1 + 1e-3)
         assert gain[1] == pytest.approx(integral(pair, time), rel=1e-3)
+    plain = head_to_tail_gains(row(AUDI, TESLA))
+    assert plain.gain[1] == pytest.approx(integral(row(AUDI, TESLA), time), abs=2e-5)
+    assert (plain.error[0], plain.error[1] < 1e-6) == (0, True)
     calm = Parameters([0.028, 0.043], [0.58, 0.516], [1.657, 2.467], delay=0.58)
     assert head_to_tail_gains(calm).gain[1] < 1.0001
 

@@ -36,7 +36,7 @@ MODELS = [base.key for base in BASES]
 def subject(key: str, noise: float = 0.05) -> Subject:
     """A simulated car in four windows."""
     model, theta = FOLLOWING[key], np.array([TRUTHS[key]])
-    windows = tuple(driven(model, theta, seed, noise, 60.0)[0] for seed in range(4))
+    windows = tuple(driven(model, theta, seed, noise, 45.0)[0] for seed in range(4))
     return Subject(windows, driven(model, theta, 9, noise, seconds=250.0)[:1])
 
 
