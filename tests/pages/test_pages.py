@@ -259,6 +259,7 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
     for title in ("Data", "Train"):
         assert any("not ACC" in error for error in open_page(title, session).boxes("error"))
+    session.choose(vehicles=(2, 3))
     answer(session)
     for title in ("Train", "Stability"):
         assert "<td>Human</td>" in open_page(title, session).texts(), "the table carries it"

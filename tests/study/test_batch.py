@@ -42,8 +42,8 @@ from accpinn.study.studies import FILE, Request, read_failures, read_request
 from accpinn.tasks import Status, TaskQueue
 from accpinn.tasks.batches import StudyTask
 from tests.support.command import ROOT, Capture, document
+from tests.support.dying import DEATHS, dying
 from tests.support.openacc_files import csv, metadata, platoon, recording
-from tests.support.studies import DEATHS, dying
 
 
 def quick_intervals(_: Sequence[Segment], fit: Fit, held: Held = ()) -> Uncertainty:

@@ -1,8 +1,7 @@
 """Rows of a batch made for a test, and the folder of a study that holds them."""
 
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,16 +14,11 @@ from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import Answer, Request, written
 from accpinn.units import FloatArray
 
-if TYPE_CHECKING:
-    from accpinn.study.batch import WindowJob
-
 REQUEST = Request(("runs",), ("least-squares",), 300.0)
 S0, DELAY = 5.0, 0.5
 """Of every vehicle."""
 ERRORS = (0.1, 0.1, 0.03, 0.5, 0.05)
 """Standard deviations of a window's posterior."""
-DEATHS = "ACCPINN_TEST_DEATHS"
-"""The variable that names where `dying` leaves its marks."""
 
 
 def row(make: str | None, **changes: Any) -> dict[str, Any]:
@@ -78,12 +72,3 @@ def write_study(folder: Path, *given: dict[str, Any]) -> Path:
             posteriors = None if drawn is None else drawn[None]
             study.add(cells["file"] or "", Answer(asked, [cells | place], posteriors))
     return folder
-
-
-def dying(job: "WindowJob") -> list[Answer]:
-    """A job at which its worker dies if the file is run2.csv; each leaves a mark."""
-    with (Path(os.environ[DEATHS]) / job.file.name).open("a") as marks:
-        marks.write("x")
-    if job.file.name == "run2.csv":
-        os._exit(1)
-    return [Answer(job.analyses[0], [dict.fromkeys(column.name for column in COLUMNS)])]
