@@ -10,7 +10,7 @@ import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import metadata
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -465,6 +465,7 @@ def origin() -> Origin:
     )
 
 
+@cache  # looking one up reads a file
 def _version(package: str) -> str:
     try:
         return metadata.version(package)
