@@ -7,13 +7,7 @@ from typing import get_args
 import pytest
 
 from accpinn.errors import RecordingError
-from accpinn.storage import (
-    FolderName,
-    folder,
-    reason_of,
-    reported,
-    write_whole,
-)
+from accpinn.storage import FolderName, folder, reason_of, reported, write_whole
 
 
 @pytest.mark.parametrize("name", get_args(FolderName))

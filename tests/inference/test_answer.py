@@ -167,9 +167,7 @@ def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> Non
 
 
 @pytest.mark.parametrize("model", ["cthp", "cthp-s0", "cthp-s0-delay"])
-def test_the_prior_of_a_window_is_the_density_over_features_that_is_divided_by(
-    model: str,
-) -> None:
+def test_the_prior_of_a_window_is_the_density_over_features_that_is_divided_by(model: str) -> None:
     """It differs by the Jacobian's determinant, here from central differences; 1e-5."""
     criterion = Criterion(series_of([standing_still()], "II"), model)
     free = [0, 1, 2, *range(9, criterion.size)]

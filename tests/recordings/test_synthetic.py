@@ -50,8 +50,7 @@ class TestTruth:
         assert truth == Truth(*origin, synthetic.GENERATOR_VERSION)
 
     @pytest.mark.parametrize(
-        "content",
-        ["", "[]", '{"description": "", "parameters": [{"alpha": 1}], "noise": null}'],
+        "content", ["", "[]", '{"description": "", "parameters": [{"alpha": 1}], "noise": null}']
     )
     def test_what_is_no_truth_file_is_one_sentence(self, tmp_path: Path, content: str) -> None:
         path = tmp_path / "x.truth.json"

@@ -38,11 +38,7 @@ from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.suggestion import Suggestion
-from accpinn.stability import (
-    StabilityReport,
-    assessment,
-    stability_report,
-)
+from accpinn.stability import StabilityReport, assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
 from accpinn.study.studies import Failure

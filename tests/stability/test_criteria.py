@@ -29,16 +29,7 @@ from accpinn.stability.criteria import (
 )
 from accpinn.stability.head_to_tail import head_to_tail_gains, head_to_tail_peaks
 from tests.stability.references import TABLE, integral_of_magnitude
-from tests.support.vehicles import (
-    AUDI,
-    CALM,
-    NO_REACTION,
-    TESLA,
-    UNDAMPED,
-    damping,
-    ordinary,
-    row,
-)
+from tests.support.vehicles import AUDI, CALM, NO_REACTION, TESLA, UNDAMPED, damping, ordinary, row
 
 BOUNDARIES = (
     (l2_margin, smallest_headway_l2),

@@ -20,15 +20,7 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot_library import RESTORABLE, Library
 from accpinn.study.store import INDEX, SESSION_KEPT, Store
 from tests.support.driving import driven
-from tests.support.snapshots import (
-    asked_of,
-    bits,
-    numbered,
-    small,
-    small_bytes,
-    two_windows,
-    whole,
-)
+from tests.support.snapshots import asked_of, bits, numbered, small, small_bytes, two_windows, whole
 
 TRAINING = asked_of(driven(), "pinn", preset("paper", iterations=10))
 

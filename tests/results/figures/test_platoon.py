@@ -106,9 +106,7 @@ def test_amplitudes_stand_on_the_predicted_line(sinusoid: PlatoonRun) -> None:
     np.testing.assert_allclose(levels, 20 * np.log10(wave.predicted), atol=1e-9)
 
 
-def test_amplitudes_of_other_disturbances_are_the_largest_deviations(
-    collision: PlatoonRun,
-) -> None:
+def test_amplitudes_of_other_disturbances_are_the_largest_deviations(collision: PlatoonRun) -> None:
     braking = simulate_platoon(ASTAZERO.parameters, Brake())
     (trace,) = figures.amplitude_by_vehicle(braking, ALL, in_db=False).data
     np.testing.assert_allclose(trace.y, braking.largest_deviation)

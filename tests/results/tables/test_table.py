@@ -10,16 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.findings import probability
-from accpinn.results.tables import (
-    ABSENT,
-    Cell,
-    Column,
-    Range,
-    Table,
-    between,
-    latex,
-    percent_cells,
-)
+from accpinn.results.tables import ABSENT, Cell, Column, Range, Table, between, latex, percent_cells
 from accpinn.units import Estimate
 from tests.support.html import Reader
 
