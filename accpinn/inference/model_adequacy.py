@@ -5,9 +5,10 @@ The CTHP, and models with an intercept s₀, a lag, a delay, and with s₀ and a
 
 They are compared by their largest likelihoods, for which the further terms have no prior, by
 Akaike's criterion, AIC = 2k - 2 log L with k unknowns, and by the density that each, estimated from
-the first two thirds of the time, gives to the measurements of the last third. A model that neither prefers may still be true: a lag of a second
-changes α and β by half, and yet five minutes of a recording hardly distinguish it from no lag. The
-intervals under each model (see `inference.posterior`) show how much α, β and τ depend on it.
+the first two thirds of the time, gives to the measurements of the last third. A model that neither
+prefers may still be true: a lag of a second changes α and β by half, and yet five minutes of a
+recording hardly distinguish it from no lag. The intervals under each model (see
+`inference.posterior`) show how much α, β and τ depend on it.
 
 The innovations of the CTHP test whether it holds (see `inference.innovation_tests`).
 """
