@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from accpinn.channels import fields
 from accpinn.cli.options import ALL, add_method_help, named_keys
-from accpinn.cli.output import interruptible, print_json, show, show_result
+from accpinn.cli.output import interruptible, note, print_json, show, show_result
 from accpinn.cli.recordings import add_json_option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
@@ -72,7 +72,9 @@ def run_batch(options: argparse.Namespace) -> int:
             should_stop=stopped.is_set,
         )
     show_result(options, _describe_batch, _batch_text, summary, options.out)
-    return 130 if summary.stopped else 0
+    if summary.stopped:
+        return 130
+    return 1 if summary.refused >= summary.files else 0
 
 
 def _seconds(text: str) -> float:
@@ -134,6 +136,8 @@ def run_table(options: argparse.Namespace) -> int:
     """Group the answers, and print the table."""
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
     grouped = group(read_study(options.study), by, options.level)
+    if not grouped.groups:
+        note(f"Note: no window of {options.study} has a result yet; {FAILURES} says what failed.")
     if options.json:
         print_json(groups_document(grouped))
     else:

@@ -78,6 +78,8 @@ from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 """Options that only a method with settings has."""
+_KEPT = ("name", "note", "with_data")
+"""Options that only a snapshot has."""
 MOST_SEEDS = 100
 STARTS_HELP = fill(
     "The PiNN is trained from each initial (α, β, τ) of the paper's Table I, once a seed:"
@@ -120,6 +122,9 @@ def run_fit(options: argparse.Namespace) -> int:
     if options.out is not None:  # training takes long; what would spoil its keeping is said first
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
+    elif idle := [name for name in _KEPT if getattr(options, name)]:
+        named = ", ".join(f"--{name.replace('_', '-')}" for name in idle)
+        note(f"Note: {named} has no effect without --out.")
     if settings and settings.preset != "calibrated":
         start_loading()  # while the recording is read
     analysis, recording = chosen_analysis(options, options.method, settings)
@@ -142,7 +147,7 @@ def _saved(result: Result, options: argparse.Namespace) -> Path | None:
     """Where the result was saved; None where that was not asked for."""
     if options.out is None:
         return None
-    about = {name: getattr(options, name) for name in ("name", "note", "with_data")}
+    about = {name: getattr(options, name) for name in _KEPT}
     return save(named(result, **about), options.out)
 
 

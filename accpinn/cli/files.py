@@ -127,6 +127,11 @@ def run_report(options: argparse.Namespace) -> int:
     real = writable_path(place, "report")
     snapshot = load(options.file)
     recording = _data_of(options)
+    if recording and recording.sha256 != snapshot.info.sha256:
+        raise ConfigError(
+            f"{options.recording}: not the recording of this snapshot; give"
+            f" {snapshot.info.source}, whose SHA-256 begins with {snapshot.info.sha256[:8]}."
+        )
     checked = verify(snapshot, recording, refit_within=_patience(options, PROMPT))
     page = render_report(snapshot.found_in(recording), checked)
     write_file(page.encode(), real, "report")

@@ -65,6 +65,8 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
     """
     values = {name: getattr(options, name) for name in PARAMETER_KEYS if getattr(options, name)}
     path = options.file or options.snapshot
+    if options.file and options.snapshot:
+        raise ConfigError("snapshot: give one snapshot, not two.")
     if path:
         if values:
             raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")

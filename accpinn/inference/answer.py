@@ -203,6 +203,14 @@ class Answer:
     findings: tuple[HeterogeneousWindows, ...]
     seconds: Seconds
 
+    def __repr__(self) -> str:
+        """Model, number of windows, and each follower's time gap."""
+        speed, count = self.stated_speed, len(self.windows)
+        gaps = [self.time_gap(speed, k) for k in range(len(self.speeds))]
+        said = ", ".join(f"{gap.value:.2f} s ({gap.lower:.2f}–{gap.upper:.2f})" for gap in gaps)
+        windows = "1 window" if count == 1 else f"{count} windows"
+        return f"<Answer: {self.model}, {windows}; time gap at {3.6 * speed:.0f} km/h: {said}>"
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the model's parameters, as `Parameters` or the model has them."""
@@ -222,7 +230,15 @@ class Answer:
         return bool(low <= speed <= high)
 
     def span(self, name: str, follower: int) -> Span:
-        """One parameter of one follower, by its name."""
+        """One parameter of one follower, by its name; see `names`.
+
+        Raises:
+            ConfigError: for another name or follower.
+        """
+        if name not in self.names:
+            raise ConfigError(
+                f"span: {name[:40]} is not known; choose from {', '.join(self.names)}."
+            )
         return self._span((name,), follower, lambda sets: self.values(sets, name))
 
     def gain(self, name: str, follower: int) -> Span:
@@ -234,7 +250,7 @@ class Answer:
         return value_of(self.model, sets, name)
 
     def time_gap(self, speed: MetresPerSecond, follower: int) -> Span:
-        """The time gap of one follower in equilibrium at a speed, in s."""
+        """The time gap of one follower in equilibrium at a speed, in s; nan where there is none."""
         return self._span((speed,), follower, lambda sets: time_gap(self.model, sets, speed))
 
     @cached_property
@@ -264,6 +280,11 @@ class Answer:
         self, what: tuple[object, ...], follower: int, of: Callable[[Parameters], FloatArray]
     ) -> Span:
         key = (*what, follower)
+        if not 0 <= follower < len(self.speeds):
+            raise ConfigError(
+                f"follower: {follower} is not there; choose 0 to {len(self.speeds) - 1}, the first"
+                " is 0."
+            )
         if key not in self._spans:
             parts = self.parameters, self.typical, self.further
             self._spans[key] = Span.of([of(sets)[..., follower] for sets in parts], self.level)

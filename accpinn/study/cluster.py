@@ -7,6 +7,7 @@ they end with the caller, however that ends.
 """
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from accpinn import __version__
-from accpinn.errors import AccpinnError, RecordingError
+from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
@@ -53,6 +54,10 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
         RecordingError: when it cannot be reached, has no workers, or these lack the package.
     """
     if scheduler:
+        if not re.search(r":\d+$", scheduler):
+            raise ConfigError(
+                f'scheduler: "{scheduler[:60]}" is no address; write one as tcp://HOST:8786.'
+            )
         with _client(scheduler, CONNECT) as client:
             _require_package(client, scheduler)
             yield client

@@ -31,7 +31,7 @@ from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import FOLLOWING, time_gap
+from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.recordings import Facts, Recording, facts_of
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
@@ -114,6 +114,28 @@ class Result:
     """Where the data were cut from; never in a file."""
     digest: str = ""
     """SHA-256 of the file that it was read from, or was made into; empty before that."""
+
+    def __repr__(self) -> str:
+        """Method, file and windows."""
+        windows = str(self.info.window) if len(self.infos) == 1 else f"{len(self.infos)} windows"
+        return f"<Result: {self.fit.method} on {self.info.source}, {windows}>"
+
+    def __str__(self) -> str:
+        """A line on what it is, one or two a follower, and one on what to ask it."""
+        lines = [repr(self)[1:-1]]
+        names, known = FOLLOWING[self.fit.model].names, self.known_answer
+        for k, label in enumerate(self.info.labels[1:]):
+            if known:
+                gap, speed = known.time_gap(known.stated_speed, k), 3.6 * known.stated_speed
+                trust = known.trust[min(k, len(known.trust) - 1)]
+                lines.append(
+                    f"{label}: {gap.value:.2f} s at {speed:.0f} km/h"
+                    f" ({100 * known.level:.0f} % interval {gap.lower:.2f}–{gap.upper:.2f})."
+                    f" {trust.in_words}"
+                )
+            values = (f"{n} {value_of(self.fit.model, self.parameters, n)[k]:.4g}" for n in names)
+            lines.append(f"{label}: {', '.join(values)} by {self.fit.method}")
+        return "\n".join([*lines, "More: .answer, .parameters, .uncertainty, .stability, .draws"])
 
     @property
     def id(self) -> str:
