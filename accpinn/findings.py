@@ -107,6 +107,11 @@ def probability(share: float) -> str:
     return "over 99 %" if share > 0.99 else percent(share)
 
 
+def p_value(p: float) -> str:
+    """The probability of what is seen, or more, by chance alone."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
+
+
 def spelled(count: int) -> str:
     """A count in words, up to ten."""
     return _NUMBERS[count] if count < len(_NUMBERS) else str(count)

@@ -10,10 +10,11 @@ from msgspec.structs import replace
 
 import accpinn.results.report  # noqa: F401  all modules that have findings
 from accpinn.findings import Finding, joined, probability
-from accpinn.inference.answer import HeterogeneousWindows, Trust
+from accpinn.inference.answer import HeterogeneousFollowers, HeterogeneousWindows
 from accpinn.inference.identifiability import WeakIdentification
 from accpinn.inference.intervals import ParameterInterval
 from accpinn.inference.model_adequacy import FORMS
+from accpinn.inference.trust import Trust
 from accpinn.methods.fit import HiddenLayersGain, IterationsExhausted
 from accpinn.recordings import SamplesMissing, Window
 from accpinn.segment import Bridged, DrivenByHand
@@ -94,6 +95,7 @@ def test_a_sentence_has_its_vehicle_and_figures(kind: type[Finding]) -> None:
         (IterationsExhausted(3000), ["3,000"]),
         (WeakIdentification(0, (), 0.05), ["All followers", "0.05 m/s"]),
         (HeterogeneousWindows(2, 5, 0.012, 0.2), ["5 windows", "p = 0.012", "0.20 s"]),
+        (HeterogeneousFollowers(4, 1e-9), ["4 followers", "p < 0.001"]),
     ],
 )
 def test_figures_are_rounded_and_have_their_units(finding: Finding, facts: list[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from accpinn.channels import PARAMETERS, by_key, fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
 from accpinn.cli.recordings import add_json_option
-from accpinn.errors import ConfigError, SnapshotError
+from accpinn.errors import ConfigError, RecordingError, SnapshotError
 from accpinn.recordings import Recording
 from accpinn.recordings.files import read
 from accpinn.results.documents import parameter_card
@@ -128,7 +128,7 @@ def run_report(options: argparse.Namespace) -> int:
     snapshot = load(options.file)
     recording = _data_of(options)
     if recording and recording.sha256 != snapshot.info.sha256:
-        raise ConfigError(
+        raise RecordingError(
             f"{options.recording}: not the recording of this snapshot; give"
             f" {snapshot.info.source}, whose SHA-256 begins with {snapshot.info.sha256[:8]}."
         )

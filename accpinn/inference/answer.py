@@ -8,17 +8,10 @@ parameters have (see `inference.population`). Everything that shows, simulates, 
 
 The headline is the time gap in equilibrium, τ + s₀/v, at a stated speed: the data determine it,
 while τ and s₀ may trade off against each other.
-
-How far it can be trusted is what its own recording says of it (`Trust`): in how many windows is the
-time gap of the window alone that of the answer, and does the answer reproduce the drive? For the
-second the vehicle is driven in every window behind the measured vehicle ahead, from its first
-measured state on; the error of its gap is compared with how much the gap itself varies. A
-simulation that is half as far off as a gap that stands still has explained three quarters of its
-variance.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple, Self
@@ -27,8 +20,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import simulable, simulated
-from accpinn.findings import Finding, Labelled, Words
+from accpinn.findings import Finding, Labelled, Words, p_value
 from accpinn.inference.intervals import (
     LEVEL,
     Uncertainty,
@@ -36,6 +28,7 @@ from accpinn.inference.intervals import (
     interval_ends,
 )
 from accpinn.inference.population import CHAINS, KEPT, WITHIN, population_of, sampled_population
+from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (
     STABILITY_DRAWS,
     count_of,
@@ -47,10 +40,10 @@ from accpinn.inference.window_posterior import (
 )
 from accpinn.methods import one_thread
 from accpinn.methods.state_space import EXTRA
-from accpinn.model.cthp import Case, Parameters, collides
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
 from accpinn.segment import Segment, median_speeds
-from accpinn.units import Estimate, FloatArray, Metres, MetresPerSecond, Seconds
+from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
 
 THINNING = 2
 """One of so many draws of the typical value is kept."""
@@ -58,21 +51,15 @@ SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 """Speeds at which the time gap is stated, beside the median speed."""
 SIGNIFICANCE = 0.05
 """Below this probability under equal parameters, windows are said to differ."""
-ALIKE = 0.05
-"""Relative difference up to which two time gaps are called the same."""
-REPRODUCED = 0.5
-"""Error of the gap, as a share of its own deviation, up to which a drive is reproduced."""
-FAR: Metres = 1000.0
-"""Error beyond which a simulation has diverged."""
 
 
 class HeterogeneousWindows(Finding, frozen=True):
     """A follower's windows differ by more than sampling error explains."""
 
     text = (
-        "{vehicle}: its {windows} windows differ by more than sampling error explains (p ="
-        " {probability:.2g}), their time gaps by up to {spread:.2f} s. A further window may differ"
-        " as much: use the interval for one."
+        "{vehicle}: its {windows} windows differ by more than sampling error explains"
+        " ({probability}), their time gaps by up to {spread:.2f} s. A further window may differ as"
+        " much: use the interval for one."
     )
 
     vehicle: int
@@ -81,79 +68,27 @@ class HeterogeneousWindows(Finding, frozen=True):
     spread: Seconds
     """Largest difference between the windows' own time gaps, at the answer's `stated_speed`."""
 
-
-class Trust(Finding, frozen=True):
-    """What the windows say of one vehicle's answer."""
-
-    vehicle: int
-    windows: int
-    same: int
-    """Number of windows whose own time gap is within `ALIKE` of the answer's at ``speed``."""
-    speed: MetresPerSecond
-    """The vehicle's median speed."""
-    rmse: Metres
-    """Of the simulated gap; nan where nothing can be simulated."""
-    deviation: Metres
-    """Standard deviation of the measured gap about its mean in each window."""
-    collides: bool
-    """Whether a simulated gap ends at the vehicle ahead while the measured one does not."""
-
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether the drive is not reproduced, or half of several windows say something else."""
-        differs = self.windows > 1 and 2 * self.same <= self.windows
-        return differs or not self.is_reproduced
-
-    @property
-    def is_reproduced(self) -> bool:
-        """Whether the answer reproduces the drive."""
-        return not self.collides and self.rmse <= REPRODUCED * self.deviation
-
-    text = "{vehicle}: {in_words}"
-
     def _words(self, about: Labelled) -> Words:
-        return {"in_words": self.in_words}
-
-    @property
-    def in_words(self) -> str:
-        """Both answers, without the vehicle."""
-        off = f"{self.rmse:.1f} m (rms; the gap's own deviation is {self.deviation:.1f} m)"
-        if not np.isfinite(self.rmse):
-            drive = "The drive cannot be simulated."
-        elif self.is_reproduced:
-            drive = f"Reproduces the drive within {off}."
-        elif self.collides:
-            drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
-        else:
-            drive = f"Does not reproduce the drive within half of what the gap varies: {off}."
-        return f"{_agreement('Its time gap is', self.windows, self.same, self.same)} {drive}"
+        return {"probability": p_value(self.probability)}
 
 
-def trust_of_several(trusts: Sequence[Trust]) -> str:
-    """What holds of several vehicles whose drives are all reproduced, in words."""
-    same = [trust.same for trust in trusts]
-    errors = _range([trust.rmse for trust in trusts])
-    deviations = _range([trust.deviation for trust in trusts])
-    return (
-        f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} They"
-        f" reproduce the drive within {errors} m (rms; the gaps' own deviations: {deviations} m)."
+class HeterogeneousFollowers(Finding, frozen=True):
+    """Followers that share their parameters differ by more than sampling error explains."""
+
+    text = (
+        "The {followers} followers differ by more than sampling error explains ({probability}), so"
+        " one parameter set describes none of them well: choose Case II."
     )
 
+    followers: int
+    probability: float
+    """In the first window."""
 
-def _agreement(gaps: str, windows: int, low: int, high: int) -> str:
-    """How many of the windows say the same time gap; ``gaps`` is the sentence's beginning."""
-    if windows == 1:
-        return "Known from one window alone."
-    if low == windows:
-        count = "both windows" if windows == 2 else f"all {windows} windows"
-    else:
-        count = f"{low if low == high else f'{low} to {high}'} of {windows} windows"
-    return f"{gaps} the same within {100 * ALIKE:.0f} % in {count}."
+    def _words(self, about: Labelled) -> Words:
+        return {"probability": p_value(self.probability)}
 
 
-def _range(values: Sequence[float]) -> str:
-    low, high = (f"{value:.1f}" for value in (min(values), max(values)))
-    return low if low == high else f"{low}–{high}"
+AnswerFinding = HeterogeneousWindows | HeterogeneousFollowers
 
 
 @dataclass(frozen=True)
@@ -200,7 +135,7 @@ class Answer:
     """(M,) probability that windows differ as much by sampling error alone; nan for one window."""
     trust: tuple[Trust, ...]
     """What its own windows say of each follower's answer; one where all share it."""
-    findings: tuple[HeterogeneousWindows, ...]
+    findings: tuple[AnswerFinding, ...]
     seconds: Seconds
 
     def __repr__(self) -> str:
@@ -384,10 +319,13 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
             trust(segments, vehicle, row, model, parameters[row[0]], estimates[:, row[0]])
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),
-        findings=tuple(
-            HeterogeneousWindows(vehicle, len(segments), float(p), max(float(spread), 0.0))
-            for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
-            if p < SIGNIFICANCE
+        findings=(
+            *(
+                HeterogeneousWindows(vehicle, len(segments), float(p), max(float(spread), 0.0))
+                for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
+                if p < SIGNIFICANCE
+            ),
+            *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
         ),
         seconds=time.perf_counter() - started,
     )
@@ -441,11 +379,18 @@ def middle_of(drawn: FloatArray) -> FloatArray:
     return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
 
 
+def _unlike_followers(segment: Segment, model: str, held: Held) -> Iterator[AnswerFinding]:
+    """Whether followers of Case I differ, from what each says by itself."""
+    probability = _heterogeneity(window_posterior(segment, "II", model, held).drawn)
+    if probability < SIGNIFICANCE:
+        yield HeterogeneousFollowers(segment.followers, probability)
+
+
 def _heterogeneity(drawn: FloatArray) -> float:
     """Probability of windows that differ as much by sampling error alone; nan for one window.
 
     It is that of Cochran's Q in p coordinates, from draws (K, n, p), which are taken as normal in
-    each window.
+    each window. Followers in place of windows are compared in the same way.
     """
     drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
     free = np.ptp(drawn, axis=(0, 1)) > 0 if len(drawn) else np.zeros(drawn.shape[-1], bool)
@@ -457,51 +402,3 @@ def _heterogeneity(drawn: FloatArray) -> float:
     away = means - pooled
     q = float(np.einsum("ki,kij,kj->", away, precisions, away))
     return float(chdtrc((len(means) - 1) * int(free.sum()), q))
-
-
-def trust(
-    segments: Sequence[Segment],
-    vehicle: int,
-    followers: Sequence[int],
-    model: str,
-    answer: Parameters,
-    own: Parameters,
-) -> Trust:
-    """Hold an answer against its windows.
-
-    Args:
-        segments: (K,) the windows.
-        vehicle: its number, or 0 for all followers together.
-        followers: whose answer it is: its place, 0 for the first, or all places.
-        model: key of the answer's.
-        answer: the parameters of one vehicle.
-        own: (K,) the estimates of each window alone.
-    """
-    pairs = [segment.pair(follower) for segment in segments for follower in followers]
-    speed = float(np.median(np.concatenate([pair.speeds[:, 1] for pair in pairs])))
-    gap, gaps = float(time_gap(model, answer, speed)), time_gap(model, own, speed)
-    off = [_errors(pair, model, answer) for pair in pairs]
-    errors = np.concatenate([part for part, _ in off])
-    known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
-    measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
-    counts = [len(gaps) for gaps in measured]
-    squares = [len(gaps) * np.var(gaps) for gaps in measured if len(gaps)]
-    return Trust(
-        vehicle,
-        len(segments),
-        int((np.abs(gaps - gap) <= ALIKE * gap).sum()),
-        speed,
-        float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
-        float(np.sqrt(sum(squares) / sum(counts))) if sum(counts) else float("nan"),
-        any(collided for _, collided in off),
-    )
-
-
-def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, bool]:
-    """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
-    motion = simulated(pair, model, answer[None])
-    if motion is None:
-        return np.empty(0), False
-    rows = np.concatenate([np.arange(pair.samples)[piece.rows] for piece in simulable(pair)])
-    gaps, measured = np.nan_to_num(motion.gaps[rows, 0], nan=FAR), pair.measured_gaps[rows, 0]
-    return gaps - measured, bool((collides(gaps) & (measured > 0)).any())

@@ -39,6 +39,10 @@ def test_a_report_is_beside_the_snapshot_or_where_asked(
     place = tmp_path / "r.html"
     assert main(["report", str(bare), "--recording", str(PLATOON), "-o", str(place)]) == 0
     assert "Measured space-gaps and speeds" in place.read_text(encoding="utf-8")
+    elsewhere = PLATOON.with_name("synthetic_paper_study.csv")
+    capsys.readouterr()
+    said = refused(capsys, 1, "report", bare, "--recording", elsewhere, "-o", place)
+    assert PLATOON.name in said
 
 
 def test_verify_says_yes(file: Path, capsys: Capture) -> None:
@@ -125,6 +129,7 @@ def test_exports_for_sumo_and_as_a_card(file: Path, tmp_path: Path, capsys: Capt
     assert "not overwritten" in refused(capsys, 1, "export", file, "--sumo", other)
     assert "--sumo" in refused(capsys, 2, "export", file)
     assert "samples" in refused(capsys, 2, "export", file, "--sumo", place, "--samples", -1)
+    assert "one snapshot" in refused(capsys, 2, "stability", file, "--snapshot", file)
 
 
 # Recordings

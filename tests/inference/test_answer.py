@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError
-from accpinn.inference.answer import Answer, HeterogeneousWindows, answer
+from accpinn.inference.answer import (
+    Answer,
+    HeterogeneousFollowers,
+    HeterogeneousWindows,
+    answer,
+)
 from accpinn.inference.posterior import (
     AT_SPEED,
     features,
@@ -140,6 +145,16 @@ def test_case_i_has_one_set_and_case_ii_one_for_each() -> None:
     assert shared.parameters[0] == shared.parameters[1]
     assert shared.windows[0][0] == shared.windows[0][1]
     assert (apart.parameters.values[0] != apart.parameters.values[1]).all()
+    assert not shared.findings
+    unlike = Parameters([ALPHA] * 2, BETA, [TAU, TAU + 0.5])
+    other = answer([disturbed(unlike, 1, Disturbance(standstill=S0))], "I", "cthp-s0")
+    (finding,) = other.findings
+    assert isinstance(finding, HeterogeneousFollowers)
+    assert (finding.followers, finding.probability < 1e-3) == (2, True)
+    with pytest.raises(ConfigError, match=r"^follower: 2 is not there"):
+        shared.time_gap(25.0, 2)
+    with pytest.raises(ConfigError, match=r"^span: lag is not known"):
+        shared.span("lag", 0)
 
 
 def test_a_follower_that_does_not_move_is_not_determined() -> None:

@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accpinn.inference.answer import Answer, Trust, answer, trust
+from accpinn.inference.answer import Answer, answer
 from accpinn.inference.gain_check import LEAST, GainCheck, gain_checks
+from accpinn.inference.trust import Trust, trust
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline

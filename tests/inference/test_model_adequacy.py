@@ -65,6 +65,8 @@ def test_where_the_cthp_holds_no_form_is_better_and_it_is_adequate() -> None:
     assert not [one for one in found.findings if isinstance(one, BetterForm | Inadequate)]
     np.testing.assert_allclose(found.forms[0].parameters.values[0], TRUE, rtol=0.1)
     assert found.forms[0].aic[0] == found.forms[0].holdout[0] == 0.0
+    s0 = next(form for form in found.forms if form.form == "cthp-s0")
+    assert s0.likelihood_ratio[0] > -1e-3, "the CTHP is nested in it"
     lag = next(form for form in found.forms if form.form == "cthp-lag")
     assert 0.0 < lag.lower[0].lag < lag.upper[0].lag < 0.5
     for form in found.forms:

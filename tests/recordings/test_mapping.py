@@ -84,6 +84,10 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> No
         assert load_mapping(kept) == mapping
         kept.write_text("{")
     assert opened(raw, "next.csv").mapping is None
+    # Units that make speeds absurd are not remembered, else the next file would have them, too.
+    wrong = parse_mapping(MAPPING.replace('"km/h"', '"m/s"'))
+    assert np.nanmax(read(raw, "mine.csv", mapping=wrong).speed) > 70
+    assert opened(raw, "next.csv").mapping is None
 
 
 def test_several_runs_in_one_table_without_a_column_of_time() -> None:

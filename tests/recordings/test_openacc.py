@@ -14,6 +14,8 @@ from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, Window, agreement, openacc, source
 from accpinn.recordings.catalogue import Run, catalogue
 from accpinn.recordings.openacc import read
+from accpinn.segment.cut import cut
+from accpinn.study.plan import plan
 from tests.support.openacc_files import csv, metadata, platoon
 
 F = TypeVar("F", bound=Finding)
@@ -198,6 +200,13 @@ def test_9_a_gap_that_contradicts_the_speeds() -> None:
     contradiction = found(data.GapContradictsSpeeds, recording)
     assert contradiction.vehicle == 2
     assert contradiction.correlation == agreement(recording, 2)
+    # It goes with every window of the vehicle, and a batch leaves the vehicle out.
+    told = [
+        contradiction in cut(recording, 0.0, 30.0, chain).findings for chain in ((1, 2), (2, 3))
+    ]
+    assert told == [False, True]
+    followers = {number for place in plan(recording, 30.0) for number in place.vehicles[1:]}
+    assert 3 not in followers >= {2}
     # Vehicles at rest to each other are not judged.
     frame["Speed3"] = frame["Speed2"]
     assert agreement(read(csv(frame), "run.csv"), 2) is None

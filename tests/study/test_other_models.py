@@ -121,6 +121,13 @@ def test_a_snapshot_of_it_is_the_same_and_is_confirmed(folder: Path) -> None:
     assert accpinn.verify(place, folder / "idm.csv").ok
     assert "IDM" in accpinn.report(result, folder / "idm.html").read_text()
     assert set(result.draws.columns) >= set(FOLLOWING["idm"].names)
+    card = accpinn.parameter_card(result)
+    assert "s* = s₀ + v T" in card["model"]["equations"][1]
+    values = [card["vehicles"][0][named["name"]]["value"] for named in card["model"]["parameters"]]
+    np.testing.assert_array_equal(values, result.parameters.own[0])
+    assert "normal approximation" in card["interval_method"]
+    assert "idm" in repr(result.answer)
+    assert str(result).count("\n") <= 10
 
 
 def test_commands_have_the_models_own_parameters(capsys: Capture, folder: Path) -> None:

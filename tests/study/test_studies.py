@@ -252,6 +252,11 @@ def test_what_counts_as_a_group_a_window_and_a_vehicle() -> None:
     given = rows(row("A", start=0.0), row("A", start=0.0, method="splines"), row("A", start=60.0))
     [everything] = group(given, ()).groups
     assert (everything.windows, everything.vehicles) == (2, 1)
+    # Followers of Case I have one posterior, so they count once.
+    for case, members in (("I", 1), ("II", 2)):
+        pair = [row(name, case=case, start=0.0, vehicle=k) for k, name in ((2, "A"), (3, "B"))]
+        [together] = group(rows(*pair), ("campaign",)).groups
+        assert (len(together.cars), together.vehicles) == (members, 2)
     # Vehicles without a name are different ones in each recording.
     nameless = [row("", name="Vehicle 2", sha256=sha256) for sha256 in "aab"]
     named = [row("A", sha256=sha256) for sha256 in "ab"]

@@ -5,7 +5,13 @@ from math import ceil, floor, inf, isnan, log10
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, probability, spelled, who
-from accpinn.inference.answer import SPEEDS, Answer, trust_of_several
+from accpinn.inference.answer import (
+    SPEEDS,
+    Answer,
+    HeterogeneousFollowers,
+    HeterogeneousWindows,
+)
+from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
@@ -116,7 +122,7 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
 
 def differing_windows(info: SegmentInfo, answer: Answer) -> str:
     """One sentence on all followers whose windows differ; empty where none do."""
-    findings = answer.findings
+    findings = [found for found in answer.findings if isinstance(found, HeterogeneousWindows)]
     if not findings:
         return ""
     named = joined([who(finding.vehicle, info) for finding in findings])
@@ -243,6 +249,8 @@ def _against(
     """What is against an answer beside its own windows, in sentences."""
     numbers = info.vehicles[1:] if answer.trust[0].vehicle == 0 else (info.vehicles[follower + 1],)
     speed, said = answer.stated_speed, [*_unsound(info, numbers)]
+    unlike = (found for found in answer.findings if isinstance(found, HeterogeneousFollowers))
+    said += [found.sentence(info) for found in unlike]
     if not answer.is_driven(speed, follower):
         said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
     if short := _contradiction(subject, follower):

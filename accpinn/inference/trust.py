@@ -1,0 +1,148 @@
+"""How far an answer can be trusted, by its own windows.
+
+In how many windows is the time gap of the window alone that of the answer, and does the answer
+reproduce the drive? For the second the vehicle is driven in every window behind the measured
+vehicle ahead, from its first measured state on; the error of its gap is compared with how much the
+gap itself varies. A simulation that is half as far off as a gap that stands still has explained
+three quarters of its variance.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from accpinn.evaluation.closed_loop import simulable, simulated
+from accpinn.findings import Finding, Labelled, Words
+from accpinn.model.cthp import Parameters, collides
+from accpinn.model.registry import time_gap
+from accpinn.segment import Segment
+from accpinn.units import FloatArray, Metres, MetresPerSecond
+
+ALIKE = 0.05
+"""Relative difference up to which two time gaps are called the same."""
+REPRODUCED = 0.5
+"""Error of the gap, as a share of its own deviation, up to which a drive is reproduced."""
+FAR: Metres = 1000.0
+"""Error beyond which a simulation has diverged."""
+
+
+class Trust(Finding, frozen=True):
+    """What the windows say of one vehicle's answer."""
+
+    vehicle: int
+    windows: int
+    same: int
+    """Number of windows whose own time gap is within `ALIKE` of the answer's at ``speed``."""
+    speed: MetresPerSecond
+    """The vehicle's median speed."""
+    rmse: Metres
+    """Of the simulated gap; nan where nothing can be simulated."""
+    deviation: Metres
+    """Standard deviation of the measured gap about its mean in each window."""
+    collides: bool
+    """Whether a simulated gap ends at the vehicle ahead while the measured one does not."""
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the drive is not reproduced, or half of several windows say something else."""
+        differs = self.windows > 1 and 2 * self.same <= self.windows
+        return differs or not self.is_reproduced
+
+    @property
+    def is_reproduced(self) -> bool:
+        """Whether the answer reproduces the drive."""
+        return not self.collides and self.rmse <= REPRODUCED * self.deviation
+
+    text = "{vehicle}: {in_words}"
+
+    def _words(self, about: Labelled) -> Words:
+        return {"in_words": self.in_words}
+
+    @property
+    def in_words(self) -> str:
+        """Both answers, without the vehicle."""
+        off = f"{self.rmse:.1f} m (rms; the gap's own deviation is {self.deviation:.1f} m)"
+        if not np.isfinite(self.rmse):
+            drive = "The drive cannot be simulated."
+        elif self.is_reproduced:
+            drive = f"Reproduces the drive within {off}."
+        elif self.collides:
+            drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
+        else:
+            drive = f"Does not reproduce the drive within half of what the gap varies: {off}."
+        return f"{_agreement('Its time gap is', self.windows, self.same, self.same)} {drive}"
+
+
+def trust_of_several(trusts: Sequence[Trust]) -> str:
+    """What holds of several vehicles whose drives are all reproduced, in words."""
+    same = [trust.same for trust in trusts]
+    errors = _range([trust.rmse for trust in trusts])
+    deviations = _range([trust.deviation for trust in trusts])
+    return (
+        f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} They"
+        f" reproduce the drive within {errors} m (rms; the gaps' own deviations: {deviations} m)."
+    )
+
+
+def _agreement(gaps: str, windows: int, low: int, high: int) -> str:
+    """How many of the windows say the same time gap; ``gaps`` is the sentence's beginning."""
+    if windows == 1:
+        return "Known from one window alone."
+    if low == windows:
+        count = "both windows" if windows == 2 else f"all {windows} windows"
+    else:
+        count = f"{low if low == high else f'{low} to {high}'} of {windows} windows"
+    return f"{gaps} the same within {100 * ALIKE:.0f} % in {count}."
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = (f"{value:.1f}" for value in (min(values), max(values)))
+    return low if low == high else f"{low}–{high}"
+
+
+def trust(
+    segments: Sequence[Segment],
+    vehicle: int,
+    followers: Sequence[int],
+    model: str,
+    answer: Parameters,
+    own: Parameters,
+) -> Trust:
+    """Hold an answer against its windows.
+
+    Args:
+        segments: (K,) the windows.
+        vehicle: its number, or 0 for all followers together.
+        followers: whose answer it is: its place, 0 for the first, or all places.
+        model: key of the answer's.
+        answer: the parameters of one vehicle.
+        own: (K,) the estimates of each window alone.
+    """
+    pairs = [segment.pair(follower) for segment in segments for follower in followers]
+    speed = float(np.median(np.concatenate([pair.speeds[:, 1] for pair in pairs])))
+    gap, gaps = float(time_gap(model, answer, speed)), time_gap(model, own, speed)
+    off = [_errors(pair, model, answer) for pair in pairs]
+    errors = np.concatenate([part for part, _ in off])
+    known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
+    measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
+    counts = [len(gaps) for gaps in measured]
+    squares = [len(gaps) * np.var(gaps) for gaps in measured if len(gaps)]
+    return Trust(
+        vehicle,
+        len(segments),
+        int((np.abs(gaps - gap) <= ALIKE * gap).sum()),
+        speed,
+        float(np.sqrt(np.mean(known**2))) if len(known) else float("nan"),
+        float(np.sqrt(sum(squares) / sum(counts))) if sum(counts) else float("nan"),
+        any(collided for _, collided in off),
+    )
+
+
+def _errors(pair: Segment, model: str, answer: Parameters) -> tuple[FloatArray, bool]:
+    """(n,) errors of the simulated gap of one follower in m, and whether it collides."""
+    motion = simulated(pair, model, answer[None])
+    if motion is None:
+        return np.empty(0), False
+    rows = np.concatenate([np.arange(pair.samples)[piece.rows] for piece in simulable(pair)])
+    gaps, measured = np.nan_to_num(motion.gaps[rows, 0], nan=FAR), pair.measured_gaps[rows, 0]
+    return gaps - measured, bool((collides(gaps) & (measured > 0)).any())
