@@ -72,7 +72,7 @@ def _held(text: str) -> tuple[str, float]:
         return name.strip(), float(value)
     except ValueError:
         raise argparse.ArgumentTypeError(
-            f'"{text[:40]}" holds nothing; write a name and a number as s0=4.'
+            f'"{text[:40]}" holds nothing; write --hold s0=4, once for each parameter.'
         ) from None
 
 

@@ -423,26 +423,29 @@ def check(recording: Recording) -> Iterator[Finding]:
         yield LittleLeaderMotion(leader, deviation)
 
 
-def agreement(recording: Recording, number: int) -> float | None:
+def agreement(recording: Recording, number: int, window: slice | None = None) -> float | None:
     """Correlation between dIVS/dt and the speed difference of vehicles number and number + 1.
 
-    1 for a sound recording; None where the two vehicles hardly move against each other.
+    In a window it is that of ranks, to which a jump of some seconds, as where another vehicle was
+    ahead, matters little. It is 1 for a sound recording; None where the two vehicles hardly move
+    against each other.
     """
+    rows = window or slice(None)
     half = max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
     width = 2 * half
-    gap = recording.gap_behind(number)
+    time, gap = recording.time[rows], recording.gap_behind(number)[rows]
     if len(gap) <= width:
         return None
-    span = recording.time[width:] - recording.time[:-width]
-    rate = (gap[width:] - gap[:-width]) / span
-    difference = recording.speed_of(number) - recording.speed_of(number + 1)
+    rate = (gap[width:] - gap[:-width]) / (time[width:] - time[:-width])
+    difference = (recording.speed_of(number) - recording.speed_of(number + 1))[rows]
     smooth = np.convolve(difference, np.full(width + 1, 1 / (width + 1)), "valid")
     known = np.isfinite(rate) & np.isfinite(smooth)
     if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
         return None
-    if rate[known].std() < 1e-9:
+    pair: FloatArray = np.array([rate[known], smooth[known]])
+    if pair[0].std() < 1e-9:
         return 0.0
-    return float(np.corrcoef(rate[known], smooth[known])[0, 1])
+    return float(np.corrcoef(pair.argsort().argsort() if window else pair)[0, 1])
 
 
 def _gaps(recording: Recording) -> list[int]:

@@ -114,7 +114,7 @@ def load_mapping(path: str | os.PathLike[str]) -> CsvMapping:
     Raises:
         RecordingError: when it cannot be read.
     """
-    sentence = "{}: the mapping cannot be opened ({})."
+    sentence = "{}: the mapping cannot be opened ({}); check its name."
     with reported(lambda reason: RecordingError(sentence.format(path, reason.lower()))):
         text = Path(path).read_bytes()
     return parse_mapping(text, excerpt(Path(path).name, 100))

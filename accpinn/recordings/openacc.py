@@ -269,9 +269,10 @@ def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingErro
     """The sentence about a row whose first cell no row above the data has."""
     if _TABLE_NAMES.search(source_file.name):
         return source_file.refusal("this table accompanies the runs and is none", _CHOOSE_RUN)
-    if ";" in cell:
-        cure = "save it with commas between cells and points in numbers"
-        return source_file.refusal("cells are separated by semicolons", cure, place)
+    for separator, named in ((";", "semicolons"), ("\t", "tabs")):
+        if separator in cell:
+            cure = "save it with commas between cells and points in numbers"
+            return source_file.refusal(f"cells are separated by {named}", cure, place)
     expected = ", ".join((*METADATA[:-1], f"{METADATA[-1]} or {TIME.column}"))
     fault = f'the row starts with "{excerpt(cell)}" where {expected} is expected'
     return source_file.refusal(fault, _CHOOSE_RUN, place)
@@ -293,12 +294,10 @@ def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
     speed, gap, driver = columns.values()
     if not speed:
         fault = f"no numbered speed column (as {SPEED.of(1)}) is among the column names"
-        cure = f"this is no run of several vehicles, {_CHOOSE_RUN}"
-        raise source_file.refusal(fault, cure, place)
+        raise source_file.refusal(fault, f"{_CHOOSE_RUN} of several vehicles", place)
     if not gap:
         fault = f"no space-gap column (as {GAP.of(1)}) is among the column names"
-        cure = f"a model of car-following cannot be estimated without space-gaps, {_CHOOSE_RUN}"
-        raise source_file.refusal(fault, cure, place)
+        raise source_file.refusal(fault, f"{_CHOOSE_RUN} with gaps", place)
     return _Channels(layout, speed, gap, driver)
 
 

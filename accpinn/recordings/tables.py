@@ -253,8 +253,9 @@ def _blocks(source_file: SourceFile, layout: Layout) -> Iterator[tuple[int, list
         if reader.line_num != first + len(rows):  # a row goes on behind a line end
             raise _unreadable(source_file, layout)
         if first + len(rows) < MINIMUM_SAMPLES:
-            fault = f"only {len(rows)} rows of numbers follow the column names"
-            cure = f"a recording needs at least {MINIMUM_SAMPLES}, download it again"
+            many = f"{len(rows)} row{'s' * (len(rows) != 1)}"
+            fault = f"only {many} of numbers follow the column names"
+            cure = f"download it again, as a recording has at least {MINIMUM_SAMPLES}"
             raise source_file.refusal(fault, cure)
         if {*map(len, rows)} - {width}:
             raise _ragged(source_file, layout, first, rows, is_last=next(lines, None) is None)

@@ -138,7 +138,7 @@ class RegimesExcluded(Finding, frozen=True):
 class NothingToExclude(Finding, frozen=True):
     """No instant has one of the regimes to exclude."""
 
-    text = "Nothing to exclude: no instant is {regimes}."
+    text = "Nothing to exclude: in this window there is no {regimes}."
 
     regimes: tuple[str, ...]
 

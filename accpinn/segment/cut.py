@@ -18,6 +18,7 @@ import numpy as np
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.recordings import (
+    AGREEMENT_LIMIT,
     HUMAN_FLAG,
     GapContradictsSpeeds,
     MappingRemembered,
@@ -25,6 +26,7 @@ from accpinn.recordings import (
     Recording,
     ValuesOutOfRange,
     Window,
+    agreement,
 )
 from accpinn.segment import (
     BlocksMissing,
@@ -92,10 +94,11 @@ def cut(
     chosen = (
         default_vehicles(recording) if vehicles is None else check_vehicles(recording, vehicles)
     )
-    findings: list[SegmentFinding] = [*_unsound(recording, chosen)]
+    findings: list[SegmentFinding] = []
     window = _fit_window(recording, start, duration, findings)
     platoon = _platoon(recording, chosen)
     source = _source_rows(recording, window)
+    findings.extend(_unsound(recording, chosen, source.rows))
     if not allow_missing:
         _refuse_missing(platoon, source)
     time, values, missing = _on_grid(platoon, source, window, findings)
@@ -117,14 +120,17 @@ def cut(
     )
 
 
-def _unsound(recording: Recording, chosen: Sequence[int]) -> Iterator[SegmentFinding]:
-    """What the recording as a whole has against the data of the chosen vehicles."""
+def _unsound(recording: Recording, chosen: Sequence[int], rows: slice) -> Iterator[SegmentFinding]:
+    """What the recording has against the data of the chosen vehicles in a window."""
     for finding in recording.findings:
         if isinstance(finding, MappingRemembered):
             yield finding
-        elif isinstance(finding, GapContradictsSpeeds | ValuesOutOfRange):
-            is_gap = isinstance(finding, GapContradictsSpeeds) or finding.channel == GAP.column
-            if finding.vehicle in (chosen[:-1] if is_gap else chosen):
+        elif isinstance(finding, GapContradictsSpeeds) and finding.vehicle in chosen[:-1]:
+            here = agreement(recording, finding.vehicle, rows)
+            if here is None or here < AGREEMENT_LIMIT:
+                yield finding
+        elif isinstance(finding, ValuesOutOfRange):
+            if finding.vehicle in (chosen[:-1] if finding.channel == GAP.column else chosen):
                 yield finding
 
 

@@ -202,8 +202,10 @@ def cut_windows(
     source, planned = Source.of(recording), plan(recording, request.window or math.inf)
     named = {"file": file.name, "trajectory": source.trajectory, "sha256": source.sha256}
     about = {**facts_of(recording), **named}
+    followers = {number for place in planned for number in place.vehicles[1:]}
     for finding in contradictions(recording):
-        yield SegmentError(finding.sentence(recording))
+        if finding.follower not in followers:
+            yield SegmentError(finding.sentence(recording))
     if not planned:
         yield SegmentError(NOTHING)
     for place in planned:

@@ -28,12 +28,14 @@ from accpinn.errors import AccpinnError, RecordingError, SegmentError
 from accpinn.methods import FURTHER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings import (
+    AGREEMENT_LIMIT,
     HUMAN_FLAG,
     MOVING,
     GapContradictsSpeeds,
     Mode,
     Recording,
     Window,
+    agreement,
 )
 from accpinn.recordings.files import read_all
 from accpinn.segment import time_gaps
@@ -84,18 +86,15 @@ class PlannedWindow:
 def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
     """The windows of a recording, in the order of chains and time.
 
-    A follower whose gap contradicts the speeds has none.
+    A follower whose gap contradicts the speeds there has none.
 
     Args:
         recording: what to cut.
         longest: of a window, in s; infinite for whole stretches.
     """
-    planned, none = list[PlannedWindow](), np.zeros(recording.samples, bool)
-    unsound = {finding.follower for finding in contradictions(recording)}
+    planned: list[PlannedWindow] = []
     for chain in _short_chains(recording):
-        allowed = np.column_stack(
-            [none if number in unsound else qualifies(recording, number) for number in chain[1:]]
-        )
+        allowed = np.column_stack([_sound(recording, number, longest) for number in chain[1:]])
         together = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
         planned += [_planned(recording, chain, window) for window in together]
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
@@ -108,8 +107,19 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
 
 
 def contradictions(recording: Recording) -> list[GapContradictsSpeeds]:
-    """Followers whose gap contradicts the speeds, so that results for them mean nothing."""
+    """Followers whose gap contradicts the speeds; one jump of the gap may be the cause."""
     return [found for found in recording.findings if isinstance(found, GapContradictsSpeeds)]
+
+
+def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
+    """(N,) where a follower qualifies, without windows in which its gap contradicts the speeds."""
+    allowed = qualifies(recording, number)
+    if number in [finding.follower for finding in contradictions(recording)]:
+        for window in _windows(recording, allowed, longest):
+            first, *_, last = np.flatnonzero(_inside(recording.time, window))
+            value = agreement(recording, number - 1, slice(first, last + 1))
+            allowed[first : last + 1] &= value is not None and value >= AGREEMENT_LIMIT
+    return allowed
 
 
 def car_following(

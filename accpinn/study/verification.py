@@ -348,7 +348,7 @@ def _part(fresh: Result, part: str, parts: Parts, name: str) -> list[Check]:
     stored, anew = getattr(parts, part), getattr(fresh, part)
     if part == "uncertainty" and agree(stored, anew):
         # On another processor draws differ, and the ends of intervals a little.
-        drawn = from_draws(stored.centre, stored.draws, stored.level, stored.method)
+        drawn = from_draws(stored.centre, stored.draws, stored.level, anew.method)
         anew = with_estimates(drawn, fresh.segments[0], fresh.fit)
     if part == "answer":
         stored, anew = (side.without_draws() for side in (stored, anew))

@@ -12,7 +12,7 @@ from accpinn.channels import SPEED
 from accpinn.platoon import PlatoonRun
 from accpinn.results.figures import style
 from accpinn.results.figures.platoon import CAR_LENGTH, Cast, close_up, samples
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Seconds
 
 FRAMES = 60
 FRAME_MS = 90
@@ -29,8 +29,7 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     behind = np.zeros((len(rows), len(cast.labels)))
     behind[:, 1:] = -np.cumsum(driven.gaps[rows] + CAR_LENGTH, axis=1)
     speeds = driven.speeds[rows]
-    digits = 1 if np.ptp(driven.time[rows]) > 0.1 * len(rows) else 2
-    moments = [f"{driven.time[row]:.{digits}f}" for row in rows]
+    moments = driven.time[rows].tolist()
     # Rounded to what a screen shows.
     pictures = [*zip(_rounded(behind, 2), _rounded(speeds, 3), strict=True)]
     # The axes stand still while the cars move.
@@ -64,8 +63,12 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         chart.dots([None], [None], name, 1, marker=square | {"color": colour})
     figure = chart.figure()
     figure.frames = [
-        go.Frame(name=str(k), data=[{"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y}], traces=[0, 1])
-        for k, (x, y) in enumerate(pictures)
+        go.Frame(
+            name=_frame(moment),
+            data=[{"x": x, "y": [0.0] * len(x)}, {"x": x, "y": y}],
+            traces=[0, 1],
+        )
+        for moment, (x, y) in zip(moments, pictures, strict=True)
     ]
     return figure
 
@@ -92,11 +95,16 @@ def _buttons() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _slider(moments: Sequence[str]) -> dict[str, Any]:
-    still = _motion(0)
+def _frame(moment: Seconds) -> str:
+    """The name of the frame of a moment, by which the slider calls it."""
+    return f"{moment:.9g}"
+
+
+def _slider(moments: Sequence[Seconds]) -> dict[str, Any]:
+    still, digits = _motion(0), 1 if np.ptp(moments) > 0.1 * len(moments) else 2
     steps = [
-        {"label": moment, "method": "animate", "args": [[str(k)], still]}
-        for k, moment in enumerate(moments)
+        {"label": f"{moment:.{digits}f}", "method": "animate", "args": [[_frame(moment)], still]}
+        for moment in moments
     ]
     return {
         "steps": steps, "x": 0, "len": 1, "y": 0, "yanchor": "top", "pad": {"t": 58},

@@ -86,6 +86,7 @@ _HERE = Path(__file__).parent
 STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
 """What `Table.to_html` needs once on a page."""
 OUTSIDE = "outside its interval"
+HELD = "held"
 LONG = 16
 """Characters of a row's name beyond which a narrow window may cut it."""
 
@@ -178,6 +179,8 @@ class Column:
         """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
         if math.isnan(cell.value) and math.isnan(cell.lower):
             return ABSENT, ""
+        if cell.lower == cell.value == cell.upper:  # not estimated but held
+            return self.shown(cell.value), HELD
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
         return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
