@@ -34,7 +34,7 @@ from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.storage import reported
 from accpinn.study import Analysis, Source
 from accpinn.study.cluster import connected, run_all, sentence_of
-from accpinn.study.plan import LEAST, Sources, contradictions, files_of, plan
+from accpinn.study.plan import LEAST, Sources, files_of, left_out, plan
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
 from accpinn.study.studies import Answer, KnownFile, Request, Study, StudyError, read_rows, written
@@ -202,10 +202,8 @@ def cut_windows(
     source, planned = Source.of(recording), plan(recording, request.window or math.inf)
     named = {"file": file.name, "trajectory": source.trajectory, "sha256": source.sha256}
     about = {**facts_of(recording), **named}
-    followers = {number for place in planned for number in place.vehicles[1:]}
-    for finding in contradictions(recording):
-        if finding.follower not in followers:
-            yield SegmentError(finding.sentence(recording))
+    for finding in left_out(recording, planned):
+        yield SegmentError(finding.sentence(recording))
     if not planned:
         yield SegmentError(NOTHING)
     for place in planned:

@@ -24,7 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
+from accpinn.channels import GAP, SPEED
 from accpinn.errors import AccpinnError, RecordingError, SegmentError
+from accpinn.findings import Finding
 from accpinn.methods import FURTHER
 from accpinn.methods.registry import METHODS
 from accpinn.recordings import (
@@ -34,6 +36,7 @@ from accpinn.recordings import (
     GapContradictsSpeeds,
     Mode,
     Recording,
+    ValuesOutOfRange,
     Window,
     agreement,
 )
@@ -111,6 +114,18 @@ def contradictions(recording: Recording) -> list[GapContradictsSpeeds]:
     return [found for found in recording.findings if isinstance(found, GapContradictsSpeeds)]
 
 
+def left_out(recording: Recording, planned: Sequence[PlannedWindow]) -> Iterator[Finding]:
+    """Why followers have no window, where it is for their data."""
+    followers = {number for place in planned for number in place.vehicles[1:]}
+    yield from (found for found in contradictions(recording) if found.follower not in followers)
+    if not planned:
+        yield from (
+            found
+            for found in recording.findings
+            if isinstance(found, ValuesOutOfRange) and found.is_above
+        )
+
+
 def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
     """(N,) where a follower qualifies, without windows in which its gap contradicts the speeds."""
     allowed = qualifies(recording, number)
@@ -171,6 +186,7 @@ def qualifies(recording: Recording, number: int) -> Mask:
     speed, gap = recording.speed_of(number), recording.gap_behind(number - 1)
     # A bridged sample has no time gap of its own and counts as its neighbours do.
     away = allowed & (speed <= MOVING) | (time_gaps(speed, gap) > longest_in(recording, number))
+    away |= (speed > SPEED.highest) | (gap > GAP.highest)
     for stretch in stretches(away):
         inside = stretch.first > 0 and stretch.last < recording.samples - 1
         if inside and recording.window(stretch).duration <= DEPARTURE:

@@ -27,7 +27,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import Held
-from accpinn.recordings import Recording
+from accpinn.recordings import GapContradictsSpeeds, Recording, ValuesOutOfRange
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
 from accpinn.segment import Segment
@@ -36,7 +36,7 @@ from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results
 from accpinn.study.batch import batch
-from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, plan
+from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, left_out, plan
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import FILE, Request, read_failures, read_request
 from accpinn.tasks import Status, TaskQueue
@@ -402,6 +402,14 @@ def test_only_long_departures_from_car_following_interrupt(seconds: int, count: 
     first = 2000
     frame.loc[first : first + 10 * seconds, "IVS1"] += 60
     assert len(windows(recording(frame, "AB"), np.inf)) == count
+
+
+def test_speeds_in_another_unit_have_no_window_and_the_reason_is_told() -> None:
+    frame = following(vehicles=2)
+    frame[["Speed1", "Speed2"]] *= 5.0
+    found = recording(frame, "AB")
+    assert plan(found, np.inf) == ()
+    assert {type(one) for one in left_out(found, ())} == {GapContradictsSpeeds, ValuesOutOfRange}
 
 
 def test_a_long_distance_setting_is_car_following() -> None:
