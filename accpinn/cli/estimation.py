@@ -107,9 +107,10 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
     option(
         "--intervals", action="store_true",
-        help="90 %% intervals, and what lies outside: a second; maximum likelihood has them",
+        help="print 90 %% intervals of the method's estimates, and what lies outside; with --out and"
+        " for maximum likelihood they are printed anyway",
     )  # fmt: skip
-    option("--out", metavar="SNAPSHOT", help="save the result in this file")
+    option("--out", metavar="SNAPSHOT", help="save the result, with its intervals, in this file")
     option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
     option("--name", default="", help="of the snapshot")
     option("--note", default="", help="in the snapshot")

@@ -43,7 +43,7 @@ def _add_snapshot(parser: argparse.ArgumentParser, use: str, usual: Seconds) -> 
     which.add_argument(
         "--refit",
         action="store_true",
-        help=f"run the methods again on the data however long that takes (up to {usual:g} s)",
+        help=f"run the methods again however long that takes (else those of up to {usual:g} s)",
     )
     which.add_argument("--quick", action="store_true", help="run no method again")
 
@@ -115,7 +115,9 @@ def _verification_text(snapshot: Result, verification: Verification) -> str:
 def add_report_options(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `report`."""
     _add_snapshot(parser, "draw its data too, where they are not in the snapshot", PROMPT)
-    parser.add_argument("-o", "--out", metavar="HTML", help="where to (beside the snapshot)")
+    parser.add_argument(
+        "-o", "--out", metavar="HTML", help="the page to write (beside the snapshot)"
+    )
 
 
 def run_report(options: argparse.Namespace) -> int:
@@ -156,7 +158,11 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
         " distribution over samples of the posterior",
     )
     parser.add_argument(
-        "--samples", type=int, default=SAMPLES, metavar="N", help=f"in it; 0 for none ({SAMPLES})"
+        "--samples",
+        type=int,
+        default=SAMPLES,
+        metavar="N",
+        help=f"samples in that distribution; 0 for none ({SAMPLES})",
     )
     add_json_option(parser)
     card = "With --json: a parameter card, with intervals, provenance and attribution."
