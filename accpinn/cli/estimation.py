@@ -107,8 +107,8 @@ def add_fit_options(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
     option(
         "--intervals", action="store_true",
-        help="print 90 %% intervals of the method's estimates, and what lies outside; with --out and"
-        " for maximum likelihood they are printed anyway",
+        help="print 90 %% intervals of the method's estimates, and what lies outside; with --out"
+        " and for maximum likelihood they are printed anyway",
     )  # fmt: skip
     option("--out", metavar="SNAPSHOT", help="save the result, with its intervals, in this file")
     option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
