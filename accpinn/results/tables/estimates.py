@@ -199,7 +199,8 @@ def comparison_table(
         )
         for k, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS))
         for name, parameters in estimates.items()
-        if k in dict(shown_columns(parameters))
+        # The answer, which has intervals of its own, has its further terms in its own table.
+        if k < len(PARAMETER_COLUMNS) or (name not in own and k in dict(shown_columns(parameters)))
     ]
     followers = (Column("Vehicle"), row_labels(info, numbers))
     return Table.of(
