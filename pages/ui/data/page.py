@@ -197,7 +197,7 @@ def _suggest(workspace: Workspace, recording: Recording, information: Informatio
         )  # fmt: skip
         return
     taken = suggestion.window == workspace.window
-    name = "Best single window" if workspace.several_windows else "Suggested"
+    name = "Best" if workspace.several_windows else "Suggested"
     label = "As suggested" if taken else f"{name}: {suggestion.window}"
     with st.popover(
         label, icon=":material/lightbulb:", width="stretch",
