@@ -169,6 +169,8 @@ class Column:
         if isinstance(cell, Marked):
             why, cell = cell.why, cell.cell
         value, ends = self._estimate(cell) if isinstance(cell, Estimate) else (self.shown(cell), "")
+        if not isinstance(cell, str):
+            value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:
             return Markup('<abbr title="{}">{}</abbr>').format(ends, value)
         mark = Markup('<b title="{}">*</b>').format(why) if why else ""
