@@ -36,6 +36,8 @@ from accpinn.units import FloatArray, Mask
 
 CHAINS, BURN, KEPT = 40, 20, 50
 """Parallel chains, and rounds of each that are left out and kept."""
+FEW, APART = 4, 3
+"""Of a car with fewer windows than that, whose posterior is wide, one of so many rounds is kept."""
 LESS_RELATED, MORE_CARS = 0.6, 2.0
 """Factors on the correlations and the variances between cars that were learned: 16 cars leave up to
 15 numbers of S uncertain, and as learned it drew cars unlike these towards them."""
@@ -46,8 +48,8 @@ OF_OTHERS = 0.8, 2.0
 """Factors on the correlations and the variances between windows of models that are no CTHP, for the
 same reason: their time gap depends on all parameters at once."""
 LEAST_GAP_SPREAD = 0.1
-"""Least scale of ln G between windows: deviations of 14 %. What few cars taught is less, and with it
-typical values of simulated cars, and further windows of real ones, were covered too seldom."""
+"""Least scale of ln G between windows: deviations of 14 %. What few cars taught is less, and with
+it typical values of simulated cars, and further windows of real ones, were covered too seldom."""
 TAILS = 4.0
 """κ: further windows are more probable with it than under a normal one (docs/validation.md)."""
 UNLEARNED = 0.4
@@ -120,7 +122,8 @@ def sampled_population(
     weights = np.ones((CHAINS, count))
     values, covariances, further = [], [], []
     away = chosen - mean[:, None]
-    for turn in range(BURN + KEPT):
+    apart = APART if count < FEW else 1
+    for turn in range(BURN + KEPT * apart):
         scatter = scale + np.einsum("ck,cki,ckj->cij", weights, away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)
         precision = root @ root.transpose(0, 2, 1)
@@ -137,7 +140,7 @@ def sampled_population(
         away = chosen - mean[:, None]
         distance = np.einsum("cki,cij,ckj->ck", away, precision, away)
         weights = rng.gamma(0.5 * (TAILS + p), 2.0 / (TAILS + distance))
-        if turn >= BURN:
+        if turn >= BURN and (turn - BURN) % apart == 0:
             values.append(mean + population.centre)
             covariances.append(np.asarray(np.linalg.inv(precision), float))
             stretch = np.sqrt(rng.gamma(0.5 * TAILS, 2.0 / TAILS, (CHAINS, 1)))
