@@ -24,7 +24,7 @@ class Outcome(NamedEnum):
     FILTERED = "Filtered: every instant was processed once, in the order of time."
     FINISHED = "Finished: all planned iterations were run."
     STOPPED = (
-        "Stopped by the user: the parameters are those of the last iteration; start again to go on."
+        "Stopped by the user: the parameters are those of the last iteration; it can be continued."
     )
     DIVERGED = (
         "Diverged: the numbers are no longer finite; choose another window, or train with a lower"

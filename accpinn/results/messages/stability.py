@@ -93,7 +93,7 @@ def about_bode(uncertainty: Uncertainty | None) -> str:
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
     """What the map of stability is that holds the parameter of one vehicle."""
-    rings = f" Rings: vehicles with a {parameter} of their own." if len(chosen) > 1 else ""
+    rings = f" Rings: vehicles whose {parameter} is another." if len(chosen) > 1 else ""
     return (
         f"Boundaries at {chosen.labels[held]}'s {parameter}; above them the vehicle is stable."
         f" Hatched: stable by the paper's L∞ criterion, but peaks grow.{rings}"

@@ -275,7 +275,7 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
         show.messages(verification.sentence, "error")
         return
     own = Verification(tuple(check for check in verification.checks if not check.method))
-    fresh = "" if is_again else "Not verified yet: no method was run again. "
+    fresh = "" if is_again else "Not fully verified yet: no method was run again. "
     with st.container(horizontal=True, vertical_alignment="center", width="content"):
         st.caption(escape_markdown(fresh + own.sentence), width="content")
         whole = snapshot.found_in(recording)
@@ -294,6 +294,10 @@ def _show_verification(snapshot: Result, recording: Recording | None) -> None:
     with st.spinner("Computing all of it anew"):
         verification = _verified(snapshot, recording)
     st.markdown(f"**{escape_markdown(verification.counted)}**")
+    if not st.session_state.get(_again(snapshot)):
+        st.caption(
+            "All that follows from what is stored was computed anew; no method was run again."
+        )
     if not verification.ok:
         show.messages(verification.sentence, "error")
     show.table(verification_table(verification))
