@@ -36,8 +36,6 @@ from accpinn.units import FloatArray, Mask
 
 CHAINS, BURN, KEPT = 40, 20, 50
 """Parallel chains, and rounds of each that are left out and kept."""
-FEW, APART = 4, 3
-"""Of a car with fewer windows than that, whose posterior is wide, one of so many rounds is kept."""
 LESS_RELATED, MORE_CARS = 0.6, 2.0
 """Factors on the correlations and the variances between cars that were learned: 16 cars leave up to
 15 numbers of S uncertain, and as learned it drew cars unlike these towards them."""
@@ -117,13 +115,15 @@ def sampled_population(
     scale = (population.freedom - p - 1) * population.windows
     between_cars = np.linalg.inv(population.cars)
     each = np.arange(count)
-    chosen = centred[each, rng.integers(size, size=(CHAINS, count))]
+    # Chains begin where each window alone would lie under the population, as they move slowly.
+    alone = _coefficients(np.zeros((1, p)), np.linalg.inv(population.cars + scale)[None])
+    first = (squares @ alone.T).reshape(count, size, 1) - log_prior[:, :, None]
+    chosen = centred[each, _one_of(np.repeat(first, CHAINS, axis=2), rng)]
     mean = chosen.mean(axis=1)
     weights = np.ones((CHAINS, count))
     values, covariances, further = [], [], []
     away = chosen - mean[:, None]
-    apart = APART if count < FEW else 1
-    for turn in range(BURN + KEPT * apart):
+    for turn in range(BURN + KEPT):
         scatter = scale + np.einsum("ck,cki,ckj->cij", weights, away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)
         precision = root @ root.transpose(0, 2, 1)
@@ -134,18 +134,23 @@ def sampled_population(
         distances = -2.0 * (squares @ _coefficients(mean, precision).T)
         log = -0.5 * (TAILS + p) * np.log1p(np.maximum(distances, 0.0) / TAILS)
         log = log.reshape(count, size, CHAINS) - log_prior[:, :, None]
-        chances = np.exp(log - log.max(axis=1, keepdims=True)).cumsum(axis=1)
-        reached = chances < rng.random((count, 1, CHAINS)) * chances[:, -1:]
-        chosen = centred[each, reached.sum(axis=1).T]
+        chosen = centred[each, _one_of(log, rng)]
         away = chosen - mean[:, None]
         distance = np.einsum("cki,cij,ckj->ck", away, precision, away)
         weights = rng.gamma(0.5 * (TAILS + p), 2.0 / (TAILS + distance))
-        if turn >= BURN and (turn - BURN) % apart == 0:
+        if turn >= BURN:
             values.append(mean + population.centre)
             covariances.append(np.asarray(np.linalg.inv(precision), float))
             stretch = np.sqrt(rng.gamma(0.5 * TAILS, 2.0 / TAILS, (CHAINS, 1)))
             further.append(values[-1] + _normal(covariances[-1], rng) / stretch)
     return Sampled(*(np.concatenate(rows) for rows in (values, covariances, further)))
+
+
+def _one_of(log: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
+    """(C, K) a draw's place for each chain and window, by log probabilities (K, n, C)."""
+    chances = np.exp(log - log.max(axis=1, keepdims=True)).cumsum(axis=1)
+    reached = chances < rng.random((len(log), 1, log.shape[2])) * chances[:, -1:]
+    return np.asarray(reached.sum(axis=1).T)
 
 
 def _quadratic(phi: FloatArray) -> FloatArray:
