@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from accpinn.channels import fields
 from accpinn.cli.output import complain, interruptible, print_json, show, show_result
-from accpinn.recordings import Recording, facts_of
+from accpinn.recordings import FLAGS, Recording, facts_of
 from accpinn.recordings.catalogue import PUBLISHED_AT, Run, find
 from accpinn.recordings.files import read
 from accpinn.recordings.mapping import load_mapping
@@ -86,8 +86,11 @@ def _recording_text(recording: Recording) -> str:
             (Column("Driver mode"), [mode or "not recorded" for mode in modes]),
         ],
     )
-    notes = [f"Note: {warning}" for warning in messages(recording.findings, recording)]
-    return "\n".join([table.to_text(), "", *notes]).rstrip()
+    flag, setting = recording.acc_flag, recording.distance_setting
+    said = [f"ACC flag of the file: {FLAGS.get(flag, flag)}"] if flag is not None else []
+    said += [f"Distance setting: {setting}"] if setting else []
+    said += [f"Note: {warning}" for warning in messages(recording.findings, recording)]
+    return "\n".join([table.to_text(), "", *said]).rstrip()
 
 
 def add_download_options(parser: argparse.ArgumentParser) -> None:

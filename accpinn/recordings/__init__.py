@@ -40,6 +40,8 @@ _JOINED = re.compile(r"(.*\w)(\([^()]*\))")
 """Make and model joined, as "Mercedes(AClass)"."""
 HUMAN_FLAG = 0
 """The file's ACC flag of a run with human drivers."""
+FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
+"""Meaning of the file's ACC flag, which is for the recording as a whole."""
 
 
 class Mode(IntEnum):

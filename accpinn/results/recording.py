@@ -11,7 +11,7 @@ import numpy as np
 from accpinn.findings import percent
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.recordings import HUMAN_FLAG, Recording, Vehicle, Window, agreement
+from accpinn.recordings import FLAGS, Recording, Vehicle, Window, agreement
 from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells
 from accpinn.results.tables.estimates import (
     TITLES,
@@ -31,8 +31,6 @@ from accpinn.segment.quality import (
 from accpinn.segment.suggestion import Suggestion
 from accpinn.study.comparison import COMPARED, SensitivityResult
 
-FLAGS = {HUMAN_FLAG: "human drivers", 1: "ACC", 2: "mixed"}
-"""Meaning of the file's ACC flag, which is for the recording as a whole."""
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
     "complete": {
         Grade.GOOD: "Samples complete",

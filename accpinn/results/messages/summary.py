@@ -12,10 +12,10 @@ from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES
+from accpinn.recordings import FLAGS
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.stability import headline
-from accpinn.results.recording import FLAGS
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
