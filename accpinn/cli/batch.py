@@ -74,7 +74,7 @@ def run_batch(options: argparse.Namespace) -> int:
     show_result(options, _describe_batch, _batch_text, summary, options.out)
     if summary.stopped:
         return 130
-    return 1 if summary.refused >= summary.files else 0
+    return 1 if summary.refused and not summary.recordings else 0
 
 
 def _seconds(text: str) -> float:

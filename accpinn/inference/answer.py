@@ -76,8 +76,8 @@ class HeterogeneousFollowers(Finding, frozen=True):
     """Followers that share their parameters differ by more than sampling error explains."""
 
     text = (
-        "The {followers} followers differ by more than sampling error explains ({probability}), so"
-        " one parameter set describes none of them well: choose Case II."
+        "The {followers} followers differ by more than sampling error explains ({probability}, in"
+        " the first window); Case II gives each its own parameters."
     )
 
     followers: int

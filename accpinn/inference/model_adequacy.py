@@ -207,7 +207,10 @@ def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> 
 
 
 def _largest_likelihoods(series: Series, maxima: Sequence[Maximum], form: str) -> FloatArray:
-    """(G,) log L where the terms have no prior: of nested models the larger has no less of it."""
+    """(G,) log L where the terms have no prior, so that the CTHP with s₀ has no less than the CTHP.
+
+    A lag or delay has a least value, by which it may have less.
+    """
     if form != PAPER:
         z = np.array([maximum.coordinates for maximum in maxima])
         maxima = search(Criterion(series, form, is_flat=True), z, np.arange(len(z)))

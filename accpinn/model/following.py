@@ -128,8 +128,8 @@ class FollowingModel:
     def equation(self) -> str:
         """The equation of motion in symbols; without a formula the model's name stands for f."""
         left = "λ d²v/dt² + dv/dt" if "lag" in self.terms else "dv/dt"
-        later = ", a time d later" if "delay" in self.terms else ""
-        return f"{left} = {self.formula or self.title.partition(' with ')[0]}{later}"
+        later = " (a time d later)" if "delay" in self.terms else ""
+        return f"{left}{later} = {self.formula or self.title.partition(' with ')[0]}"
 
     def behind_a(self, term: Term) -> "FollowingModel":
         """The model with a lag or a delay between f and the acceleration."""

@@ -19,6 +19,8 @@ from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, f
 EVEN_TOLERANCE: Seconds = 1e-6
 """Largest distance of even time stamps from a regular grid; float noise is below 1e-9 s."""
 
+ANOTHER_UNIT = 0.01
+"""Share of samples that are too large above which their unit is probably another one."""
 AGREEMENT_LIMIT = 0.5
 """Least correlation between a gap's rate of change and the speed difference that counts as sound;
 the sound recordings of the database reach 0.8 and more."""
@@ -138,10 +140,12 @@ class ValuesOutOfRange(Finding, frozen=True):
     """A channel of a vehicle leaves its plausible range on one side."""
 
     text = (
-        "{column} exceeds {limit:g} {unit} in {samples} samples, up to {extreme:.4g}; check its"
-        " unit."
+        "{column} exceeds {limit:g} {unit} in {samples} samples ({part}), up to {extreme:.4g};"
+        " check its unit."
     )
-    text_below = "{column} is negative in {samples} samples, the lowest {extreme:.2g} {unit}."
+    text_below = (
+        "{column} is negative in {samples} samples ({part}), the lowest {extreme:.2g} {unit}."
+    )
 
     channel: str
     vehicle: int
@@ -149,10 +153,27 @@ class ValuesOutOfRange(Finding, frozen=True):
     extreme: float
     """The value furthest outside."""
 
+    share: float = 0.0
+    """The same in the samples of the recording, 0 to 1."""
+
     @property
     def is_above(self) -> bool:
-        """Whether the values are too large, as in another unit; a little below zero is noise."""
+        """Whether the values are too large; a little below zero is noise."""
         return self.extreme > RECORDED[self.channel].highest
+
+    @property
+    def is_in_another_unit(self) -> bool:
+        """Whether so many values are too large that the unit is probably another one."""
+        return self.is_above and self.share > ANOTHER_UNIT
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """Vehicles in whose equation the values are."""
+        return (
+            (self.vehicle, self.vehicle + 1)
+            if self.channel == SPEED.column
+            else (self.vehicle + 1,)
+        )
 
     def sentence(self, about: Labelled) -> str:
         """The side on which the values lie outside decides."""
@@ -161,7 +182,8 @@ class ValuesOutOfRange(Finding, frozen=True):
     def _words(self, about: Labelled) -> Words:
         channel = RECORDED[self.channel]
         column = channel.of(self.vehicle)
-        return {"column": column, "limit": channel.highest, "unit": channel.unit}
+        part = rounded_percent(self.share)
+        return {"column": column, "limit": channel.highest, "unit": channel.unit, "part": part}
 
 
 class ValuesFrozen(Finding, frozen=True):
@@ -413,10 +435,12 @@ def check(recording: Recording) -> Iterator[Finding]:
             yield GapContradictsSpeeds(vehicle=number, correlation=value)
     for channel, number, values in channels:
         if count := int((values < channel.lowest).sum()):
-            yield ValuesOutOfRange(channel.column, number, count, float(np.nanmin(values)))
+            least = float(np.nanmin(values))
+            yield ValuesOutOfRange(channel.column, number, count, least, count / len(values))
     for channel, number, values in channels:
         if count := int((values > channel.highest).sum()):
-            yield ValuesOutOfRange(channel.column, number, count, float(np.nanmax(values)))
+            most = float(np.nanmax(values))
+            yield ValuesOutOfRange(channel.column, number, count, most, count / len(values))
     for channel, number, values in channels:
         yield from _frozen(recording, channel, number, values)
     leader = recording.present[0]
@@ -425,14 +449,14 @@ def check(recording: Recording) -> Iterator[Finding]:
         yield LittleLeaderMotion(leader, deviation)
 
 
-def agreement(recording: Recording, number: int, window: slice | None = None) -> float | None:
+def agreement(
+    recording: Recording, number: int, rows: slice = slice(None), of_ranks: bool = False
+) -> float | None:
     """Correlation between dIVS/dt and the speed difference of vehicles number and number + 1.
 
-    In a window it is that of ranks, to which a jump of some seconds, as where another vehicle was
-    ahead, matters little. It is 1 for a sound recording; None where the two vehicles hardly move
-    against each other.
+    It is 1 for a sound recording; None where the two vehicles hardly move against each other. To
+    that of ranks a jump of some seconds, as where another vehicle was ahead, matters little.
     """
-    rows = window or slice(None)
     half = max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
     width = 2 * half
     time, gap = recording.time[rows], recording.gap_behind(number)[rows]
@@ -447,7 +471,7 @@ def agreement(recording: Recording, number: int, window: slice | None = None) ->
     pair: FloatArray = np.array([rate[known], smooth[known]])
     if pair[0].std() < 1e-9:
         return 0.0
-    return float(np.corrcoef(pair.argsort().argsort() if window else pair)[0, 1])
+    return float(np.corrcoef(pair.argsort().argsort() if of_ranks else pair)[0, 1])
 
 
 def _gaps(recording: Recording) -> list[int]:

@@ -106,7 +106,7 @@ class File:
             kind = "trajectories" if self.mapping else "platoons"
             recording = choose_run(self.content, self.runs, trajectory, kind).read()
             is_sound = not any(
-                isinstance(found, ValuesOutOfRange) and found.is_above
+                isinstance(found, ValuesOutOfRange) and found.is_in_another_unit
                 for found in recording.findings
             )  # else units are probably wrong, and they would be for the next file, too
             if self.mapping and is_kept and is_sound and not self.is_remembered:

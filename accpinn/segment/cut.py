@@ -127,11 +127,15 @@ def _unsound(recording: Recording, chosen: Sequence[int], rows: slice) -> Iterat
             yield finding
         elif isinstance(finding, GapContradictsSpeeds) and finding.vehicle in chosen[:-1]:
             here = agreement(recording, finding.vehicle, rows)
-            if here is None or here < AGREEMENT_LIMIT:
-                yield finding
+            if here is not None and here < AGREEMENT_LIMIT:
+                yield GapContradictsSpeeds(finding.vehicle, here)
         elif isinstance(finding, ValuesOutOfRange):
-            if finding.vehicle in (chosen[:-1] if finding.channel == GAP.column else chosen):
-                yield finding
+            is_gap = finding.channel == GAP.column
+            if finding.vehicle in (chosen[:-1] if is_gap else chosen):
+                every = recording.gap_behind if is_gap else recording.speed_of
+                values, limits = every(finding.vehicle)[rows], GAP if is_gap else SPEED
+                if (values > limits.highest).any() if finding.is_above else (values < 0.0).any():
+                    yield finding
 
 
 def longest_in(recording: Recording, number: int) -> Seconds:

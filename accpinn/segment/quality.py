@@ -373,25 +373,21 @@ def worst(rated: Sequence[tuple[Rating, ...]]) -> tuple[Rating, ...]:
 
 
 def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rating, ...]:
-    """All ratings of a window of a recording, in the order of the questions.
-
-    The gaps are rated over the whole recording, where the correlation is most certain.
-    """
+    """All ratings of a window of a recording, in the order of the questions."""
     ahead, followers = segment.vehicles[:-1], np.array(segment.vehicles[1:]) - 1
     missing = _of(segment.findings, BlocksMissing | Bridged)
     still = _of(quality.findings, LittleLeaderMotion | NearEquilibrium)
     elsewhere = _of(quality.findings, LittleCarFollowing)
     by_hand = _of(segment.findings, DrivenByHand)
-    contradicting = (f for f in recording.findings if isinstance(f, GapContradictsSpeeds))
-    wrong = (
-        *(finding for finding in contradicting if finding.vehicle in ahead),
-        *_of(quality.findings, GapsNegative),
-    )
+    contradicting = _of(segment.findings, GapContradictsSpeeds)
+    wrong = (*contradicting, *_of(quality.findings, GapsNegative))
     within = recording.time + SLACK >= segment.window.start
     within &= recording.time - SLACK <= segment.window.end
     modes = recording.mode[within][:, followers]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
-    no_agreement = any(agreement(recording, number) is None for number in ahead)
+    first, *_, last = np.flatnonzero(within)
+    rows = slice(first, last + 1)
+    no_agreement = any(agreement(recording, number, rows) is None for number in ahead)
     is_near = bool(_of(still, NearEquilibrium))
     is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING
     return (

@@ -54,7 +54,7 @@ def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
         RecordingError: when it cannot be reached, has no workers, or these lack the package.
     """
     if scheduler:
-        if not re.search(r":\d+$", scheduler):
+        if not re.search(r":\d+/?$", scheduler):
             raise ConfigError(
                 f'scheduler: "{scheduler[:60]}" is no address; write one as tcp://HOST:8786.'
             )

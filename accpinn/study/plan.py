@@ -132,7 +132,7 @@ def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
     if number in [finding.follower for finding in contradictions(recording)]:
         for window in _windows(recording, allowed, longest):
             first, *_, last = np.flatnonzero(_inside(recording.time, window))
-            value = agreement(recording, number - 1, slice(first, last + 1))
+            value = agreement(recording, number - 1, slice(first, last + 1), of_ranks=True)
             allowed[first : last + 1] &= value is not None and value >= AGREEMENT_LIMIT
     return allowed
 

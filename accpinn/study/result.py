@@ -32,7 +32,7 @@ from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap, value_of
-from accpinn.recordings import Facts, Recording, facts_of
+from accpinn.recordings import Facts, GapContradictsSpeeds, Recording, ValuesOutOfRange, facts_of
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.stability import StabilityReport, stability_report
@@ -121,20 +121,22 @@ class Result:
         return f"<Result: {self.fit.method} on {self.info.source}, {windows}>"
 
     def __str__(self) -> str:
-        """A line on what it is, one or two a follower, and one on what to ask it."""
-        lines = [repr(self)[1:-1]]
-        names, known = FOLLOWING[self.fit.model].names, self.known_answer
-        for k, label in enumerate(self.info.labels[1:]):
+        """A line on what it is, one or two a follower, what is against it, and what to ask it."""
+        lines, known, model = [repr(self)[1:-1]], self.known_answer, self.fit.model
+        is_shared = self.info.shares(self.fit.case)
+        for k, label in enumerate(("All followers",) if is_shared else self.info.labels[1:]):
             if known:
                 gap, speed = known.time_gap(known.stated_speed, k), 3.6 * known.stated_speed
-                trust = known.trust[min(k, len(known.trust) - 1)]
-                lines.append(
-                    f"{label}: {gap.value:.2f} s at {speed:.0f} km/h"
-                    f" ({100 * known.level:.0f} % interval {gap.lower:.2f}–{gap.upper:.2f})."
-                    f" {trust.in_words}"
-                )
-            values = (f"{n} {value_of(self.fit.model, self.parameters, n)[k]:.4g}" for n in names)
+                said = f"{gap.value:.2f} s at {speed:.0f} km/h ({100 * known.level:.0f} % interval"
+                said += f" {gap.lower:.2f}–{gap.upper:.2f}). {known.trust[k].in_words}"
+                lines.append(f"{label}: {said}")
+            names = FOLLOWING[model].names
+            values = [f"{name} {value_of(model, self.parameters, name)[k]:.4g}" for name in names]
             lines.append(f"{label}: {', '.join(values)} by {self.fit.method}")
+        findings = [found for info in self.infos for found in info.findings]
+        unsound = [f for f in findings if isinstance(f, GapContradictsSpeeds | ValuesOutOfRange)]
+        against = (*unsound, *(known.findings if known else ()))
+        lines += dict.fromkeys(finding.sentence(self.info) for finding in against)
         return "\n".join([*lines, "More: .answer, .parameters, .uncertainty, .stability, .draws"])
 
     @property

@@ -248,7 +248,8 @@ def _against(
 ) -> tuple[str, ...]:
     """What is against an answer beside its own windows, in sentences."""
     numbers = info.vehicles[1:] if answer.trust[0].vehicle == 0 else (info.vehicles[follower + 1],)
-    speed, said = answer.stated_speed, [*_unsound(info, numbers)]
+    infos = subject.result.infos if subject.result else (info,)
+    speed, said = answer.stated_speed, [*_unsound(infos, numbers)]
     unlike = (found for found in answer.findings if isinstance(found, HeterogeneousFollowers))
     said += [found.sentence(info) for found in unlike]
     if not answer.is_driven(speed, follower):
@@ -258,12 +259,14 @@ def _against(
     return tuple(said)
 
 
-def _unsound(info: SegmentInfo, numbers: Sequence[int]) -> Iterator[str]:
-    """What the data themselves have against the answer of some followers."""
-    gaps = [found for found in info.findings if isinstance(found, GapContradictsSpeeds)]
+def _unsound(infos: Sequence[SegmentInfo], numbers: Sequence[int]) -> Iterator[str]:
+    """What the data of some windows have against the answer of some followers."""
+    findings = [found for info in infos for found in info.findings]
+    gaps = [found for found in findings if isinstance(found, GapContradictsSpeeds)]
     if any(found.follower in numbers for found in gaps):
         yield "Do not trust it: the measured gap contradicts the speeds."
-    if any(isinstance(found, ValuesOutOfRange) and found.is_above for found in info.findings):
+    large = [found for found in findings if isinstance(found, ValuesOutOfRange)]
+    if any(found.is_in_another_unit and {*found.followers} & {*numbers} for found in large):
         yield "Do not trust it: measured values are too large; check their units."
 
 

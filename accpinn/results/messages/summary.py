@@ -249,6 +249,7 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
     info, quality, uncertainty = snapshot.info, snapshot.quality, snapshot.uncertainty
     case, duration = snapshot.fit.case, snapshot.facts.get("duration")
+    on_data = [finding for part in snapshot.infos for finding in part.findings]
     on_parameters = (
         *snapshot.fit.findings,
         *uncertainty.findings,
@@ -256,7 +257,7 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
         *snapshot.evaluation.whiteness.findings,
     )
     return {
-        "data": messages((*info.findings, *quality.findings), info),
+        "data": tuple(dict.fromkeys(messages((*on_data, *quality.findings), info))),
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
         "closed_loop": messages(snapshot.evaluation.all_findings, info),
     }

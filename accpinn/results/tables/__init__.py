@@ -112,6 +112,8 @@ class Column:
     is_brief: bool = False
     """Whether of an estimate the value alone is shown, with the digits that its interval supports;
     that is in CSV files, and on a web page where one points at the value."""
+    may_be_held: bool = False
+    """Whether an interval without width is that of a parameter which was given, not estimated."""
 
     @classmethod
     def of(cls, quantity: Quantity, group: str = "", key: str = "") -> "Column":
@@ -181,7 +183,7 @@ class Column:
         """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
         if math.isnan(cell.value) and math.isnan(cell.lower):
             return ABSENT, ""
-        if cell.lower == cell.value == cell.upper:  # not estimated but held
+        if self.may_be_held and cell.lower == cell.value == cell.upper:
             return self.shown(cell.value), HELD
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))

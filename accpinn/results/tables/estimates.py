@@ -35,8 +35,10 @@ from accpinn.units import Estimate, FloatArray, MetresPerSecond
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (
-    Column("s₀", "m", 1, key="s0"), Column("λ", "s", 2, key="lag"), Column("d", "s", 2, key="delay")
-)  # fmt: skip
+    Column("s₀", "m", 1, key="s0", may_be_held=True),
+    Column("λ", "s", 2, key="lag", may_be_held=True),
+    Column("d", "s", 2, key="delay", may_be_held=True),
+)
 """Terms beside the CTHP, in the order of `TERMS`."""
 OWN_DIGITS = 3
 """Decimals of the parameters of other models."""
@@ -131,7 +133,12 @@ def columns_of(model: str) -> Iterator[tuple[int, Column]]:
         return
     following = FOLLOWING[model]
     for at, own in enumerate(following.parameters, 6):
-        yield at, Column(own.symbol, own.unit, OWN_DIGITS, following.title, key=own.name)
+        yield (
+            at,
+            Column(
+                own.symbol, own.unit, OWN_DIGITS, following.title, key=own.name, may_be_held=True
+            ),
+        )
 
 
 def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[int, Column]]:
@@ -154,7 +161,8 @@ def parameter_cells(
     """The parameters of (K,) vehicles, α, β and τ first."""
     for at, column in shown_columns(parameters, model):
         shown = replace(column, group=group, key="") if group else column
-        yield shown, [*parameters.everything[:, at]]
+        is_term = len(PARAMETER_COLUMNS) <= at < 6
+        yield shown, [None if is_term and v == 0 else v for v in parameters.everything[:, at]]
 
 
 def brief_cells(values: FloatArray, known: Uncertainty | None, at: int) -> Sequence[Cell]:

@@ -218,6 +218,8 @@ def _estimate(
         return span.value, column.shown(span.value), column.shown(Range(span.lower, span.upper))
     known = result.parts.uncertainty
     value = float(result.parameters.complete[follower, which])
+    if which >= len(PARAMETER_COLUMNS) and not value:
+        return np.nan, ABSENT, ABSENT
     ends = (known.lower, known.upper) if known else ()
     interval = Range(*(float(end.complete[follower, which]) for end in ends)) if ends else None
     return value, column.shown(value), column.shown(interval)
