@@ -15,10 +15,10 @@ time headway, s₀ [m] gap at standstill and v₀ [m/s] desired speed:
 
 Behind a car at motorway speeds v₀ and b are hardly determined, so their priors are informative.
 
-The full velocity difference model (FVDM), with gains κ [1/s] and λ [1/s], and V₁ [m/s], c [1/m] and
-d [m] that shape the optimal speed V at a gap:
+The full velocity difference model (FVDM), with gains κ [1/s] and γ [1/s], and V₁ [m/s], c [1/m] and
+p₀ [m] that shape the optimal speed V at a gap (the source's λ and d are a lag and a delay here):
 
-    f = κ (V(p) - v) + λ (u - v),   V(p) = V₁ [tanh(c (p - d)) + tanh(c d)]
+    f = κ (V(p) - v) + γ (u - v),   V(p) = V₁ [tanh(c (p - p₀)) + tanh(c p₀)]
 
 Sources: Apostolakis and Ampountolas, IEEE TVT 2024 (CTHP); Treiber, Hennecke and Helbing, Physical
 Review E 62 (2000) 1805-1824, equations 3 and 4 (IDM); Jiang, Wu and Zhu, Physical Review E 64
@@ -51,7 +51,7 @@ def idm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
 
 
 def fvdm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
-    """In m/s² from κ, λ, V₁, c, d."""
+    """In m/s² from κ, γ, V₁, c, p₀."""
     kappa, relative, scale, steepness, middle = theta[:5]
     optimal = scale * (xp.tanh(steepness * (p - middle)) + xp.tanh(steepness * middle))
     return kappa * (optimal - v) + relative * (u - v)
@@ -100,11 +100,11 @@ FVDM = FollowingModel(
     "FVDM",
     (
         Parameter("kappa", "κ", "1/s", 1e-3, 10.0, 0.1, 1.0),
-        Parameter("relative", "λ", "1/s", 1e-4, 10.0, 0.2, 1.0),
+        Parameter("relative", "γ", "1/s", 1e-4, 10.0, 0.2, 1.0),
         Parameter("scale", "V₁", "m/s", 2.0, 100.0, 20.0, 0.4),
         Parameter("steepness", "c", "1/m", 0.005, 0.5, 0.05, 0.5),
-        Parameter("middle", "d", "m", 0.5, 200.0, 20.0, 0.4),
+        Parameter("middle", "p₀", "m", 0.5, 200.0, 20.0, 0.4),
     ),
     fvdm,
-    formula="κ [V₁ (tanh(c (p − d)) + tanh(c d)) − v] + λ Δv",
+    formula="κ [V₁ (tanh(c (p − p₀)) + tanh(c p₀)) − v] + γ Δv",
 )

@@ -18,7 +18,6 @@ from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, f
 
 EVEN_TOLERANCE: Seconds = 1e-6
 """Largest distance of even time stamps from a regular grid; float noise is below 1e-9 s."""
-
 ANOTHER_UNIT = 0.01
 """Share of samples that are too large above which their unit is probably another one."""
 AGREEMENT_LIMIT = 0.5
@@ -143,23 +142,25 @@ class ValuesOutOfRange(Finding, frozen=True):
         "{column} exceeds {limit:g} {unit} in {samples} samples ({part}), up to {extreme:.4g};"
         " check its unit."
     )
-    text_below = (
-        "{column} is negative in {samples} samples ({part}), the lowest {extreme:.2g} {unit}."
-    )
+    text_below = "{column} is negative in {samples} samples ({part}), down to {extreme:.2g} {unit}."
 
     channel: str
     vehicle: int
     samples: int
     extreme: float
     """The value furthest outside."""
-
-    share: float = 0.0
-    """The same in the samples of the recording, 0 to 1."""
+    share: float
+    """Share of the recording's samples that lie outside, 0 to 1."""
 
     @property
     def is_above(self) -> bool:
         """Whether the values are too large; a little below zero is noise."""
         return self.extreme > RECORDED[self.channel].highest
+
+    def outside(self, values: FloatArray) -> Mask:
+        """Where values (..) of the channel lie outside on that side."""
+        channel = RECORDED[self.channel]
+        return np.asarray(values > channel.highest if self.is_above else values < channel.lowest)
 
     @property
     def is_in_another_unit(self) -> bool:
@@ -169,11 +170,8 @@ class ValuesOutOfRange(Finding, frozen=True):
     @property
     def followers(self) -> tuple[int, ...]:
         """Vehicles in whose equation the values are."""
-        return (
-            (self.vehicle, self.vehicle + 1)
-            if self.channel == SPEED.column
-            else (self.vehicle + 1,)
-        )
+        ahead = (self.vehicle,) if self.channel == SPEED.column else ()
+        return (*ahead, self.vehicle + 1)
 
     def sentence(self, about: Labelled) -> str:
         """The side on which the values lie outside decides."""
@@ -433,14 +431,12 @@ def check(recording: Recording) -> Iterator[Finding]:
         value = agreement(recording, number)
         if value is not None and value < AGREEMENT_LIMIT:
             yield GapContradictsSpeeds(vehicle=number, correlation=value)
-    for channel, number, values in channels:
-        if count := int((values < channel.lowest).sum()):
-            least = float(np.nanmin(values))
-            yield ValuesOutOfRange(channel.column, number, count, least, count / len(values))
-    for channel, number, values in channels:
-        if count := int((values > channel.highest).sum()):
-            most = float(np.nanmax(values))
-            yield ValuesOutOfRange(channel.column, number, count, most, count / len(values))
+    for is_below, end in ((True, np.nanmin), (False, np.nanmax)):
+        for channel, number, values in channels:
+            outside = values < channel.lowest if is_below else values > channel.highest
+            if count := int(outside.sum()):
+                far = float(end(values))
+                yield ValuesOutOfRange(channel.column, number, count, far, count / len(values))
     for channel, number, values in channels:
         yield from _frozen(recording, channel, number, values)
     leader = recording.present[0]
@@ -457,8 +453,7 @@ def agreement(
     It is 1 for a sound recording; None where the two vehicles hardly move against each other. To
     that of ranks a jump of some seconds, as where another vehicle was ahead, matters little.
     """
-    half = max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
-    width = 2 * half
+    width = 2 * max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
     time, gap = recording.time[rows], recording.gap_behind(number)[rows]
     if len(gap) <= width:
         return None

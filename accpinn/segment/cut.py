@@ -133,8 +133,7 @@ def _unsound(recording: Recording, chosen: Sequence[int], rows: slice) -> Iterat
             is_gap = finding.channel == GAP.column
             if finding.vehicle in (chosen[:-1] if is_gap else chosen):
                 every = recording.gap_behind if is_gap else recording.speed_of
-                values, limits = every(finding.vehicle)[rows], GAP if is_gap else SPEED
-                if (values > limits.highest).any() if finding.is_above else (values < 0.0).any():
+                if finding.outside(every(finding.vehicle)[rows]).any():
                     yield finding
 
 

@@ -64,6 +64,8 @@ _LATEX = {
     "∞": r"$\infty$",
     "‖": r"$\|$",
     "λ": r"$\lambda$",
+    "γ": r"$\gamma$",
+    "κ": r"$\kappa$",
     **{digit: f"$_{k}$" for k, digit in enumerate("₀₁₂")},
     "²": r"$^2$",
     "≤": r"$\le$",
