@@ -125,13 +125,13 @@ class _Step(NamedTuple):
     states: FloatArray
     """(K, n, B): predicted."""
     covariance: FloatArray
-    """(n, n, B): predicted."""
+    """(B, n, n): predicted."""
     errors: FloatArray
     """(K, r, B)"""
     variances: FloatArray
     """(r, B); infinite where a sample is missing."""
-    gains: tuple[FloatArray, ...]
-    """r times (n, B); none where `constant` stands for them."""
+    gains: FloatArray
+    """(r, n, B); of no row where `constant` stands for them."""
     constant: "_ConstantGain | None" = None
     """The maps that the instants share; None for a single instant."""
 
@@ -164,30 +164,38 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
     width = max(LEAST_STRETCH, STRETCH // count)
-    state, covariance = model.first, model.first_covariance
-    back = np.ascontiguousarray(model.transition.transpose(1, 0, 2))
+    state = model.first
+    # Products of many small matrices are fastest with the models on the first axis.
+    transition, process, covariance = (
+        np.ascontiguousarray(part.transpose(2, 0, 1))
+        for part in (model.transition, model.process, model.first_covariance)
+    )
+    back = np.ascontiguousarray(transition.transpose(0, 2, 1))
     k = 0
     while k < samples:
         before, states = covariance, state[None]
         rows = tuple(np.flatnonzero(somewhere[k]).tolist())
         errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), count))
-        gains = []
+        gains, taken = np.empty((2, len(rows), *state.shape))
         for row, number in enumerate(rows):
             i = OBSERVED[number]
-            variance = np.add(covariance[i, i], model.noise[number], out=variances[row])
+            taken[row] = covariance[:, i].T
+            for gain, other in zip(gains[:row], taken[:row], strict=True):
+                taken[row] -= gain[i] * other
+            variance = np.add(taken[row, i], model.noise[number], out=variances[row])
             error = np.subtract(measured[k, number], state[i], out=errors[0, row])
             if not everywhere[k, number]:
                 variance[~known[k, number]], error[~known[k, number]] = np.inf, 0.0
-            gain = covariance[:, i] / variance
+            gain = np.divide(taken[row], variance, out=gains[row])
             state = state + gain * error
-            covariance = covariance - gain[:, None] * covariance[i]
-            gains.append(gain)
-        step = _Step(k, rows, states, before, errors, variances, tuple(gains))
+        if rows:
+            left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
+            covariance = covariance - np.ascontiguousarray(left) @ np.ascontiguousarray(right)
+        step = _Step(k, rows, states, before, errors, variances, gains)
         yield step
         state = _times(model.transition, state)
-        moved = np.einsum("ijb,jkb->ikb", model.transition, covariance)
-        covariance = np.einsum("ijb,jkb->ikb", moved, back) + model.process
-        covariance = (covariance + covariance.transpose(1, 0, 2)) / 2
+        covariance = transition @ covariance @ back + process
+        covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
         k += 1
         if k < samples and whole[k - 1] and whole[k] and _is_settled(before, covariance):
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
@@ -205,10 +213,10 @@ def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def _is_settled(before: FloatArray, after: FloatArray) -> bool:
-    if np.abs(after[0, 0] - before[0, 0]).max() > SETTLED * after[0, 0].max():
+    if np.abs(after[:, 0, 0] - before[:, 0, 0]).max() > SETTLED * after[:, 0, 0].max():
         return False
-    deviation = np.sqrt(np.maximum(np.einsum("iib->ib", after), 1e-30))
-    change = np.abs(after - before) / (deviation[:, None] * deviation)
+    deviation = np.sqrt(np.maximum(np.einsum("bii->bi", after), 1e-30))
+    change = np.abs(after - before) / (deviation[:, :, None] * deviation[:, None])
     return bool(change.max() < SETTLED)
 
 
@@ -248,8 +256,8 @@ class _ConstantGain:
         for row in range(len(OBSERVED) - 1, 0, -1):  # the whitening is lower triangular
             for before in range(row):
                 errors[:, row] += self.whitening[row, before] * errors[:, before]
-        rows = tuple(range(len(OBSERVED)))
-        return _Step(first, rows, states, covariance, errors, self.variances, (), self), after
+        rows, none = tuple(range(len(OBSERVED))), np.empty((0, *state.shape))
+        return _Step(first, rows, states, covariance, errors, self.variances, none, self), after
 
     def _states(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(K, n, B) predicted under measurements (K, 3, B), and (n, B) after them."""
@@ -336,7 +344,7 @@ def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
     for columns in _alike(measured):
         part = model.of(columns)
         for step, information in _backward(part, _filtered(part, measured[:, :, columns])):
-            pulled: FloatArray = np.einsum("ijb,kjb->kib", step.covariance, information)
+            pulled: FloatArray = np.einsum("bij,kjb->kib", step.covariance, information)
             means[step.at, :, columns] = step.states + pulled
     return means
 
