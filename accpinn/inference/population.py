@@ -132,7 +132,7 @@ def sampled_population(
         pulled = np.einsum("cij,ck,ckj->ci", precision, weights, chosen)
         mean = np.einsum("cij,cj->ci", covariance, pulled) + _normal(covariance, rng)
         distances = -2.0 * (squares @ _coefficients(mean, precision).T)
-        log = -0.5 * (TAILS + p) * np.log1p(np.maximum(distances, 0.0) / TAILS)
+        log = -0.5 * (TAILS + p) * np.log(1.0 + np.maximum(distances, 0.0) / TAILS)
         log = log.reshape(count, size, CHAINS) - log_prior[:, :, None]
         chosen = centred[each, _one_of(log, rng)]
         away = chosen - mean[:, None]

@@ -30,7 +30,7 @@ Marin, Mira and Robert, Scandinavian Journal of Statistics 39 (2012) 798-812.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -173,16 +173,15 @@ def sample(
     least = criterion.lower[-1] if FOLLOWING[form].is_late else -np.inf
     fixed = criterion.lower == criterion.upper
     is_ridge = "s0" in FOLLOWING[form].terms and not fixed[S0]
-    proposals = []
+    samplings = []
     for g, (first, speed) in enumerate(zip(_first_parts(criterion, maxima), speeds, strict=True)):
         inside = (_inside(criterion, g, part, speed) if is_ridge else part for part in first)
         ends = least, speed if is_ridge else np.inf
-        proposals.append(Proposal.at([_by_time_gap(part, speed) for part in inside], *ends))
-    past: list[list[_Stage]] = [[] for _ in maxima]
-    known: dict[int, Posterior] = {}
+        first_proposal = Proposal.at([_by_time_gap(part, speed) for part in inside], *ends)
+        samplings.append(_Sampling(first_proposal, criterion.size))
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
-        drawn = [proposals[g].draw(count, rng) for g in wanted]
+        drawn = [samplings[g].proposal.draw(count, rng) for g in wanted]
         for w in drawn:
             w[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
         pairs = zip(wanted, drawn, strict=True)
@@ -193,41 +192,54 @@ def sample(
         parts = each.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
         for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
             target = likelihoods + priors + w[:, 1] - z[:, 1]  # the last two are ln |dz/dw|
-            past[g].append(_Stage(proposals[g], w, z, target, likelihoods))
-            every = zip(*(stage[1:] for stage in past[g]), strict=True)
-            w, z, target, likelihoods = map(np.concatenate, every)
-            ratios = target - _log_density(past[g], w)
-            known[g] = Posterior(z, normalised(ratios), likelihoods)
-            densities = proposals[g].log_densities(w)
-            proposals[g] = proposals[g].adapted(w, _tempered(ratios), densities)
+            samplings[g].add(w, z, target, likelihoods)
         if stage >= len(stages) - 1:
-            wanted = [g for g in wanted if known[g].effective < ENOUGH * count]
+            wanted = [g for g in wanted if samplings[g].posterior.effective < ENOUGH * count]
         if not wanted:
             break
-    return tuple(known[g] for g in range(len(maxima)))
+    return tuple(sampling.posterior for sampling in samplings)
 
 
-class _Stage(NamedTuple):
-    """The draws of one proposal."""
+class _Sampling:
+    """The draws of one group so far, and the proposal of the next ones."""
 
-    proposal: "Proposal"
-    drawn: FloatArray
-    """(n, P) w."""
-    coordinates: FloatArray
-    """(n, P) z."""
-    target: FloatArray
-    """(n,) log posterior over w, up to a constant."""
-    log_likelihood: FloatArray
-    """(n,)"""
+    def __init__(self, proposal: "Proposal", size: int) -> None:
+        """With no draws of the P unknowns yet."""
+        self.proposal = proposal
+        self.posterior = Posterior(np.empty((0, size)), np.empty(0), np.empty(0))
+        self._past: list[tuple[Proposal, float]] = []
+        """Proposals so far, and the logarithms of how many draws each made."""
+        self._drawn, self._target = np.empty((0, size)), np.empty(0)
+        self._log_density = np.empty(0)
+        """(n,) of all past proposals together, up to a constant."""
 
+    def add(
+        self, drawn: FloatArray, z: FloatArray, target: FloatArray, log_likelihood: FloatArray
+    ) -> None:
+        """Weigh all draws anew with these of the proposal, which adapts to them.
 
-def _log_density(stages: Sequence[_Stage], drawn: FloatArray) -> FloatArray:
-    """(n,) log density, up to a constant, of draws (n, P) of all stages' proposals together."""
-    each = [
-        np.log(len(stage.drawn)) + np.logaddexp.reduce(stage.proposal.log_densities(drawn))
-        for stage in stages
-    ]
-    return np.asarray(np.logaddexp.reduce(np.array(each)))
+        Args:
+            drawn: (n, P) w.
+            z: (n, P)
+            target: (n,) log posterior over w, up to a constant.
+            log_likelihood: (n,)
+        """
+        before = [weight + proposal.log_density(drawn) for proposal, weight in self._past]
+        self._past.append((self.proposal, float(np.log(len(drawn)))))
+        none = np.full(len(drawn), -np.inf)
+        self._log_density = np.append(self._log_density, np.logaddexp.reduce([none, *before]))
+        self._drawn = np.concatenate([self._drawn, drawn])
+        self._target = np.append(self._target, target)
+        densities = self.proposal.log_densities(self._drawn)
+        own = self._past[-1][1] + np.logaddexp.reduce(densities)
+        self._log_density = np.logaddexp(self._log_density, own)
+        ratios = self._target - self._log_density
+        self.posterior = Posterior(
+            np.concatenate([self.posterior.coordinates, z]),
+            normalised(ratios),
+            np.append(self.posterior.log_likelihood, log_likelihood),
+        )
+        self.proposal = self.proposal.adapted(self._drawn, _tempered(ratios), densities)
 
 
 def _inside(criterion: Criterion, group: int, part: Maximum, speed: MetresPerSecond) -> Maximum:
@@ -331,6 +343,7 @@ class Student:
         trust = effective / (effective + TRUST)
         return Student(centre, trust * covariance + (1.0 - trust) * self.scale)
 
+    @cached_property
     def root(self) -> tuple[Mask, FloatArray]:
         """Which coordinates are free (P,), and a root of their scale (f, f)."""
         # Unlike eigenvectors, Cholesky's root is continuous in the matrix, so draws are the same
@@ -342,22 +355,28 @@ class Student:
 
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draws (count, P)."""
-        free, root = self.root()
+        free, root = self.root
         normal = rng.standard_normal((count, len(root)))
         stretch = FREEDOM / rng.chisquare(FREEDOM, count)
         drawn = np.tile(self.centre, (count, 1))
         drawn[:, free] += (normal * np.sqrt(stretch)[:, None]) @ root.T
         return drawn
 
+    @cached_property
+    def _whitening(self) -> FloatArray:
+        """(f, f) the transpose of the root's inverse."""
+        root = self.root[1]
+        return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True).T)
+
     def log_density(self, drawn: FloatArray) -> FloatArray:
         """(n,) log density of the free coordinates at (n, P)."""
-        free, root = self.root()
-        away = solve_triangular(root, (drawn - self.centre)[:, free].T, lower=True)
-        distance = (away**2).sum(axis=0)
+        free, root = self.root
+        away = (drawn - self.centre)[:, free] @ self._whitening
+        distance = np.einsum("nf,nf->n", away, away)
         count = len(root)
         size = np.log(np.diag(root)).sum() + 0.5 * count * np.log(FREEDOM * np.pi)
         size += gammaln(FREEDOM / 2.0) - gammaln((FREEDOM + count) / 2.0)
-        return np.asarray(-size - 0.5 * (FREEDOM + count) * np.log1p(distance / FREEDOM))
+        return np.asarray(-size - 0.5 * (FREEDOM + count) * np.log(1.0 + distance / FREEDOM))
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,7 +408,7 @@ class Proposal:
             for maximum, curvature in zip(maxima, curvatures, strict=True)
         )
         mass = [
-            maximum.criterion + np.log(np.diag(part.root()[1])).sum()
+            maximum.criterion + np.log(np.diag(part.root[1])).sum()
             for maximum, part in zip(maxima, parts, strict=True)
         ]
         return cls(parts, _floored(normalised(np.array(mass))), least, speed)
@@ -409,6 +428,10 @@ class Proposal:
             yield -1, self.least, np.maximum
         if np.isfinite(self.speed):
             yield S0, self.speed * np.exp(drawn[:, 1] - drawn[:, 0]), np.minimum
+
+    def log_density(self, drawn: FloatArray) -> FloatArray:
+        """(n,) log density at (n, P)."""
+        return np.asarray(np.logaddexp.reduce(self.log_densities(drawn)))
 
     def log_densities(self, drawn: FloatArray) -> FloatArray:
         """(K, n) log density of each part at (n, P), times its share."""

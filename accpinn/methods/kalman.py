@@ -16,9 +16,11 @@ Source: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accpinn.methods.state_space import OBSERVED, Columns, StateSpace
 from accpinn.units import FloatArray, Mask
@@ -27,8 +29,8 @@ SETTLED = 1e-11
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
 STRETCH = 30_000
 """Instants times models that a step of constant gains covers, so that they fit the cache."""
-LEAST_STRETCH = 16
-"""Instants that it covers at least."""
+BLOCK = 7
+"""Instants whose innovations are found at once with constant gains; more and fewer are slower."""
 FEW = 12
 """Models up to which `recursion` takes on blocks of time together; with more, nothing is gained."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
@@ -40,10 +42,17 @@ class Innovations:
 
     errors: FloatArray
     """Independent of each other if the model holds; 0 where a sample is missing."""
-    variances: FloatArray
-    """1 where a sample is missing."""
     known: Mask
     """Whether the sample is there."""
+    distinct: FloatArray
+    """(V, 3, B) the variances before each of their changes; 1 where a sample is missing."""
+    which: NDArray[np.intp]
+    """(N,) of V, in order."""
+
+    @property
+    def variances(self) -> FloatArray:
+        """(N, 3, B)."""
+        return self.distinct[self.which]
 
     @property
     def log_density(self) -> FloatArray:
@@ -63,8 +72,8 @@ def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
         (B,).
     """
     total = np.zeros(measured.shape[2])
-    for columns in _alike(measured):
-        for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
+    for columns, _, steps in _by_columns(model, measured, ~np.isnan(measured)):
+        for step in steps:
             total[columns] = step.added_to(total[columns])
     return -0.5 * total
 
@@ -72,47 +81,67 @@ def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
 def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
     known: Mask = np.asarray(~np.isnan(measured))
-    result = Innovations(np.zeros(known.shape), np.ones(known.shape), known)
-    total = np.zeros(measured.shape[2])
-    for columns in _alike(measured):
-        for step in _filtered(model.of(columns), _measured_part(measured[:, :, columns])):
+    errors, total = np.zeros(known.shape), np.zeros(measured.shape[2])
+    steps = []
+    changes = np.zeros(len(measured), bool)
+    changes[:1] = True
+    for columns, end, each in _by_columns(model, measured, known):
+        for step in each:
             total[columns] = step.added_to(total[columns])
-            variances = np.where(np.isinf(step.variances), 1.0, step.variances)
             for k, row in enumerate(step.rows):
-                result.errors[step.at, row, columns] = step.errors[:, k]
-                result.variances[step.at, row, columns] = variances[k]
-    return -0.5 * total, result
+                errors[step.at, row, columns] = step.errors[:, k]
+            steps.append((columns, step.rows, step.at, step.variances))
+            changes[step.first] = True
+        changes[end : end + 1] = True
+    which = changes.cumsum() - 1
+    distinct = np.ones((which[-1] + 1, *known.shape[1:]))
+    for columns, rows, at, variances in steps:
+        places = slice(which[at.start], which[at.stop - 1] + 1)
+        for row, variance in zip(rows, variances, strict=True):
+            distinct[places, row, columns] = np.where(np.isinf(variance), 1.0, variance)
+    return -0.5 * total, Innovations(errors, known, distinct, which)
 
 
-def _alike(measured: FloatArray) -> Iterator[Columns]:
+def _by_columns(
+    model: StateSpace, measured: FloatArray, known: Mask
+) -> Iterator[tuple[Columns, int, "Iterator[_Step]"]]:
+    """Columns that are filtered together, how many instants they have, and the filter over these.
+
+    Args:
+        model: B of them.
+        measured: (N, 3, B)
+        known: (N, 3, B) whether a sample is there.
+    """
+    for columns in _alike(known):
+        part = known[:, :, columns]
+        instants = np.flatnonzero(part.any(axis=(1, 2)))
+        end = int(instants[-1]) + 1 if len(instants) else 0
+        yield columns, end, _filtered(model.of(columns), measured[:end, :, columns], part[:end])
+
+
+def _alike(known: Mask) -> Iterator[Columns]:
     """The columns of (N, 3, B) that are best filtered together, group by group.
 
     A missing sample keeps the gains of its group from settling. So series that miss different
     samples, such as those of different length, go apart if fewer instants are incomplete then.
     """
-    missing = np.isnan(measured)
-    if not missing.any():
+    if known.all():
         yield slice(None)
         return
-    patterns = np.packbits(missing.reshape(-1, measured.shape[2]), axis=0)
+    patterns = np.packbits(known.reshape(-1, known.shape[2]), axis=0)
     group = np.unique(patterns, axis=1, return_inverse=True)[1].ravel()
     groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
-    if sum(_incomplete(missing[:, :, columns[:1]]) for columns in groups) < _incomplete(missing):
+    if sum(_incomplete(known[:, :, columns[:1]]) for columns in groups) < _incomplete(known):
         yield from groups
     else:
         yield slice(None)
 
 
-def _incomplete(missing: Mask) -> int:
-    """Instants (N, 3, B) before the end at which a sample is missing."""
-    instants = np.flatnonzero(~missing.all(axis=(1, 2)))
-    return int(missing[: instants[-1] + 1].any(axis=(1, 2)).sum()) if len(instants) else 0
-
-
-def _measured_part(measured: FloatArray) -> FloatArray:
-    """Samples (N, 3, B) up to the last one that is not missing."""
-    instants = np.flatnonzero(~np.isnan(measured).all(axis=(1, 2)))
-    return measured[: instants[-1] + 1] if len(instants) else measured[:0]
+def _incomplete(known: Mask) -> int:
+    """Instants (N, 3, B) before the last sample at which one is missing."""
+    instants = np.flatnonzero(known.any(axis=(1, 2)))
+    whole = known.all(axis=(1, 2))
+    return int(instants[-1]) + 1 - int(whole.sum()) if len(instants) else 0
 
 
 class _Step(NamedTuple):
@@ -120,10 +149,12 @@ class _Step(NamedTuple):
 
     first: int
     """The instant, or the first of them."""
+    measured: FloatArray
+    """(K, 3, B): the measurements, without the intercept."""
     rows: tuple[int, ...]
-    """The r measurements that are taken in."""
-    states: FloatArray
-    """(K, n, B): predicted."""
+    """The r of them that are taken in."""
+    state: FloatArray
+    """(n, B): predicted for the first instant."""
     covariance: FloatArray
     """(B, n, n): predicted."""
     errors: FloatArray
@@ -131,39 +162,43 @@ class _Step(NamedTuple):
     variances: FloatArray
     """(r, B); infinite where a sample is missing."""
     gains: FloatArray
-    """(r, n, B); of no row where `constant` stands for them."""
+    """(r, n, B)"""
     constant: "_ConstantGain | None" = None
     """The maps that the instants share; None for a single instant."""
 
     @property
     def at(self) -> slice:
         """The instants."""
-        return slice(self.first, self.first + len(self.states))
+        return slice(self.first, self.first + len(self.measured))
+
+    @property
+    def states(self) -> FloatArray:
+        """(K, n, B): predicted."""
+        if self.constant is None:
+            return self.state[None]
+        return self.constant.states(self.measured, self.state)
 
     def added_to(self, total: FloatArray) -> FloatArray:
         """(B,): a total of -2 log L with these measurements."""
         if self.constant is None:
-            for error, variance in zip(self.errors[0], self.variances, strict=True):
-                density = error**2 / variance + np.log(variance) + LOG_TWO_PI
-                total = total + np.where(np.isinf(variance), 0.0, density)
-            return total
+            density = self.errors[0] ** 2 / self.variances + np.log(self.variances) + LOG_TWO_PI
+            missing = np.isinf(self.variances)
+            return np.asarray(total + np.where(missing, 0.0, density).sum(axis=0))
         squares = np.einsum("krb,krb->rb", self.errors, self.errors)
         constant = np.log(self.variances) + LOG_TWO_PI
         added = squares / self.variances + len(self.errors) * constant
         return np.asarray(total + added.sum(axis=0))
 
 
-def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
-    """The filter over measurements (N, 3, B)."""
+def _filtered(model: StateSpace, measured: FloatArray, known: Mask) -> Iterator[_Step]:
+    """The filter over measurements (N, 3, B), and whether each is there."""
     if model.shift.any():
         measured = measured.copy()
         measured[:, OBSERVED[0]] -= model.shift
-    known: Mask = np.asarray(~np.isnan(measured))
     somewhere: Mask = np.asarray(known.any(axis=2))
     everywhere: Mask = np.asarray(known.all(axis=2))
     whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
-    width = max(LEAST_STRETCH, STRETCH // count)
     state = model.first
     # Products of many small matrices are fastest with the models on the first axis.
     transition, process, covariance = (
@@ -173,7 +208,7 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
     back = np.ascontiguousarray(transition.transpose(0, 2, 1))
     k = 0
     while k < samples:
-        before, states = covariance, state[None]
+        before, predicted = covariance, state
         rows = tuple(np.flatnonzero(somewhere[k]).tolist())
         errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), count))
         gains, taken = np.empty((2, len(rows), *state.shape))
@@ -191,7 +226,8 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
         if rows:
             left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
             covariance = covariance - np.ascontiguousarray(left) @ np.ascontiguousarray(right)
-        step = _Step(k, rows, states, before, errors, variances, gains)
+        present = measured[k : k + 1]
+        step = _Step(k, present, rows, predicted, before, errors, variances, gains)
         yield step
         state = _times(model.transition, state)
         covariance = transition @ covariance @ back + process
@@ -201,10 +237,14 @@ def _filtered(model: StateSpace, measured: FloatArray) -> Iterator[_Step]:
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
             constant = _ConstantGain.of(model, step)
             while k < end:
-                part = measured[k : min(end, k + width)]
-                step, state = constant.over(part, state, covariance, k)
-                yield step
-                k += len(part)
+                blocks = max(1, min((end - k) // BLOCK, STRETCH // (BLOCK * count)))
+                present = measured[k : min(end, k + blocks * BLOCK)]
+                errors, after = constant.over(present, state)
+                yield _Step(
+                    k, present, step.rows, state, covariance, errors, variances, gains, constant
+                )
+                state = after
+                k += len(present)
 
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -222,7 +262,11 @@ def _is_settled(before: FloatArray, after: FloatArray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _ConstantGain:
-    """A step of the filter once its covariance has settled, as linear maps."""
+    """A step of the filter once its covariance has settled, as linear maps.
+
+    Over a block of instants, innovations and next state are one linear map of the state at its
+    start and of all its measurements.
+    """
 
     transition: FloatArray
     """(n, n, B): of the predicted state, the measurements' share taken out."""
@@ -247,32 +291,70 @@ class _ConstantGain:
         transition[:, OBSERVED] -= drive
         return cls(transition, drive, whitening, step.variances)
 
-    def over(
-        self, measured: FloatArray, state: FloatArray, covariance: FloatArray, first: int
-    ) -> tuple[_Step, FloatArray]:
-        """Filter on over measurements (K, 3, B); also the state predicted after them."""
-        states, after = self._states(measured, state)
-        errors = measured - states[:, : len(OBSERVED)]
-        for row in range(len(OBSERVED) - 1, 0, -1):  # the whitening is lower triangular
-            for before in range(row):
-                errors[:, row] += self.whitening[row, before] * errors[:, before]
-        rows, none = tuple(range(len(OBSERVED))), np.empty((0, *state.shape))
-        return _Step(first, rows, states, covariance, errors, self.variances, none, self), after
+    @cached_property
+    def _block(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Over L = `BLOCK` instants, the first three with the models on the first axis.
 
-    def _states(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(K, n, B) predicted under measurements (K, 3, B), and (n, B) after them."""
-        size, count = state.shape
-        if count <= FEW:
-            driven = np.einsum("ijb,kjb->kib", self.drive, measured)
-            every = recursion(self.transition, driven, state)
-            return every[:-1], every[-1]
-        both = np.concatenate([self.transition, self.drive], axis=1)
-        known = np.empty((len(measured) + 1, size + len(OBSERVED), count))
-        known[:-1, size:] = measured
-        known[0, :size] = state
-        for now, after in zip(known[:-1], known[1:, :size], strict=True):
-            np.einsum("ijb,jb->ib", both, now, out=after)
-        return known[:-1, :size], known[-1, :size]
+        (B, n, 3 L): from measurements to the state after them; (B, 3 L, n): from the state before
+        to the innovations; (B, 3 L, 3 L): from measurements to the innovations; (n, n, B): from the
+        state before to the one after.
+        """
+        transition, drive, whitening = (
+            np.ascontiguousarray(part.transpose(2, 0, 1))
+            for part in (self.transition, self.drive, self.whitening)
+        )
+        count, size, width = drive.shape
+        pushes = np.empty((count, size, BLOCK, width))
+        free = np.empty((count, BLOCK, width, size))
+        direct = np.zeros((count, BLOCK, width, BLOCK, width))
+        predicted = -whitening @ np.eye(width, size)
+        reached = predicted
+        for k in range(BLOCK):
+            free[:, k], direct[:, k, :, k], pushes[:, :, BLOCK - 1 - k] = reached, whitening, drive
+            answered = predicted @ drive
+            for start in range(BLOCK - 1 - k):
+                direct[:, start + k + 1, :, start] = answered
+            reached, drive = reached @ transition, transition @ drive
+        rows = BLOCK * width
+        return (
+            pushes.reshape(count, size, rows),
+            free.reshape(count, rows, size),
+            direct.reshape(count, rows, rows),
+            self._power(BLOCK),
+        )
+
+    def _power(self, instants: int) -> FloatArray:
+        """(n, n, B): the transition over some instants."""
+        power = np.linalg.matrix_power(self.transition.transpose(2, 0, 1), instants)
+        return np.ascontiguousarray(power.transpose(1, 2, 0))
+
+    def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Innovations (K, 3, B) of measurements (K, 3, B), and the state predicted after them.
+
+        Args:
+            measured: a whole number of blocks, or less than one.
+            state: (n, B) predicted for the first instant.
+        """
+        pushes, free, direct, power = self._block
+        samples, width, count = measured.shape
+        length = min(samples, BLOCK)
+        rows, blocks = length * width, samples // length
+        inputs = np.ascontiguousarray(measured.reshape(blocks, rows, count).transpose(2, 1, 0))
+        pushed = (pushes[:, :, -rows:] @ inputs).transpose(2, 1, 0)
+        if length < BLOCK:
+            power = self._power(length)
+        states = np.empty((blocks + 1, *state.shape))
+        states[0] = state
+        for k, push in enumerate(pushed):
+            np.add(_times(power, states[k]), push, out=states[k + 1])
+        starts = np.ascontiguousarray(states[:-1].transpose(2, 1, 0))
+        errors = direct[:, :rows, :rows] @ inputs + free[:, :rows] @ starts
+        return errors.transpose(2, 1, 0).reshape(measured.shape), states[-1]
+
+    def states(self, measured: FloatArray, state: FloatArray) -> FloatArray:
+        """(K, n, B) predicted under measurements (K, 3, B), from (n, B) for the first instant."""
+        driven = np.einsum("ijb,kjb->kib", self.drive, measured)
+        return recursion(self.transition, driven, state)[:-1]
 
     def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
         """See `_backward`: r (K, n, B) from that after the K instants."""
@@ -341,9 +423,11 @@ def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
         (N, n, B).
     """
     means = np.empty((len(measured), *model.first.shape))
-    for columns in _alike(measured):
+    known = ~np.isnan(measured)
+    for columns in _alike(known):
         part = model.of(columns)
-        for step, information in _backward(part, _filtered(part, measured[:, :, columns])):
+        steps = _filtered(part, measured[:, :, columns], known[:, :, columns])
+        for step, information in _backward(part, steps):
             pulled: FloatArray = np.einsum("bij,kjb->kib", step.covariance, information)
             means[step.at, :, columns] = step.states + pulled
     return means

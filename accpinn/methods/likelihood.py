@@ -193,9 +193,12 @@ class Criterion:
         total, predicted = innovations(model, measured)
         total = total.reshape(len(pairs), -1)
         errors = predicted.errors.reshape(-1, len(pairs), size + 1)
-        variances = predicted.variances.reshape(errors.shape)
-        slope = (errors[..., 1:] - errors[..., :1]) / np.sqrt(variances[..., :1])
-        growth = np.log(variances[..., 1:] / variances[..., :1]) / np.sqrt(2.0)
+        variances = predicted.distinct.reshape(-1, 3, len(pairs), size + 1)
+        deviations = np.sqrt(variances[predicted.which][..., :1]).reshape(-1, len(pairs), 1)
+        slope = (errors[..., 1:] - errors[..., :1]) / deviations
+        counts = np.bincount(predicted.which)[:, None, None, None]
+        growth = np.log(variances[..., 1:] / variances[..., :1]) * np.sqrt(counts / 2.0)
+        growth = growth.reshape(-1, len(pairs), size)
         information = sum(
             np.einsum("tbi,tbj->bij", rows, rows, optimize=True) for rows in (slope, growth)
         )

@@ -47,12 +47,21 @@ def reference(model: StateSpace, measured, b):
     return other
 
 
+def shorter(measured, rng):
+    """One series ends before the other, and each has one hole after its gains have settled."""
+    measured = measured.copy()
+    measured[211:, :, 1] = np.nan
+    measured[150, 0, 0] = measured[97, 1, 1] = np.nan
+    return measured
+
+
+@pytest.mark.parametrize("missing", [with_holes, shorter])
 @pytest.mark.parametrize("form", CTHPS)
-def test_likelihood_and_smoothed_states_agree_with_statsmodels(form):
+def test_likelihood_and_smoothed_states_agree_with_statsmodels(form, missing):
     rng = np.random.default_rng(10)
     series = series_of([disturbed(SETS[[0, 1]], 1, Disturbance(), duration=120.0)], "II")
     model = state_space(form, random_values(form, 2, rng), series.step)
-    measured = with_holes(series.measured, rng)
+    measured = missing(series.measured, rng)
     found, (total, innovation) = smooth(model, measured), innovations(model, measured)
     np.testing.assert_allclose(log_likelihood(model, measured), total)
     np.testing.assert_allclose(innovation.log_density.sum(axis=(0, 1)), total)
