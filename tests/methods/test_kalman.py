@@ -69,7 +69,7 @@ def test_likelihood_and_smoothed_states_agree_with_statsmodels(form, missing):
     for b in range(2):
         other = reference(model, measured, b)
         expected = other.smooth()
-        np.testing.assert_allclose(total[b], other.loglike(), rtol=1e-9, atol=1e-7)
+        np.testing.assert_allclose(total[b], other.loglike(), rtol=1e-8, atol=1e-7)
         scale = np.sqrt(np.einsum("iik->ki", expected.smoothed_state_cov))
         off = (found[..., b] - expected.smoothed_state.T) / np.maximum(scale, 1e-7)
         assert np.abs(off).max() < 1e-4
