@@ -82,7 +82,7 @@ class _Shown:
             return result
         asked = workspace.training_analysis(CALIBRATED) or row.analysis
         data = asked.segments(workspace.recording, () if workspace.recording else (self.segment,))
-        return replace(row, analysis=asked, segments=data, parts=Parts())
+        return replace(row, analysis=asked, parts=Parts()).on(data, workspace.recording)
 
     @property
     def answer(self) -> Answer:
