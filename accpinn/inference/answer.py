@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
-from accpinn.findings import Finding, Labelled, Words, p_value
+from accpinn.findings import Finding, Labelled, Words, joined, p_value
 from accpinn.inference.intervals import (
     LEVEL,
     Uncertainty,
@@ -88,7 +88,20 @@ class HeterogeneousFollowers(Finding, frozen=True):
         return {"probability": p_value(self.probability)}
 
 
-AnswerFinding = HeterogeneousWindows | HeterogeneousFollowers
+class DrawnToOthers(Finding, frozen=True):
+    """Parameters of a follower's answer lie beyond the intervals of all its windows."""
+
+    text = (
+        "{vehicle}: {symbols} of the answer lie outside what its windows alone say, as it also"
+        " rests on how windows of other cars differ; more windows draw it less."
+    )
+
+    vehicle: int
+    symbols: str
+    """The parameters, as "β and d"."""
+
+
+AnswerFinding = HeterogeneousWindows | HeterogeneousFollowers | DrawnToOthers
 
 
 @dataclass(frozen=True)
@@ -301,6 +314,8 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
     gaps = time_gap(model, estimates, gap_at)
     known = np.isfinite(gaps)  # a window without gap control has none
+    low = Parameters.of(np.where(estimates.everything == 0.0, 0.0, lower))
+    high = Parameters.of(upper)
     spreads = np.where(known, gaps, -np.inf).max(axis=0) - np.where(known, gaps, np.inf).min(axis=0)
     return Answer(
         model=model,
@@ -311,8 +326,8 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         typical=at_speeds([car.value for car in cars]),
         further=at_speeds([car.further for car in cars]),
         windows=estimates,
-        windows_lower=Parameters.of(np.where(estimates.everything == 0.0, 0.0, lower)),
-        windows_upper=Parameters.of(upper),
+        windows_lower=low,
+        windows_upper=high,
         windows_gap=np.array(interval_ends(time_gap(model, alone, gap_at), LEVEL)),
         differ=differ,
         trust=tuple(
@@ -325,10 +340,29 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
                 for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
                 if p < SIGNIFICANCE
             ),
+            *(
+                DrawnToOthers(vehicle, symbols)
+                for vehicle, row in zip(vehicles, rows, strict=True)
+                if (symbols := _drawn_away(model, parameters, low, high, row[0]))
+            ),
             *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
         ),
         seconds=time.perf_counter() - started,
     )
+
+
+def _drawn_away(
+    model: str, answer: Parameters, lower: Parameters, upper: Parameters, follower: int
+) -> str:
+    """Symbols of a follower's parameters (M,) beyond the intervals (K, M) of all its windows."""
+    parts = []
+    for parameter in FOLLOWING[model].parameters:
+        value, low, high = (
+            value_of(model, sets, parameter.name)[..., follower] for sets in (answer, lower, upper)
+        )
+        if (value < low).all() or (value > high).all():
+            parts.append(parameter.symbol)
+    return joined(parts)
 
 
 def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:

@@ -63,8 +63,8 @@ HORIZONS = 20
 
 
 AFTER_COLLISION = (
-    "The model has no collisions: what is simulated after one has no meaning for that vehicle and"
-    " those behind it, so they end there; those ahead of it drive on."
+    "The model knows no contact: what is simulated after a collision has no meaning for that"
+    " vehicle and those behind it, so they end there; those ahead of it drive on."
 )
 
 

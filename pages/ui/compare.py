@@ -192,8 +192,8 @@ def _about_methods(rows: Sequence[Result]) -> str:
     if asked.model != PAPER:
         said += (
             f" The answer's model, {registry.TITLES[asked.model]}, predicts further drives of real"
-            " cars better. Data that obey the CTHP alone, as the samples do, hardly determine its"
-            " other terms: the answer is less certain there, and drawn towards other cars."
+            " cars better. On data that obey the CTHP alone, as the samples do, it is less certain"
+            " and drawn towards other cars, as it counts how much windows of these differ."
         )
     papers = [
         f"{name_of(row.fit)}: {label}." for row in rows if (label := papers_estimate(row.fit))

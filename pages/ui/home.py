@@ -130,7 +130,7 @@ def _ways_in(workspace: Workspace) -> None:
             help="Page Data, with the field for a file and the server's folder.",
         )  # fmt: skip
         _button(
-            workspace, "Compare makes and models", frame.DATABASE, "database", width="stretch",
+            workspace, "Database of makes and models", frame.DATABASE, "database", width="stretch",
             icon="database",
             help="Page Database: every window of a folder of recordings, by make and model.",
         )  # fmt: skip

@@ -68,7 +68,9 @@ def judged(*vehicles: Parameters, stable: tuple[float, ...] = ()) -> str:
 
 def posterior(*stable: float) -> Any:
     """What sentences read of the uncertainty of some vehicles."""
-    return SimpleNamespace(probability_l2=np.array(stable))
+    count = len(stable)
+    gains = SimpleNamespace(lower=np.full(count, 1.25), upper=np.full(count, 1.75))
+    return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains)
 
 
 def reason_for(report: StabilityReport, name: str) -> str:
@@ -114,7 +116,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: judged(CALM, LOUD), ["V2", "1.38 times at 0.235 rad/s"]),
     (lambda: judged(LOUD, CALM, LOUD), ["Two of three", "V1"]),
     (lambda: judged(*(LOUD,) * 12), ["All 12", "V1"]),
-    (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)), ["All three", "under 1 % to 3 %"]),
+    (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)), ["All three", "at most 3 % each"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 1.0, 0.4)),
      ["three vehicles one amplifies", "one is L₂ string stable"]),
     (lambda: on_stability.probabilities(named(LOUD, CALM, LOUD), posterior(0.0, 1.0, math.nan)),
@@ -129,7 +131,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
     (lambda: on_stability.factor(1.00002), ["1 + 2e-05"]),
     (lambda: on_stability.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
-     ["Follower 6 collides at 88 s", "follower 5 at 114 s"]),
+     ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      [AFTER_COLLISION]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),

@@ -8,6 +8,7 @@ from accpinn.findings import joined, percent, probability, spelled, who
 from accpinn.inference.answer import (
     SPEEDS,
     Answer,
+    DrawnToOthers,
     HeterogeneousFollowers,
     HeterogeneousWindows,
 )
@@ -103,10 +104,10 @@ def about_answer(answer: Answer) -> str:
     driven = " With *: no window holds that speed, so the model extrapolates." if marked else ""
     return (
         f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
-        f" {percent(answer.level)} interval of the vehicle's typical value; further window: that of"
-        " one more window. Both count how much windows differ, here and in many other cars,"
-        " so they are wider than what these windows alone say, and the fewer windows there are,"
-        " the more the answer is drawn towards those cars."
+        f" {percent(answer.level)} interval of the vehicle's typical value; further window: that"
+        " of one more window of it. Both count how much windows differ, here and in many other"
+        " cars, so they are wider than what these windows alone say, and the fewer windows there"
+        " are, the more the answer is drawn towards those cars."
     )
 
 
@@ -115,8 +116,8 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
     gaps = time_gap(PAPER, truth, answer.stated_speed).tolist()
     said = joined([f"{gap:.2f}" for gap in gaps])
     return (
-        f"The recording was made with time gaps of {said} s at any speed; tab Comparison has all"
-        " true values."
+        f"The recording was made with the CTHP, without s₀, lag or delay, and time gaps of {said} s"
+        " at any speed; tab Comparison has all true values."
     )
 
 
@@ -135,6 +136,20 @@ def differing_windows(info: SegmentInfo, answer: Answer) -> str:
         f" sampling error explains ({level}), their time gaps by up to {spread:.2f} s: a further"
         " window may differ as much, as the last column says."
     )
+
+
+def drawn_to_others(info: SegmentInfo, answer: Answer) -> str:
+    """One sentence on all parameters that other cars draw away from the windows; may be empty."""
+    drawn: dict[str, list[str]] = {}
+    for found in answer.findings:
+        if isinstance(found, DrawnToOthers):
+            drawn.setdefault(found.symbols, []).append(who(found.vehicle, info))
+    if not drawn:
+        return ""
+    are_all = len(drawn) == 1 and len(*drawn.values()) == len(answer.trust) > 1
+    named = {s: "each follower" if are_all else joined(labels) for s, labels in drawn.items()}
+    parts = "; ".join(f"{symbols} of {labels}" for symbols, labels in named.items())
+    return f"Outside what the windows alone say, so drawn towards other cars: {parts}."
 
 
 def papers_estimate(fit: Fit) -> str:

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isinf, isnan
+from math import isfinite, isinf, isnan
 
 import numpy as np
 
@@ -34,8 +34,8 @@ TITLES: Mapping[Criterion, str] = {
     Criterion.LINF_WEAK: "Weak L∞ string stability",
 }
 BEHAVIOURS: Mapping[Behaviour, str] = {
-    Behaviour.REAL_POLES: "Both poles are real: the vehicle settles without oscillating.",
-    Behaviour.COMPLEX_POLES: "The poles are complex: the vehicle oscillates while it settles.",
+    Behaviour.REAL_POLES: "Its slowest poles are real: the vehicle settles without oscillating.",
+    Behaviour.COMPLEX_POLES: "Its slowest poles are complex: the vehicle settles oscillating.",
     Behaviour.UNDAMPED: "With β = 0 and τ = 0 the vehicle is undamped: it oscillates for ever.",
     Behaviour.NO_GAP_CONTROL: (
         "With α = 0 there is no gap control: the vehicle follows the speed ahead, so no speed"
@@ -93,7 +93,11 @@ def about_bode(uncertainty: Uncertainty | None) -> str:
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
     """What the map of stability is that holds the parameter of one vehicle."""
-    rings = f" Rings: vehicles whose {parameter} is another." if len(chosen) > 1 else ""
+    rings = (
+        f" Rings: vehicles with another {parameter}, for which the boundaries do not hold."
+        if len(chosen) > 1
+        else ""
+    )
     return (
         f"Boundaries at {chosen.labels[held]}'s {parameter}; above them the vehicle is stable."
         f" Hatched: stable by the paper's L∞ criterion, but peaks grow.{rings}"
@@ -147,11 +151,8 @@ def _linf_paper(vehicle: VehicleStability) -> str:
     if vehicle.linf_paper.marginal:
         return "On the boundary: the poles coincide, and the paper's criterion requires two."
     if vehicle.damping_ratio is None:
-        real = "are real" if vehicle.linf_paper.stable else "would be complex"
-        return (
-            f"Without its lag or delay the poles {real}; the paper's criterion, which requires real"
-            " ones, ignores both."
-        )
+        real = "real, as it requires" if vehicle.linf_paper.stable else "complex"
+        return f"The paper's criterion ignores lag and delay; without them the poles are {real}."
     damping = f"(damping ratio {vehicle.damping_ratio:#.3g})"
     if vehicle.linf_paper.stable:
         return f"Both poles are real {damping}, which is all that the paper's criterion requires."
@@ -267,10 +268,13 @@ def _amplification(subject: KnownVehicles) -> str:
 
 def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
     """Which of some vehicles amplifies most, and how much."""
-    peaks = [vehicle.peak for vehicle in subject.report.vehicles]
+    peaks, known = [vehicle.peak for vehicle in subject.report.vehicles], subject.uncertainty
     worst = max(amplifying, key=lambda k: peaks[k].gain)
     peak = peaks[worst]
     extent = "without limit" if isinf(peak.gain) else f"up to {factor(peak.gain)} times"
+    if known and isfinite(known.peak_gain.upper[worst]):
+        ends = known.peak_gain
+        extent += f" ({ends.lower[worst]:.2f}–{ends.upper[worst]:.2f})"
     at = f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
     return subject.vehicles.spoken[worst], extent + at
 
@@ -352,23 +356,28 @@ def _odds(stable: FloatArray) -> str:
     low, high = float(stable.min()), float(stable.max())
     if isnan(low):
         return ""
-    said = " to ".join(dict.fromkeys((probability(low), probability(high))))
+    ends = [*dict.fromkeys((probability(low), probability(high)))]
+    said = " to ".join(ends)
+    if len(ends) > 1 and ends[0].startswith("under"):
+        said = f"at most {ends[1]}"
     each = " each" if len(stable) > 1 and " to " not in said else ""
     return f" (probability of L₂ string stability: {said}{each})"
 
 
 def criteria_differ(subject: KnownVehicles) -> str:
     """The vehicles that are L∞ stable by the paper's criterion only; empty where none is."""
-    names = [
-        name
+    differing = {
+        name: vehicle
         for name, vehicle in zip(subject.vehicles.spoken, subject.report.vehicles, strict=True)
         if vehicle.linf_paper.stable and not vehicle.linf_exact.stable
-    ]
-    if not names:
+    }
+    if not differing:
         return ""
+    is_late = any(vehicle.damping_ratio is None for vehicle in differing.values())
+    limit = "ignores lag and delay" if is_late else "is necessary but not sufficient"
     return (
-        f"{_capital(joined(names))} {'meets' if len(names) == 1 else 'meet'} the paper's L∞"
-        " criterion, which is necessary but not sufficient: by the exact criterion peaks grow."
+        f"{_capital(joined([*differing]))} {'meets' if len(differing) == 1 else 'meet'} the paper's"
+        f" L∞ criterion, which {limit}: by the exact criterion peaks grow."
     )
 
 
@@ -419,7 +428,9 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         worst = int(moved.argmax())
         if not (worst and moved[0] > 0):
             return f"{hit}."
-        most = f"up to {three(moved[worst] / moved[0])} times as much as the leader's"
+        is_ended = worst >= min(contact.follower for contact in run.contacts)
+        extent = "at least" if is_ended else "up to"
+        most = f"{extent} {three(moved[worst] / moved[0])} times as much as the leader's"
         return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
     sizes = wave.measured if wave and wave.periods else moved
     if not sizes[0] > 0:

@@ -141,20 +141,22 @@ def conditional(result: Result, adequacy: Adequacy | None) -> str:
         return f"{assumption} By another model they would differ."
     if adequacy is None or not adequacy.forms:
         return (
-            f"{assumption} With a standstill distance, a lag or a delay in the model they would"
-            " differ."
+            f"{assumption} With an intercept s₀, a lag or a delay in the model they would differ."
         )
     if not adequacy.better:
         return (
-            f"{assumption} No form with a standstill distance, a lag or a delay describes the data"
-            " clearly better, but a recording hardly distinguishes these forms from the CTHP."
+            f"{assumption} No form with an intercept s₀, a lag or a delay describes the data"
+            " clearly better, but one recording can hardly tell them apart."
         )
     labels = [who(better.vehicle, result.info) for better in adequacy.better]
     return f"{assumption} Another form of the model describes the data better: {joined(labels)}."
 
 
 def agreement(rows: Sequence[Result]) -> str:
-    """How many methods agree with maximum likelihood, and which do not; empty if none can."""
+    """How many methods agree with maximum likelihood, which do not, and how far all are from it.
+
+    It is empty if none can agree.
+    """
     followers, others = range(rows[0].info.followers), [r for r in rows if r.analysis.method != KEY]
     differing = [
         name_of(row.fit)
@@ -169,7 +171,11 @@ def agreement(rows: Sequence[Result]) -> str:
     within += " for every follower" if len(followers) > 1 else ""
     verb = "does" if len(differing) == 1 else "do"
     other = f"; {joined(differing)} {verb} not" if differing else ""
-    return f"{alike} with maximum likelihood {within}{other}."
+    values = np.array([row.fit.parameters.values for row in others])
+    centre = np.where(reference := rows[0].uncertainty.centre.values, reference, np.nan)
+    off = np.nan_to_num(np.abs(values / centre - 1.0)).max(axis=(0, 1)).tolist()
+    away = joined([f"{percent(o)} ({symbol})" for o, symbol in zip(off, "αβτ", strict=True)])
+    return f"{alike} with maximum likelihood {within}{other}. All are within {away} of it."
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:

@@ -162,7 +162,7 @@ class Column:
         if self.is_chance:
             return probability(cell / 100).removesuffix(" %")
         digits = self.digits or 0
-        shown = f"{cell:.{digits}f}"
+        shown = f"{cell:z.{digits}f}"  # z: nothing rounds to minus zero
         if self.least and cell > 0 and float(shown) == 0:
             return f"< {10.0**-digits:.{digits}f}"
         return shown
@@ -189,7 +189,7 @@ class Column:
             return self.shown(cell.value), HELD
         column = replace(self, digits=supported_digits(cell.lower, cell.upper, self.digits or 0))
         ends = replace(column, is_chance=False)._range(Range(cell.lower, cell.upper))
-        return column.shown(cell.value), ends if cell.lower < 0 else ends.replace(" to ", "–")
+        return column.shown(cell.value), ends if ends.startswith("-") else ends.replace(" to ", "–")
 
     def _range(self, cell: Range) -> str:
         low, high = (math.isfinite(end) for end in cell)

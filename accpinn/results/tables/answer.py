@@ -57,7 +57,9 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     """
     numbers, last = parameter_rows(info, case), answer.stated_speed
     followers, level = range(len(numbers)), f"({100 * answer.level:.0f} % interval)"
-    gaps, own = f"Time gap {level}", f"Parameters {level}"
+    gaps, own, one_more = (
+        f"{what} {level}" for what in ("Time gap", "Parameters", "Further window")
+    )
     at_median = Column("at median speed", "s", 2, gaps, key="time_gap_at_median_speed_s")
     further = [answer.time_gap(last, k) for k in followers]
     return Table.of(
@@ -69,7 +71,7 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
             (at_median, [answer.time_gap(float(answer.speeds[k]), k) for k in followers]),
             *((replace(column, group=own), [answer.span(name, k) for k in followers])
               for name, column in columns_of(answer.model).items()),
-            (gap_column(last, "Further window", key="further_"),
+            (gap_column(last, one_more, key="further_"),
              [Range(span.further_lower, span.further_upper) for span in further]),
         ],
     )  # fmt: skip

@@ -107,7 +107,10 @@ def _show_answer(result: Result, truth: Parameters | None) -> None:
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
     made = on_answer.about_truth(truth, answer) if truth else ""
-    about = (on_answer.about_answer(answer), on_answer.differing_windows(info, answer), made)
+    found = (
+        tell(info, answer) for tell in (on_answer.differing_windows, on_answer.drawn_to_others)
+    )
+    about = (on_answer.about_answer(answer), *found, made)
     st.caption(escape_markdown(" ".join(filter(None, about))))
 
 

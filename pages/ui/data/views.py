@@ -56,7 +56,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         " measured speeds. Noise in the data biases it: take it as a first look. The leader's"
         f" speed varies by {quality.leader_deviation:.2f} m/s (standard deviation). Condition"
         f" number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike"
-        " that α, β and τ are not identifiable." + excluded * bool(segment.excluded_regimes)
+        " that α, β and τ are hardly told apart." + excluded * bool(segment.excluded_regimes)
     )
     headways = headway_findings(segment.vehicles, estimate.parameters)
     findings = (*headways, *quality.findings, *estimate.findings)
@@ -89,7 +89,7 @@ def show_about(recording: Recording) -> None:
     if sentences:
         show.messages(sentences, "warning")
     else:
-        st.caption("Nothing is wrong with the data of this recording.")
+        st.caption("No check finds a fault in the data of this recording.")
     if recording.sha256:
         st.caption(f"SHA-256 `{recording.sha256}`")
     show.downloads(table, f"{Path(recording.source).stem}_vehicles", "data_about")
@@ -122,9 +122,9 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     st.caption(
         "The model describes car-following. Nothing is left out unless you tick it; every"
         " method then works without it, and every page names it. The data stay: only the"
-        " equation of the follower's acceleration does not count there. Leaving out by the"
-        " time gap biases as well, since the model is to explain that gap: compare before you"
-        " decide."
+        " equation of the follower's acceleration does not count there. Leaving out"
+        " instants by their time gap biases as well, as the model is to explain that gap: compare"
+        " before you decide."
     )
     if st.toggle(
         "Show the sensitivity of the estimates", key="data_sensitivity",

@@ -44,6 +44,8 @@ def read_csv(table: Table) -> list[list[str]]:
         (LEARNED, Estimate(0.0864, 0.057, 0.0921), "0.086 (0.057–0.092)"),
         (LEARNED, Estimate(1.5203, 1.29, 1.89), "1.52 (1.29–1.89)"),
         (LEARNED, Estimate(3.0, 0.0, 60.0), "3 (0–60)"),
+        (LEARNED, Estimate(3.0, -0.4, 60.0), "3 (0–60)"),
+        (LEARNED, Estimate(3.0, -0.6, 60.0), "3 (-1 to 60)"),
         (LEARNED, Estimate(1.5203, 1.29, INF), "1.52 (1.29 or more)"),
         (LEARNED, Estimate(0.2, NAN, NAN), "0.20 (–)"),
         (LEARNED, Estimate(NAN, 1.0, 1.4), "– (1.00–1.40)"),
