@@ -174,7 +174,7 @@ def spread_table(grouped: Groups) -> Table:
             cells = [_spread(spreads(group).get(name), factor) for group in grouped.groups]
             columns.append((replace(scaled, group=title, key=""), cells))
     return Table.of(
-        f"How far they differ: two thirds lie within, {100 * grouped.level:g} % intervals", columns
+        f"Deviations within which two thirds lie, with {100 * grouped.level:g} % intervals", columns
     )
 
 

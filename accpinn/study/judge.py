@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from accpinn.errors import ParameterError, SegmentError
-from accpinn.findings import Finding, Labelled
+from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.gain_check import LEAST, compared
 from accpinn.methods.fit import Undetermined
 from accpinn.methods.following import BLOCK, Drives, estimate
@@ -66,7 +66,7 @@ class Describes(Finding, frozen=True):
     unclear = (
         "{vehicle}: no model is clearly better. In {windows} windows left out the {model} has the"
         " least gap error, {rmse:.2f} m (geometric mean), but its lead of {less:.0f} % over the"
-        " {other} may be chance (standard error {error:.0f} %)."
+        " {other} may be chance (standard error {error:.0f} %).{worse_in_words}"
     )
     few = (
         "{vehicle}: {windows} windows are too few to say which model is better. The {model} has the"
@@ -83,6 +83,16 @@ class Describes(Finding, frozen=True):
     error: float
     """Standard error of that, in percent."""
     clear: bool
+    worse: tuple[str, ...] = ()
+    """Titles of models that are clearly worse than the best."""
+
+    @property
+    def worse_in_words(self) -> str:
+        """A sentence on those; empty where there are none."""
+        return f" Clearly worse: {joined(self.worse)}." if self.worse else ""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"worse_in_words": self.worse_in_words}
 
     def sentence(self, about: Labelled) -> str:
         """The finding, as clear as it is."""
@@ -199,11 +209,18 @@ class Judgement:
     @property
     def is_clear(self) -> bool:
         """Whether the best model is better than the next by more than chance explains."""
+        return len(self.scores) > 1 and self.ranked[1] in self.worse
+
+    @property
+    def worse(self) -> tuple[ModelScore, ...]:
+        """The models that are worse than the best by more than chance explains."""
         windows = len(self.windows)
-        if len(self.scores) < 2 or windows < LEAST_WINDOWS:
-            return False
-        mean, error = difference(self.ranked[:1], self.ranked[1:2])
-        return bool(-mean > stdtrit(windows - 1, CONFIDENCE) * error)
+        if windows < LEAST_WINDOWS:
+            return ()
+        best, *others = self.ranked
+        pairs = ((other, *difference([best], [other])) for other in others)
+        least = stdtrit(windows - 1, CONFIDENCE)
+        return tuple(other for other, mean, error in pairs if -mean > least * error)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -222,6 +239,7 @@ class Judgement:
                     -100.0 * float(np.expm1(mean)),
                     100.0 * error * float(np.exp(mean)),
                     self.is_clear,
+                    tuple(score.model.title for score in self.worse),
                 )
             )
         for score in self.scores:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import streamlit as st
 
-from accpinn.channels import PARAMETER_KEYS
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, identifiability, profiles
@@ -23,7 +22,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import cards, papers_estimate
+from accpinn.results.messages.answer import cards, hardly_known, papers_estimate
 from accpinn.results.messages.summary import about_curves, agreement, conditional, outside_intervals
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
@@ -33,7 +32,7 @@ from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, refused_among, spread_of
 from accpinn.study.result import Parts, Result
 from accpinn.tasks import comparison_seconds
-from accpinn.units import FloatArray, known_mean
+from accpinn.units import FloatArray, MetresPerSecond, known_mean
 from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
@@ -266,26 +265,36 @@ def _about_errors(shown: _Shown) -> str:
 
 
 def _show_estimates(shown: _Shown) -> None:
-    follower, uncertainty = shown.follower, shown.uncertainty
-    earlier = _choose_earlier(shown)
+    follower, uncertainty, answer = shown.follower, shown.uncertainty, shown.answer
+    speed = float(answer.speeds[follower])
+    earlier = _choose_earlier(shown, speed)
     dots = [
-        figures.NamedEstimate(name_of(row.fit), row.fit.parameters.values[follower])
+        figures.NamedEstimate(name_of(row.fit), _gains_and_gap(row, follower, speed))
         for row in shown.rows
     ]
-    spans = [shown.answer.gain(name, follower) for name in PARAMETER_KEYS]
+    gains = (answer.gain(name, follower) for name in ("alpha", "beta"))
+    spans = [*gains, answer.time_gap(speed, follower)]
     value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
-    title = f"Answer ({registry.TITLES[shown.answer.model]})"
+    title = f"Answer ({registry.TITLES[answer.model]})"
     dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
-    figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
+    figure = figures.estimates(
+        [*dots, *earlier], shown.colour, uncertainty, follower, speed, shown.truth
+    )
     show.chart(figure, "compare_estimates")
     st.caption(
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
         f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
         " the CTHP in this window."
-        + (" A model with s₀ has a τ smaller by s₀/v." if "s0" in shown.answer.names else "")
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
+
+
+def _gains_and_gap(row: Result, follower: int, speed: MetresPerSecond) -> FloatArray:
+    """(3,) α, β and the time gap at a speed of a method's estimate; 0 for the first follower."""
+    found = row.fit.parameters
+    gap = registry.time_gap(row.fit.model, found, speed)
+    return np.array([found.alpha[follower], found.beta[follower], gap[follower]])
 
 
 def _show_course(shown: _Shown) -> None:
@@ -308,14 +317,14 @@ def _show_course(shown: _Shown) -> None:
         show.chart(figure, "compare_curves")
 
 
-def _choose_earlier(shown: _Shown) -> list[figures.NamedEstimate]:
+def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.NamedEstimate]:
     """Earlier fits of the session to lay over the chart of estimates."""
     known: dict[str, FloatArray] = {}
     for row in reversed(shown.workspace.earlier):
         if shown.vehicle in row.info.vehicles[1:]:
             follower = row.info.vehicles.index(shown.vehicle) - 1
             title = f"{len(known) + 1}. {tables.earlier_title(row)}"
-            known[title] = row.parameters.values[follower]
+            known[title] = _gains_and_gap(row, follower, speed)
     if not known:
         return []
     chosen = st.multiselect(
@@ -376,6 +385,7 @@ def _show_identifiability(shown: _Shown) -> None:
         st.caption(
             "Joint distribution of the answer's typical value; cross: the answer. A slanted cloud"
             " means that two parameters trade off: each alone is known less than both together."
+            + hardly_known(shown.answer, follower)
         )
 
 

@@ -20,15 +20,15 @@ from pages.ui.components.widgets import kept, pick_follower
 from pages.ui.session.workspace import MODEL, Workspace
 
 LEAD = (
-    "Which model does this car follow? Each is fitted to all windows but one by closed-loop"
+    "Which model does each car follow? Each is fitted to all windows but one by closed-loop"
     " simulation and then drives in the one left out, with only the speed ahead given."
 )
 ABOUT = (
     "RMSE of the gap: geometric mean over the windows left out. Beyond the best: error above that"
     " of the best model, mean ± one standard error over windows. |H| off: rms difference from the"
-    " gain measured from the recording (Welch's method), a dash where none is measured. Stability"
-    " holds for small disturbances at the stated speed. Each model is fitted by simulation alone,"
-    " so its numbers are not the answer's."
+    " gain measured from the recording (Welch's method), a dash where none is measured. The"
+    " verdicts on stability are for small disturbances at that speed. Each model is fitted by"
+    " simulation alone, so its numbers are not the answer's."
 )
 KMH = 3.6
 

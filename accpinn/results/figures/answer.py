@@ -12,7 +12,7 @@ from accpinn.results.figures import style
 from accpinn.results.tables.answer import columns_of
 from accpinn.segment import SegmentInfo
 
-JOINT = ("alpha", "beta", "tau", "s0")
+JOINT = ("alpha", "beta", "tau", "s0", "lag", "delay")
 """Parameters of a CTHP whose joint distribution is drawn; of another model all are."""
 DRAWN = 300
 """Draws of it that are shown."""

@@ -6,7 +6,7 @@ models: errors in windows left out, and the peak gain over speed.
 
 import html
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ class NamedEstimate:
 
     name: str
     values: FloatArray
-    """(3,) α, β, τ; nan where undetermined."""
+    """(3,) α, β and the time gap; nan where undetermined."""
     earlier: bool = False
     """Whether it is from an earlier run, which is drawn as a ring."""
     ends: FloatArray | None = None
@@ -58,12 +58,14 @@ def estimates(
     colour: str,
     uncertainty: Uncertainty,
     follower: int,
+    speed: MetresPerSecond,
     truth: Parameters | None = None,
 ) -> go.Figure:
-    """A dot a method for each of α, β, τ of one follower (0 for the first), over the intervals.
+    """A dot a method for α, β and the time gap of one follower (0 for the first), over intervals.
 
     The rows are given from the top down; the truth is dashed, where it is known. Intervals of a
-    row's own are bars.
+    row's own are bars. The time gap is that in equilibrium at a speed, which is a CTHP's τ where it
+    has no s₀, as the truth and the model of the ``uncertainty`` have none.
     """
     chart = _beside_each_other("compare-estimates", 110 + 30 * len(rows))
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
@@ -77,7 +79,8 @@ def estimates(
     values = np.array([row.values for row in rows])
     ends = np.array([[row.values] * 2 if row.ends is None else row.ends for row in rows])
     lower, upper = (end.values[follower] for end in (uncertainty.lower, uncertainty.upper))
-    for which, quantity in enumerate(PARAMETERS):
+    gap = replace(PARAMETERS[-1], symbol=f"Time gap at {3.6 * speed:.0f} km/h")
+    for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
         column, low, high = values[:, which], ends[:, 0, which], ends[:, 1, which]
         true = _true(truth, which)
         chart.dots(
@@ -85,6 +88,7 @@ def estimates(
             bar={"thickness": 2}, hover=f"%{{y}}<br>{_value(quantity, 'x')}<extra></extra>",
         )  # fmt: skip
         _range(chart, which, lower, upper, [*column, *low, *high, *true])
+        chart.axis(f"x{which + 1}", quantity.heading)
         for value in true:
             chart.level(f"x{which + 1}", value, style.TRUTH | {"width": 2})
     return chart.figure()

@@ -12,10 +12,11 @@ from accpinn.inference.answer import (
     HeterogeneousFollowers,
     HeterogeneousWindows,
 )
+from accpinn.inference.identifiability import WIDE
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, PAPER, TITLES, time_gap
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, time_gap
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
@@ -119,6 +120,18 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
         f"The recording was made with the CTHP, without s₀, lag or delay, and time gaps of {said} s"
         " at any speed; tab Comparison has all true values."
     )
+
+
+def hardly_known(answer: Answer, follower: int) -> str:
+    """The answer's parameters whose interval holds 0 or spans more than `WIDE`; may be empty."""
+    symbols = [
+        parameter.symbol
+        for parameter in FOLLOWING[answer.model].parameters
+        if (span := answer.span(parameter.name, follower)).upper > WIDE * max(span.lower, 0.0)
+    ]
+    verb = "is" if len(symbols) == 1 else "are"
+    reason = f"an interval holds 0 or spans more than a factor of {WIDE:g}"
+    return f" {joined(symbols)} {verb} hardly known: {reason}." if symbols else ""
 
 
 def differing_windows(info: SegmentInfo, answer: Answer) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from accpinn.findings import joined, percent, spelled, who
@@ -123,6 +124,9 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
             f"{named}: the {model} describes each of these cars best. Its gap errors {where} are"
             f" {errors} m (geometric means), {less} % below those of the next best model."
         )
+    for_all = set.intersection(*(set(one.worse) for _, one in group))
+    titles = tuple(title for title in finding.worse if title in for_all)
+    worse = msgspec.structs.replace(finding, worse=titles).worse_in_words
     start = (
         f"{named}: {finding.windows} windows are too few to say which model is better"
         if finding.windows < LEAST_WINDOWS
@@ -130,7 +134,7 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
     )
     return (
         f"{start}. The {model} has the least gap errors {where}, {errors} m (geometric means), but"
-        f" its lead of {less} % over the next best model may be chance."
+        f" its lead of {less} % over the next best model may be chance.{worse}"
     )
 
 

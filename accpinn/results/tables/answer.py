@@ -19,7 +19,12 @@ from accpinn.results.tables import (
     estimate_cells,
     estimates,
 )
-from accpinn.results.tables.estimates import EVERY_FOLLOWER, parameter_rows, row_labels
+from accpinn.results.tables.estimates import (
+    EVERY_FOLLOWER,
+    marked_at_least,
+    parameter_rows,
+    row_labels,
+)
 from accpinn.segment import SegmentInfo
 from accpinn.units import FloatArray, MetresPerSecond
 
@@ -103,8 +108,8 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
     group = f"{how} ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
-        cells = _holding(*(answer.values(part, name)[:, follower] for part in parts))
-        cells.append(answer.span(name, follower))
+        alone = _holding(*(answer.values(part, name)[:, follower] for part in parts))
+        cells = [*marked_at_least(name, alone), answer.span(name, follower)]
         filled.append((replace(column, group=group), cells))
     is_shared = infos[0].followers > len(answer.trust)
     label = EVERY_FOLLOWER if is_shared else infos[0].labels[follower + 1]

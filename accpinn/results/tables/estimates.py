@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 
 import numpy as np
 
@@ -13,12 +13,14 @@ from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
+from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.results.tables import (
     Cell,
     Column,
     Filled,
+    Marked,
     Range,
     Table,
     estimate_cells,
@@ -47,7 +49,8 @@ EVERY_FOLLOWER = "Every follower"
 """The label of parameters that all followers share (Case I)."""
 DRIVER = "Driver"
 PROBABILITY = "Probability of string stability"
-AGAINST = "Minus the CTHP's"
+AGAINST = "Difference from the CTHP"
+LEAST = "the least value that is sought: it may be less"
 MODEL = Column("Model", key="model")
 LEFT_OUT = "In windows left out"
 TITLES = {key: method.title for key, method in METHODS.items()}
@@ -284,6 +287,15 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, ("Spread", *percent, *blank)))
 
 
+def marked_at_least(term: str, cells: Sequence[Cell]) -> list[Cell]:
+    """Cells of a parameter; where it is a term at the least value that is sought, with a mark."""
+    least = next((sought.lower for name, sought in EXTRA.items() if name == term), -inf) + 1e-9
+    return [
+        Marked(cell, LEAST) if isinstance(cell, Estimate) and cell.value <= least else cell
+        for cell in cells
+    ]
+
+
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
     """One row a model, for one follower (0 for the first): estimates and intervals."""
     group = f"Estimate ({100 * LEVEL:.0f} % interval)"
@@ -295,7 +307,8 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
             else None
             for f in forms
         ]
-        filled.append((replace(column, group=group), cells))
+        term = ("", "", "", *TERMS)[at]
+        filled.append((replace(column, group=group), marked_at_least(term, cells)))
     filled += [
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
         (Column("Held-out log density", "", 1, AGAINST), [f.holdout[follower] for f in forms]),

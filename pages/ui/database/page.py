@@ -170,6 +170,8 @@ def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFra
     with answer, st.container(border=True):
         st.markdown(f"#### {escape_markdown(results.headline(selected.whole))}")
         said = results.extent(selected.whole, selected.makes, selected.recordings)
+        if selected.rows["distance_setting"].nunique(dropna=False) > 1:
+            said += " All distance settings together."
         st.markdown(escape_markdown(f"{said} {results.typical_line(selected.whole)}"))
         st.caption(results.TYPICAL)
         if line := results.failures_line(failures):
@@ -226,9 +228,10 @@ def _show_forest(selected: ShownRows, about: str) -> None:
     near = "" if selected.groups.model in CTHPS else " α and β are those near the median speed."
     more = f" {hidden} groups with fewer windows are in the table only." if hidden > 0 else ""
     st.caption(
-        f"Typical value of each group with its {level:.0f} % interval; thin: the time gap in a"
-        " further window; an arrowhead: the interval goes on; a larger dot stands for more"
-        f" windows, a ring for none with {3.6 * SPEEDS[-1]:.0f} km/h.{near}{more} {about}"
+        f"Typical value of each group with its {level:.0f} % interval: of its one vehicle, or of"
+        " all such vehicles where it has several. Thin: the time gap in a further window; an"
+        " arrowhead: the interval goes on; a larger dot: more windows; a ring: no window reaches"
+        f" {3.6 * SPEEDS[-1]:.0f} km/h, so its time gap is extrapolated.{near}{more} {about}"
     )
 
 
@@ -321,7 +324,8 @@ def _show_spread(selected: ShownRows, name: str) -> None:
     show.table(table)
     st.caption(
         "Standard deviations beyond the sampling error of each window: two thirds of the windows,"
-        " or of the vehicles, lie within them. Those of α, β and the time gap are relative."
+        " or of the vehicles, lie within them. Those of α, β and the time gap are relative. With"
+        " few windows or vehicles they are mostly what cars in general have taught."
     )
     show.downloads(table, name, "database_spread")
 
@@ -406,7 +410,7 @@ def _show_rows(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows, st
     st.caption(
         f"{len(selected.rows):,} rows. {whose} P(L₂): probability of L₂ string stability under the"
         " answer's model. Click on a heading to sort, on the magnifier to search, on the left edge"
-        " of a row to choose it."
+        " of a row to open its window."
     )
     _show_chosen(workspace, rows, selected)
     st.download_button(

@@ -144,6 +144,10 @@ def choose_entry(label: str, key: str, entries: Sequence[Entry]) -> Entry:
 
 def show_both(first: Result, second: Result) -> None:
     """Estimates with intervals, Bode magnitudes, and what differs in settings and data."""
+    if changes := what_differs(first, second):
+        st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
+    else:
+        st.caption("Both are from the same data of one recording, by the same settings.")
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
     longer = max(first.info, second.info, key=lambda info: info.followers)
     table = differences_table(first, second)
@@ -152,10 +156,6 @@ def show_both(first: Result, second: Result) -> None:
     show.table(table, colours)
     _show_responses(first, second)
     _show_curves(first, second)
-    if changes := what_differs(first, second):
-        st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
-    else:
-        st.caption("Both were made with the same settings, from the same window of one recording.")
 
 
 def other_vehicles(first: Result, second: Result) -> str:
@@ -265,13 +265,11 @@ def _show_curves(first: Result, second: Result) -> None:
     chart = tracking(first.segment, follower, None, first.simulated, height=400)
     added = tracking(second.info, follower, None, second.simulated, height=400)
     chart.for_each_trace(
-        lambda trace: trace.update(name="first"), {"name": "closed-loop simulation"}
+        lambda trace: trace.update(name="first", line={"dash": "solid"}),
+        {"name": "closed-loop simulation"},
     )
     chart.add_traces(
-        [
-            trace.update(name="second", line={"color": SECOND, "dash": "dash"})
-            for trace in added.data
-        ]
+        [trace.update(name="second", line={"color": SECOND, "dash": "dot"}) for trace in added.data]
     )
     show.chart(chart, "snapshots_curves")
 

@@ -26,7 +26,7 @@ def test_estimates_intervals_and_truth_stand_where_they_belong() -> None:
     uncertainty, found = intervals(SEGMENT, fit), fit.parameters.values[0]
     row = figures.NamedEstimate("PiNN (fast preset)", found)
     old = figures.NamedEstimate("Before", 1.1 * found, earlier=True)
-    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, TRUTH)
+    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, 25.0, TRUTH)
     drawn = np.transpose([trace.x for trace in figure.data])
     np.testing.assert_allclose(drawn, [found, old.values])
     assert {tuple(trace.marker.symbol) for trace in figure.data} == {("circle", "circle-open")}
@@ -37,13 +37,13 @@ def test_estimates_intervals_and_truth_stand_where_they_belong() -> None:
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
     np.testing.assert_allclose(dashed, TRUE)
     beside = replace(row, ends=np.array([row.values - 1.0, row.values + 2.0]))
-    for trace in figures.estimates([beside], COLOUR, uncertainty, 0).data:
+    for trace in figures.estimates([beside], COLOUR, uncertainty, 0, 25.0).data:
         np.testing.assert_allclose([trace.error_x.arrayminus, trace.error_x.array], [[1.0], [2.0]])
     unbounded = uncertainty.upper.values.copy()
     unbounded[0, 2] = np.inf
     unbounded = replace(uncertainty, upper=Parameters.of(unbounded))
     undetermined = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))
-    figure = figures.estimates([undetermined], COLOUR, unbounded, 0)
+    figure = figures.estimates([undetermined], COLOUR, unbounded, 0, 25.0)
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 
 
@@ -75,7 +75,7 @@ def test_profiles_reach_the_dashed_line_at_their_ends() -> None:
     assert bands[1].x1 == figure.layout.xaxis2.range[1], "it has no end"
 
 
-@pytest.mark.parametrize(("model", "panels"), [("cthp", 3), ("cthp-s0-delay", 6)])
+@pytest.mark.parametrize(("model", "panels"), [("cthp", 3), ("cthp-s0-delay", 10)])
 def test_each_pair_of_the_answers_parameters_has_a_panel(model: str, panels: int) -> None:
     answer = accpinn.fit(STUDY, 0, 60, method="least-squares", model=model).answer
     figure = joint(answer, 0, COLOUR)
