@@ -144,6 +144,7 @@ class Column:
     def html_class(self) -> Markup:
         """The attribute of its cells in HTML."""
         name = "prose" if self.prose else "" if self.digits is None else "number"
+        name += " brief" * self.is_brief
         return Markup(' class="{}"').format(name) if name else Markup()
 
     def shown(self, cell: Cell) -> str:
