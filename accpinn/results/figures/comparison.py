@@ -142,6 +142,7 @@ def residual(found: ResidualCorrelations, colour: str) -> go.Figure:
     )
     shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most, _ in parts)
     chart.axis("y*", range=[-shown, shown])
+    chart.axis("y", "Correlation")
     for panel, (lags, values, most, title) in enumerate(parts, 1):
         chart.add(lags, values, panel=panel, type="bar", marker={"color": colour},
                   hovertemplate="%{x:.0f} s: %{y:.2f}<extra></extra>")  # fmt: skip

@@ -1,6 +1,7 @@
 """A result in a few sentences, what its numbers assume, and the cautions about it."""
 
 from collections.abc import Sequence
+from math import ceil
 from typing import Any
 
 import msgspec
@@ -178,7 +179,7 @@ def agreement(rows: Sequence[Result]) -> str:
     values = np.array([row.fit.parameters.values for row in others])
     centre = np.where(reference := rows[0].uncertainty.centre.values, reference, np.nan)
     off = np.nan_to_num(np.abs(values / centre - 1.0)).max(axis=(0, 1)).tolist()
-    away = joined([f"{percent(o)} ({symbol})" for o, symbol in zip(off, "αβτ", strict=True)])
+    away = joined([f"{ceil(100 * o)} % ({symbol})" for o, symbol in zip(off, "αβτ", strict=True)])
     return f"{alike} with maximum likelihood {within}{other}. All are within {away} of it."
 
 
