@@ -277,14 +277,12 @@ def _show_estimates(shown: _Shown) -> None:
     value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
     title = f"Answer ({registry.TITLES[answer.model]})"
     dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
-    figure = figures.estimates(
-        [*dots, *earlier], shown.colour, uncertainty, follower, speed, shown.truth
-    )
+    figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
     show.chart(figure, "compare_estimates")
     st.caption(
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
         f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
-        " the CTHP in this window."
+        f" the CTHP in this window. Time gap: in equilibrium at {3.6 * speed:.0f} km/h."
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
@@ -407,8 +405,8 @@ def _show_adequacy(shown: _Shown) -> None:
         " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
         " under the form learned from the first two): prefer a form in which both are clearly"
         " above 0. If there is none, the forms show how much α, β and τ depend on the assumptions."
-        " A lag or delay is at least 0.05 s (*: it is that), so the likelihood with one can be below"
-        " the CTHP's."
+        " A lag or delay is at least 0.05 s (with *: it is that), so the likelihood with one can be"
+        " below the CTHP's."
     )
     _show_residual(shown)
     _show_disturbance(shown)

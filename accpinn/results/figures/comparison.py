@@ -58,14 +58,13 @@ def estimates(
     colour: str,
     uncertainty: Uncertainty,
     follower: int,
-    speed: MetresPerSecond,
     truth: Parameters | None = None,
 ) -> go.Figure:
     """A dot a method for α, β and the time gap of one follower (0 for the first), over intervals.
 
     The rows are given from the top down; the truth is dashed, where it is known. Intervals of a
-    row's own are bars. The time gap is that in equilibrium at a speed, which is a CTHP's τ where it
-    has no s₀, as the truth and the model of the ``uncertainty`` have none.
+    row's own are bars. The time gap is a CTHP's τ where it has no s₀, as the truth and the model of
+    the ``uncertainty`` have none.
     """
     chart = _beside_each_other("compare-estimates", 110 + 30 * len(rows))
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
@@ -79,7 +78,7 @@ def estimates(
     values = np.array([row.values for row in rows])
     ends = np.array([[row.values] * 2 if row.ends is None else row.ends for row in rows])
     lower, upper = (end.values[follower] for end in (uncertainty.lower, uncertainty.upper))
-    gap = replace(PARAMETERS[-1], symbol=f"Time gap at {3.6 * speed:.0f} km/h")
+    gap = replace(PARAMETERS[-1], symbol="Time<br>gap")  # short, for narrow windows
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
         column, low, high = values[:, which], ends[:, 0, which], ends[:, 1, which]
         true = _true(truth, which)
