@@ -43,8 +43,8 @@ NAME = "<i>A</i>"
 """Of every vehicle: plotly reads a little HTML."""
 COLOUR = "#0c7eae"
 SEGMENT = replace(sample(PLATOON, 60.0).segment, names=(NAME,) * 5)
-RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0), Window(20.0, 35.0))
-WITHOUT_UNIT = {"Iteration", "Loss", "Log evidence", "Gain", "Coherence"}
+RUN, MADE = recording(names=(NAME,) * 3), (Window(5.0, 25.0), Window(20.0, 35.0))
+WITHOUT_UNIT = {"Iteration", "Loss", "Log evidence", "Gain", "Coherence", "Correlation"}
 WITHOUT_TITLE = ("comparison.residual",)
 """Correlations of what the other axes name."""
 
@@ -100,7 +100,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     ),
     "comparison.errors_by_window": lambda: comparison.errors_by_window(judged()),
     "comparison.peak_over_speed": lambda: comparison.peak_over_speed(
-        [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0), 20.0
+        [comparison.Follower(NAME, COLOUR, IDM, IDM.typical)], (15.0, 25.0), 20.0
     ),
     "platoon.profiles": lambda: platoon.profiles(*simulated(True), measured=SEGMENT),
     "platoon.time_space": lambda: platoon.time_space(*simulated(True)),
