@@ -16,7 +16,8 @@ Other CTHPs add terms (see `model.following`): an intercept s₀, which shifts t
 a lag or a delay (Padé, second order) between the command and the acceleration, the disturbance
 being added behind it.
 
-The discretisation is exact (matrix exponential; Van Loan, IEEE Trans. Autom. Control 23, 1978).
+The discretisation is exact to rounding: the integrals of Van Loan (IEEE Trans. Autom. Control 23,
+1978) over a short part of the step, as Taylor series, and then doubled.
 Source of the approach: Kristensen, Madsen and Jørgensen, Automatica 40 (2004) 225-237.
 """
 
