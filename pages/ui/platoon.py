@@ -133,6 +133,8 @@ def _show_answer(
         if source.uncertainty:
             odds = words.probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
+        elif not source.result:
+            details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
         if source.result and source.result is workspace.result and st.button(
             "Next: which model describes this car?", key="platoon_next",

@@ -58,11 +58,13 @@ _ASSESSED: Mapping[Assessment, tuple[str, str]] = {
     "not determined": ("is not determined by the data", "are not determined by the data"),
 }
 """Verb for one vehicle, and for several."""
-GIVEN_PARAMETERS = (
-    "The verdict is that of the CTHP with these parameters; a car whose actuator lags or whose"
-    " controller responds with a delay may amplify more."
+_MAY_AMPLIFY = (
+    "a car whose actuator lags or whose controller responds with a delay may amplify more."
 )
+GIVEN_PARAMETERS = f"The verdict is that of the CTHP with these parameters; {_MAY_AMPLIFY}"
 """What a verdict on parameters without a recording assumes."""
+GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {_MAY_AMPLIFY}"
+"""What a simulation with such parameters assumes."""
 BY_ESTIMATES = (
     "The verdicts here are those of the estimates; the probability of string stability says how"
     " certain they are."
