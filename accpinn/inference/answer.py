@@ -92,7 +92,7 @@ class DrawnToOthers(Finding, frozen=True):
     """Parameters of a follower's answer lie beyond the intervals of all its windows."""
 
     text = (
-        "{vehicle}: {symbols} of the answer lie outside what its windows alone say, as it also"
+        "{vehicle}: beyond what its windows alone say lies the answer in {symbols}, as it also"
         " rests on how windows of other cars differ; more windows draw it less."
     )
 
@@ -354,13 +354,14 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
 def _drawn_away(
     model: str, answer: Parameters, lower: Parameters, upper: Parameters, follower: int
 ) -> str:
-    """Symbols of a follower's parameters (M,) beyond the intervals (K, M) of all its windows."""
+    """Symbols of a follower's parameters (M,) beyond the known intervals (K, M) of its windows."""
     parts = []
     for parameter in FOLLOWING[model].parameters:
         value, low, high = (
             value_of(model, sets, parameter.name)[..., follower] for sets in (answer, lower, upper)
         )
-        if (value < low).all() or (value > high).all():
+        known = np.isfinite(low) & np.isfinite(high)
+        if known.any() and ((value < low[known]).all() or (value > high[known]).all()):
             parts.append(parameter.symbol)
     return joined(parts)
 

@@ -94,7 +94,7 @@ def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, In
             changes[step.first] = True
         changes[end : end + 1] = True
     which = changes.cumsum() - 1
-    distinct = np.ones((which[-1] + 1, *known.shape[1:]))
+    distinct = np.ones((changes.sum(), *known.shape[1:]))
     for columns, rows, at, variances in steps:
         places = slice(which[at.start], which[at.stop - 1] + 1)
         for row, variance in zip(rows, variances, strict=True):

@@ -194,7 +194,7 @@ class Criterion:
         total = total.reshape(len(pairs), -1)
         errors = predicted.errors.reshape(-1, len(pairs), size + 1)
         variances = predicted.distinct.reshape(-1, 3, len(pairs), size + 1)
-        deviations = np.sqrt(variances[predicted.which][..., :1]).reshape(-1, len(pairs), 1)
+        deviations = np.sqrt(variances[..., :1])[predicted.which].reshape(-1, len(pairs), 1)
         slope = (errors[..., 1:] - errors[..., :1]) / deviations
         counts = np.bincount(predicted.which)[:, None, None, None]
         growth = np.log(variances[..., 1:] / variances[..., :1]) * np.sqrt(counts / 2.0)

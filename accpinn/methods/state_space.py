@@ -47,7 +47,7 @@ OBSERVED = (0, 1, 2)
 LEADER_MEMORY: Seconds = 3.0
 GAP_DRIFT = 2 * 0.14**2 / 60
 """q in m²/s: two positions' errors make a deviation of 0.14 m that lasts a minute."""
-SHORT, TERMS_TAKEN = 0.25, 11
+SHORT, TERMS_TAKEN = 0.25, 15
 """Part of a step's exponent that is short, and terms of its series."""
 FIRST = (100.0, 50.0, 50.0)
 """Deviations of the first p, v, u, about zero: nothing is known of them before the first sample."""
@@ -204,8 +204,8 @@ def discretise(
 ) -> tuple[FloatArray, FloatArray]:
     """Transition and added covariance of a step.
 
-    Both are Taylor series over a short part of the step, which is then doubled. The part is the
-    longest in which eleven terms of the stiffest model leave out no more than rounding does.
+    Both are Taylor series over a short part of the step, which is then doubled. The part is so
+    short for the stiffest model that what further terms would add is less than 1e-11.
 
     Args:
         rates: (B, n, n) d/dt of the states.

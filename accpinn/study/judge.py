@@ -215,7 +215,7 @@ class Judgement:
     def worse(self) -> tuple[ModelScore, ...]:
         """The models that are worse than the best by more than chance explains."""
         windows = len(self.windows)
-        if windows < LEAST_WINDOWS:
+        if not self.scores or windows < LEAST_WINDOWS:
             return ()
         best, *others = self.ranked
         pairs = ((other, *difference([best], [other])) for other in others)

@@ -405,7 +405,7 @@ def _show_adequacy(shown: _Shown) -> None:
         " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
         " under the form learned from the first two): prefer a form in which both are clearly"
         " above 0. If there is none, the forms show how much α, β and τ depend on the assumptions."
-        " A lag or delay is at least 0.05 s (with *: it is that), so the likelihood with one can be"
+        " A lag or delay is at least 0.05 s, so the likelihood with one can be"
         " below the CTHP's."
     )
     _show_residual(shown)

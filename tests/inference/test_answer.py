@@ -9,6 +9,7 @@ import pytest
 from accpinn.errors import ConfigError
 from accpinn.inference.answer import (
     Answer,
+    DrawnToOthers,
     HeterogeneousFollowers,
     HeterogeneousWindows,
     answer,
@@ -31,6 +32,8 @@ from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
+from tests.support.samples import PLATOON
+from tests.support.samples import sample as sample_of
 
 pytestmark = pytest.mark.usefixtures("all_draws")
 
@@ -155,6 +158,18 @@ def test_case_i_has_one_set_and_case_ii_one_for_each() -> None:
         shared.time_gap(25.0, 2)
     with pytest.raises(ConfigError, match=r"^span: lag is not known"):
         shared.span("lag", 0)
+
+
+def test_what_other_cars_draw_away_from_the_windows_is_named() -> None:
+    """These cars obey the CTHP, so their window says that there is no delay; real cars have one."""
+    segment = sample_of(PLATOON).segment
+    one = answer((segment,))
+    findings = (found for found in one.findings if isinstance(found, DrawnToOthers))
+    drawn = {found.vehicle: found.symbols for found in findings}
+    assert drawn.keys() == set(segment.vehicles[1:])
+    assert all(symbols.endswith("d") for symbols in drawn.values())
+    assert one.windows_upper.delay[0, 0] < one.span("delay", 0).value
+    assert not [found for found in usual().findings if isinstance(found, DrawnToOthers)]
 
 
 def test_a_follower_that_does_not_move_is_not_determined() -> None:

@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
 from accpinn.methods.kalman import innovations, log_likelihood, smooth
 from accpinn.methods.series import series_of
-from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, state_space
+from accpinn.methods.state_space import (
+    OBSERVED,
+    StateSpace,
+    coordinates,
+    discretise,
+    state_space,
+)
 from accpinn.model.registry import CTHPS
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed
@@ -53,6 +60,47 @@ def shorter(measured, rng):
     measured[211:, :, 1] = np.nan
     measured[150, 0, 0] = measured[97, 1, 1] = np.nan
     return measured
+
+
+@pytest.mark.parametrize("form", CTHPS)
+def test_a_step_is_that_of_the_matrix_exponential(form):
+    """Van Loan's block of twice the size, over a part of the step that is doubled."""
+    model = state_space(form, random_values(form, 40, np.random.default_rng(3)), 0.5)
+    size, parts = len(model.first), 2.0**8
+    rates = model.rates.transpose(2, 0, 1)
+    given = np.tile(np.diag(1.0 + np.arange(size)), (len(rates), 1, 1))
+    found, added = discretise(rates, given, 0.5)
+    block = np.zeros((len(rates), 2 * size, 2 * size))
+    block[:, :size, :size], block[:, :size, size:] = -rates, given
+    block[:, size:, size:] = rates.transpose(0, 2, 1)
+    whole = expm(block * (0.5 / parts))
+    transition = whole[:, size:, size:].transpose(0, 2, 1)
+    process = transition @ whole[:, :size, size:]
+    for _ in range(8):
+        process = process + transition @ process @ transition.transpose(0, 2, 1)
+        transition = transition @ transition
+    scale = np.sqrt(np.einsum("bii->bi", process))
+    np.testing.assert_allclose(found, transition, rtol=0, atol=1e-10 * np.abs(transition).max())
+    assert (np.abs(added - process) / (scale[:, :, None] * scale[:, None])).max() < 1e-10
+
+
+def test_many_models_at_once_are_as_each_alone():
+    rng = np.random.default_rng(4)
+    series = series_of([disturbed(SETS[[0, 1]], 1, Disturbance(), duration=120.0)], "II")
+    model = state_space("cthp-s0-delay", random_values("cthp-s0-delay", 15, rng), series.step)
+    measured = np.repeat(series.measured[:, :, :1], 15, axis=2)
+    measured[150, 0] = np.nan
+    together, innovation = innovations(model, measured)
+    smoothed = smooth(model, measured)
+    for b in range(15):
+        alone = model.of(slice(b, b + 1))
+        total, own = innovations(alone, measured[..., :1])
+        np.testing.assert_allclose(together[b], total[0], rtol=1e-9)
+        np.testing.assert_allclose(innovation.errors[..., b], own.errors[..., 0], atol=1e-9)
+        np.testing.assert_allclose(innovation.variances[..., b], own.variances[..., 0], rtol=1e-9)
+        np.testing.assert_allclose(
+            smoothed[..., b], smooth(alone, measured[..., :1])[..., 0], atol=1e-6
+        )
 
 
 @pytest.mark.parametrize("missing", [with_holes, shorter])

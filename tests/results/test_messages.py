@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
-from accpinn.inference.answer import Answer, HeterogeneousWindows, Span, answer
+from accpinn.inference.answer import Answer, DrawnToOthers, HeterogeneousWindows, Span, answer
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import least_squares
@@ -249,6 +249,37 @@ def test_windows_that_differ_are_one_sentence(answered: Answer) -> None:
     finding = HeterogeneousWindows(FOLLOWER, 5, 3e-35, 0.12)
     said = on_answer.differing_windows(INFO, replace(answered, findings=(finding,)))
     assert not missing([f"5 windows of {INFO.label(FOLLOWER)}", "p < 0.001", "0.12 s"], said)
+
+
+def test_what_other_cars_draw_away_is_one_sentence(answered: Answer) -> None:
+    assert on_answer.drawn_to_others(INFO, replace(answered, findings=())) == ""
+    some = tuple(DrawnToOthers(number, "β and d") for number in INFO.vehicles[1:])
+    said = on_answer.drawn_to_others(INFO, replace(answered, findings=some))
+    assert "β and d of each follower" in said
+    said = on_answer.drawn_to_others(INFO, replace(answered, findings=some[:1]))
+    assert f"β and d of {INFO.label(FOLLOWER)}" in said
+
+
+def test_parameters_that_are_hardly_known_are_named(answered: Answer) -> None:
+    assert on_answer.hardly_known(answered, 0) == ""
+    wide = answered.typical.everything.copy()
+    wide[:, 0, 1] = np.linspace(0.0, 1.0, len(wide))
+    spread = replace(answered, typical=Parameters.of(wide))
+    assert "β is hardly known" in on_answer.hardly_known(spread, 0)
+
+
+def test_methods_are_as_far_from_maximum_likelihood_as_is_said() -> None:
+    first = whole().compared[0]
+    centre = np.tile([0.1, 0.0, 1.0], (4, 1))
+    known = replace(first.uncertainty, centre=Parameters.of(centre))
+
+    def said(*values: float) -> str:
+        fit = replace(first.fit, parameters=Parameters.of(np.tile(values, (4, 1))))
+        return on_result.agreement((altered(first, fit=fit, uncertainty=known),))
+
+    assert "6 % (α) and 1 % (τ) of it" in said(0.106, 0.3, 1.002)
+    assert "1 % (τ) of it" in said(math.nan, 0.3, 1.002)
+    assert "%" not in said(math.nan, 0.3, math.nan).partition("intervals")[2]
 
 
 def test_the_papers_presets_say_so() -> None:

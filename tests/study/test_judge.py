@@ -54,6 +54,9 @@ def test_the_true_model_is_picked(truth: str) -> None:
     finding = judged.findings[0]
     assert isinstance(finding, Describes)
     assert (finding.clear, finding.model, finding.windows) == (True, best.model.title, 4)
+    assert judged.ranked[1] in judged.worse
+    assert best not in judged.worse
+    assert judged.ranked[-1].model.title in finding.worse
 
 
 def test_models_that_are_alike_are_not_told_apart() -> None:

@@ -159,8 +159,9 @@ def drawn_to_others(info: SegmentInfo, answer: Answer) -> str:
             drawn.setdefault(found.symbols, []).append(who(found.vehicle, info))
     if not drawn:
         return ""
-    are_all = len(drawn) == 1 and len(*drawn.values()) == len(answer.trust) > 1
-    named = {s: "each follower" if are_all else joined(labels) for s, labels in drawn.items()}
+    are_all = len(drawn) == 1 and len(*drawn.values()) == len(answer.trust)
+    each = "each follower" if len(info.vehicles) > 2 else "the follower"
+    named = {s: each if are_all else joined(labels) for s, labels in drawn.items()}
     parts = "; ".join(f"{symbols} of {labels}" for symbols, labels in named.items())
     return f"Outside what the windows alone say, so drawn towards other cars: {parts}."
 

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, isinf, isnan
+from math import isinf, isnan
 
 import numpy as np
 
@@ -273,10 +273,13 @@ def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
     peaks, known = [vehicle.peak for vehicle in subject.report.vehicles], subject.uncertainty
     worst = max(amplifying, key=lambda k: peaks[k].gain)
     peak = peaks[worst]
-    extent = "without limit" if isinf(peak.gain) else f"up to {factor(peak.gain)} times"
-    if known and isfinite(known.peak_gain.upper[worst]):
-        ends = known.peak_gain
-        extent += f" ({ends.lower[worst]:.2f}–{ends.upper[worst]:.2f})"
+    gain = factor(peak.gain)
+    extent = "without limit" if isinf(peak.gain) else f"up to {gain} times"
+    if known and "." in gain and "+" not in gain:
+        digits = len(gain.partition(".")[2])
+        ends = known.peak_gain.lower[worst], known.peak_gain.upper[worst]
+        low, high = (f"{end:.{digits}f}" for end in ends)
+        extent += f" ({low} or more)" if high == "inf" else f" ({low}–{high})"
     at = f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
     return subject.vehicles.spoken[worst], extent + at
 

@@ -177,10 +177,13 @@ def agreement(rows: Sequence[Result]) -> str:
     verb = "does" if len(differing) == 1 else "do"
     other = f"; {joined(differing)} {verb} not" if differing else ""
     values = np.array([row.fit.parameters.values for row in others])
-    centre = np.where(reference := rows[0].uncertainty.centre.values, reference, np.nan)
-    off = np.nan_to_num(np.abs(values / centre - 1.0)).max(axis=(0, 1)).tolist()
-    away = joined([f"{ceil(100 * o)} % ({symbol})" for o, symbol in zip(off, "αβτ", strict=True)])
-    return f"{alike} with maximum likelihood {within}{other}. All are within {away} of it."
+    centre = rows[0].uncertainty.centre.values
+    off = np.abs(values - centre).max(axis=0) / np.where(centre > 0, centre, np.nan)
+    pairs = zip(off.max(axis=0).tolist(), "αβτ", strict=True)
+    # Not a number where one is unknown, or maximum likelihood's is zero.
+    away = joined([f"{ceil(100 * far)} % ({symbol})" for far, symbol in pairs if far < 1.0])
+    size = f" All are within {away} of it." if away else ""
+    return f"{alike} with maximum likelihood {within}{other}.{size}"
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:

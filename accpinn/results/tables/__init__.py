@@ -39,6 +39,7 @@ class Marked:
 
     cell: "str | Estimate"
     why: str
+    mark: str = "*"
 
 
 Cell = str | float | Range | Estimate | Marked | None
@@ -152,7 +153,7 @@ class Column:
         if isinstance(cell, Range):
             return self._range(cell)
         if isinstance(cell, Marked):
-            return f"{self.shown(cell.cell)}*"
+            return f"{self.shown(cell.cell)}{cell.mark}"
         if isinstance(cell, Estimate):
             value, ends = self._estimate(cell)
             return value if self.is_brief or not ends else f"{value} ({ends})"
@@ -171,14 +172,15 @@ class Column:
     def html(self, cell: Cell) -> str:
         """The same for a web page: where there is little room, an interval has its own line."""
         why = "" if self.is_brief or not isinstance(cell, Estimate) or cell.is_inside else OUTSIDE
+        sign = "*"
         if isinstance(cell, Marked):
-            why, cell = cell.why, cell.cell
+            why, sign, cell = cell.why, cell.mark, cell.cell
         value, ends = self._estimate(cell) if isinstance(cell, Estimate) else (self.shown(cell), "")
         if not isinstance(cell, str):
             value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:
             return Markup('<abbr title="{}">{}</abbr>').format(ends, value)
-        mark = Markup('<b title="{}">*</b>').format(why) if why else ""
+        mark = Markup('<b title="{}">{}</b>').format(why, sign) if why else ""
         interval = Markup(" <span>({})</span>").format(ends) if ends else ""
         return Markup("{}{}{}").format(value, mark, interval)
 
@@ -207,7 +209,7 @@ Filled = tuple[Column, Iterable[Cell]]
 """A column with its cells."""
 
 
-def estimate_cells(values: Values, low: Values, high: Values) -> list[Cell]:
+def estimate_cells(values: Values, low: Values, high: Values) -> list[Estimate]:
     """(K,) values with their intervals."""
     return [*map(Estimate, *(np.asarray(part, float).tolist() for part in (values, low, high)))]
 

@@ -24,9 +24,10 @@ from accpinn.results.tables.estimates import (
     marked_at_least,
     parameter_rows,
     row_labels,
+    with_legend,
 )
 from accpinn.segment import SegmentInfo
-from accpinn.units import FloatArray, MetresPerSecond
+from accpinn.units import Estimate, FloatArray, MetresPerSecond
 
 EXTRAPOLATED = "extrapolated: no window holds this speed"
 ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
@@ -87,7 +88,7 @@ def _gap(answer: Answer, speed: MetresPerSecond, follower: int) -> Cell:
     return span if answer.is_driven(speed, follower) else Marked(span, EXTRAPOLATED)
 
 
-def _holding(values: FloatArray, lower: FloatArray, upper: FloatArray) -> list[Cell]:
+def _holding(values: FloatArray, lower: FloatArray, upper: FloatArray) -> list[Estimate]:
     """Estimates whose intervals hold their values, as the ends are those of draws beside them."""
     return estimate_cells(values, np.minimum(values, lower), np.maximum(values, upper))
 
@@ -109,10 +110,10 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     group = f"{how} ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
         alone = _holding(*(answer.values(part, name)[:, follower] for part in parts))
-        cells = [*marked_at_least(name, alone), answer.span(name, follower)]
+        marked = [marked_at_least(answer.model, name, cell) for cell in alone]
+        cells = [*marked, answer.span(name, follower)]
         filled.append((replace(column, group=group), cells))
     is_shared = infos[0].followers > len(answer.trust)
     label = EVERY_FOLLOWER if is_shared else infos[0].labels[follower + 1]
-    return Table.of(
-        f"{label}: {registry.TITLES[answer.model]}, each window alone, and the answer", filled
-    )
+    title = f"{label}: {registry.TITLES[answer.model]}, each window alone, and the answer"
+    return with_legend(title, filled)

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import inf, nan
+from math import nan
 
 import numpy as np
 
-from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
+from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS, PARAMETERS, SPEED
 from accpinn.evaluation import Validation
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -287,13 +287,22 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, ("Spread", *percent, *blank)))
 
 
-def marked_at_least(term: str, cells: Sequence[Cell]) -> list[Cell]:
-    """Cells of a parameter; where it is a term at the least value that is sought, with a mark."""
-    least = next((sought.lower for name, sought in EXTRA.items() if name == term), -inf) + 1e-9
-    return [
-        Marked(cell, LEAST) if isinstance(cell, Estimate) and cell.value <= least else cell
-        for cell in cells
-    ]
+def marked_at_least(model: str, name: str, cell: Estimate) -> Cell:
+    """A cell of a model's parameter, with a mark on a lag or delay at the least that is sought."""
+    if name not in ("lag", "delay") or not cell.lower < cell.upper:
+        return cell
+    if model in CTHPS:
+        least = EXTRA["lag" if name == "lag" else "delay"].lower
+    else:
+        least = next(p.lower for p in FOLLOWING[model].parameters if p.name == name)
+    return Marked(cell, LEAST, "†") if cell.value <= least + 1e-9 else cell
+
+
+def with_legend(caption: str, filled: Sequence[Filled]) -> Table:
+    """A table whose caption says what "†" means, where a cell has it."""
+    cells = (cell for _, column in filled for cell in column)
+    is_marked = any(isinstance(cell, Marked) and cell.why == LEAST for cell in cells)
+    return Table.of(f"{caption} (†: {LEAST})" if is_marked else caption, filled)
 
 
 def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: int) -> Table:
@@ -302,18 +311,23 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
     filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
     for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
         cells = [
-            Estimate(*(float(s.complete[follower, at]) for s in (f.parameters, f.lower, f.upper)))
+            marked_at_least(
+                f.form,
+                (*PARAMETER_KEYS, *TERMS)[at],
+                Estimate(
+                    *(float(s.complete[follower, at]) for s in (f.parameters, f.lower, f.upper))
+                ),
+            )
             if at in dict(columns_of(f.form))
             else None
             for f in forms
         ]
-        term = ("", "", "", *TERMS)[at]
-        filled.append((replace(column, group=group), marked_at_least(term, cells)))
+        filled.append((replace(column, group=group), cells))
     filled += [
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
         (Column("Held-out log density", "", 1, AGAINST), [f.holdout[follower] for f in forms]),
     ]
-    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
+    return with_legend(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:

@@ -170,8 +170,8 @@ def _show_study(workspace: Workspace, study: str, state: State, rows: pd.DataFra
     with answer, st.container(border=True):
         st.markdown(f"#### {escape_markdown(results.headline(selected.whole))}")
         said = results.extent(selected.whole, selected.makes, selected.recordings)
-        if selected.rows["distance_setting"].nunique(dropna=False) > 1:
-            said += " All distance settings together."
+        if selected.rows["distance_setting"].nunique() > 1:
+            said += " Several distance settings together."
         st.markdown(escape_markdown(f"{said} {results.typical_line(selected.whole)}"))
         st.caption(results.TYPICAL)
         if line := results.failures_line(failures):
