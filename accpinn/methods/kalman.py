@@ -31,8 +31,6 @@ STRETCH = 30_000
 """Instants times models that a step of constant gains covers, so that they fit the cache."""
 BLOCK = 7
 """Instants whose innovations are found at once with constant gains; more and fewer are slower."""
-FEW = 12
-"""Models up to which `recursion` takes on blocks of time together; with more, nothing is gained."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
 
 
@@ -368,8 +366,8 @@ class _ConstantGain:
 def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
     """The linear recursion x_{k+1} = F x_k + d_k of B systems.
 
-    Few systems are taken on in blocks of time, all blocks together: first from zero, which gives
-    the state at each block's start, then from there.
+    It goes on in blocks of time, all blocks together: first from zero, which gives the state at
+    each block's start, then from there.
 
     Args:
         transition: (n, n, B) F.
@@ -380,12 +378,6 @@ def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> 
         (K+1, n, B).
     """
     samples, size, count = driven.shape
-    if count > FEW:
-        every = np.empty((samples + 1, size, count))
-        every[0] = state
-        for k, push in enumerate(driven):
-            every[k + 1] = _times(transition, every[k]) + push
-        return every
     blocks = max(1, int(samples**0.5))
     length = samples // blocks + 1
     pushes = np.zeros((blocks * length, size, count))
