@@ -78,7 +78,7 @@ def estimates(
     values = np.array([row.values for row in rows])
     ends = np.array([[row.values] * 2 if row.ends is None else row.ends for row in rows])
     lower, upper = (end.values[follower] for end in (uncertainty.lower, uncertainty.upper))
-    gap = replace(PARAMETERS[-1], symbol="Time<br>gap")  # short, for narrow windows
+    gap = replace(PARAMETERS[-1], symbol="Time gap")
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
         column, low, high = values[:, which], ends[:, 0, which], ends[:, 1, which]
         true = _true(truth, which)

@@ -63,9 +63,8 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     """
     numbers, last = parameter_rows(info, case), answer.stated_speed
     followers, level = range(len(numbers)), f"({100 * answer.level:.0f} % interval)"
-    gaps, own, one_more = (
-        f"{what} {level}" for what in ("Time gap", "Parameters", "Further window")
-    )
+    gaps, own = f"Time gap {level}", f"Parameters {level}"
+    one_more = f"Further window ({100 * answer.level:.0f} %)"
     at_median = Column("at median speed", "s", 2, gaps, key="time_gap_at_median_speed_s")
     further = [answer.time_gap(last, k) for k in followers]
     return Table.of(
