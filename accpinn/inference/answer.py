@@ -92,8 +92,8 @@ class DrawnToOthers(Finding, frozen=True):
     """Parameters of a follower's answer lie beyond the intervals of all its windows."""
 
     text = (
-        "{vehicle}: beyond what its windows alone say lies the answer in {symbols}, as it also"
-        " rests on how windows of other cars differ; more windows draw it less."
+        "{vehicle}: in {symbols} the answer lies outside the intervals of its own windows, as it"
+        " also rests on how windows of other cars differ; with more windows it is drawn less."
     )
 
     vehicle: int
