@@ -70,7 +70,7 @@ def posterior(*stable: float) -> Any:
     """What sentences read of the uncertainty of some vehicles."""
     count = len(stable)
     gains = SimpleNamespace(lower=np.full(count, 1.25), upper=np.full(count, 1.75))
-    return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains)
+    return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains, level=0.9)
 
 
 def reason_for(report: StabilityReport, name: str) -> str:
@@ -116,7 +116,8 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: judged(CALM, LOUD), ["V2", "1.38 times at 0.235 rad/s"]),
     (lambda: judged(LOUD, CALM, LOUD), ["Two of three", "V1"]),
     (lambda: judged(*(LOUD,) * 12), ["All 12", "V1"]),
-    (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)), ["All three", "at most 3 % each"]),
+    (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)),
+     ["All three", "at most 3 % each", "90 % interval 1.25–1.75"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 1.0, 0.4)),
      ["three vehicles one amplifies", "one is L₂ string stable"]),
     (lambda: on_stability.probabilities(named(LOUD, CALM, LOUD), posterior(0.0, 1.0, math.nan)),

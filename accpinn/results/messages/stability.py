@@ -7,7 +7,7 @@ from math import isinf, isnan
 
 import numpy as np
 
-from accpinn.findings import Labelled, joined, probability, spelled
+from accpinn.findings import Labelled, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
@@ -279,7 +279,8 @@ def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
         digits = len(gain.partition(".")[2])
         ends = known.peak_gain.lower[worst], known.peak_gain.upper[worst]
         low, high = (f"{end:.{digits}f}" for end in ends)
-        extent += f" ({low} or more)" if high == "inf" else f" ({low}–{high})"
+        within = f"{low} or more" if high == "inf" else f"{low}–{high}"
+        extent += f" ({percent(known.level)} interval {within})"
     at = f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
     return subject.vehicles.spoken[worst], extent + at
 
