@@ -126,9 +126,11 @@ def _alike(known: Mask) -> Iterator[Columns]:
     if known.all():
         yield slice(None)
         return
-    patterns = np.packbits(known.reshape(-1, known.shape[2]), axis=0)
-    group = np.unique(patterns, axis=1, return_inverse=True)[1].ravel()
-    groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
+    patterns = np.packbits(known.reshape(-1, known.shape[2]).T, axis=1)
+    alike: dict[bytes, list[int]] = {}
+    for column, pattern in enumerate(patterns):
+        alike.setdefault(pattern.tobytes(), []).append(column)
+    groups = [np.array(columns) for columns in alike.values()]
     if sum(_incomplete(known[:, :, columns[:1]]) for columns in groups) < _incomplete(known):
         yield from groups
     else:

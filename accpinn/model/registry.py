@@ -61,6 +61,16 @@ def value_of(model: str, parameters: cthp.Parameters, name: str) -> FloatArray:
     return parameters.own[..., FOLLOWING[model].names.index(name)]
 
 
+def holds(model: str, parameters: cthp.Parameters) -> bool:
+    """Whether a model has all terms that parameters have, so that each has the same meaning."""
+    own = int(parameters.own.shape[-1])
+    if model not in CTHPS:
+        return own == len(FOLLOWING[model].parameters)
+    used = parameters.complete[..., 3:].reshape(-1, len(cthp.TERMS)).any(axis=0)
+    known = [term in FOLLOWING[model].terms for term in cthp.TERMS]
+    return own == 0 and not bool((used & ~np.array(known)).any())
+
+
 def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
     """(..) the time gap in equilibrium at a speed in m/s; nan where there is no equilibrium.
 

@@ -1,8 +1,9 @@
 """Synthetic recordings in OpenACC's format, whose true parameters are known: `sample_data`.
 
-A leader drives a seeded profile of our own making; its followers obey the CTHP
-exactly, with parameters published in Apostolakis and Ampountolas (IEEE TVT 2024, sections V.C and
-V.D, Table III). What is written is what receivers would have recorded of it (see `Noise`).
+A leader drives a seeded profile of our own making. Its followers obey the CTHP exactly, with
+parameters published in Apostolakis and Ampountolas (IEEE TVT 2024, sections V.C and V.D, Table
+III), or the CTHP with an intercept s₀ and a delay, with parameters as ACC cars have. What is
+written is what receivers would have recorded of it (see `Noise`).
 
 ``python -m accpinn.recordings.synthetic FOLDER`` writes every recording with its truth file.
 """
@@ -17,7 +18,7 @@ import numpy as np
 
 from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME, by_key
 from accpinn.errors import RecordingError
-from accpinn.model.cthp import Parameters, Trajectories, simulate
+from accpinn.model.cthp import TERMS, Parameters, Trajectories, simulate
 from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
@@ -137,7 +138,10 @@ def _parameters(_: type, entries: list[dict[str, float]]) -> Parameters:
 
 
 def _entries(parameters: Parameters) -> list[dict[str, float]]:
-    return [by_key(row) for row in parameters.values.tolist()]
+    return [
+        by_key(row[:3]) | {name: value for name, value in zip(TERMS, row[3:], strict=True) if value}
+        for row in parameters.complete.tolist()
+    ]
 
 
 MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
@@ -204,7 +208,29 @@ _VICOLUNGO = Scenario(
     seed=2,
 )
 
-SCENARIOS = (_PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
+_MOTORWAY_CARS = Scenario(
+    name="synthetic_motorway",
+    description=(
+        "Three followers on a motorway that keep a gap s₀ + τv and respond after a delay, with"
+        " parameters such as the ACC cars of published recordings have. With a receiver's noise."
+    ),
+    vehicles=(
+        "Synthetic(Leader)",
+        "Synthetic(Hatchback)",
+        "Synthetic(Saloon)",
+        "Synthetic(Estate)",
+    ),
+    parameters=Parameters(
+        [0.08, 0.06, 0.10], [0.30, 0.40, 0.25], [0.80, 1.00, 0.70],
+        s0=[6.0, 5.0, 8.0], delay=[0.50, 0.35, 0.70],
+    ),
+    leader=MOTORWAY,
+    noise=Noise(),
+    seed=5,
+    duration=600.0,
+)  # fmt: skip
+
+SCENARIOS = (_MOTORWAY_CARS, _PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
 """Every recording of `sample_data`."""
 
 
@@ -238,7 +264,7 @@ def true_trajectories(scenario: Scenario) -> Trajectories:
         gaps = np.full(len(scenario.parameters), gap)
     else:
         speed = float(ahead[0])
-        gaps = scenario.parameters.tau * speed
+        gaps = scenario.parameters.time_gap(speed) * speed
     return simulate(scenario.parameters, time, ahead, np.full(len(gaps), speed), gaps)
 
 

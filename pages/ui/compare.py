@@ -277,7 +277,9 @@ def _show_estimates(shown: _Shown) -> None:
     value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
     title = f"Answer ({registry.TITLES[answer.model]})"
     dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
-    figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, shown.truth)
+    true = shown.truth
+    truth = np.array([true.alpha, true.beta, true.time_gap(speed)]) if true else None
+    figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, truth)
     show.chart(figure, "compare_estimates")
     st.caption(
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
@@ -336,12 +338,13 @@ def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Named
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
     st.subheader(ONLINE, anchor=False)
-    figure = figures.tracks(tracks, shown.follower, shown.truth, shown.segment.start)
+    truth = shown.truth if shown.truth and registry.holds(registry.PAPER, shown.truth) else None
+    figure = figures.tracks(tracks, shown.follower, truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
     st.caption(
         "Shaded: one standard deviation by the method itself. Where disturbances last for seconds,"
         " that of recursive least squares is too small, and the filters' α and β are too low."
-        + (" Dashed: true value." if shown.truth else "")
+        + (" Dashed: true value." if truth else "")
     )
 
 

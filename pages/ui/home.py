@@ -31,7 +31,7 @@ from pages.ui.snapshots.listing import compare_two, restore_run, show_entries
 
 TURN = "home_turn"
 """The choice that leads to page Train, once a run has been restored."""
-CARDS = 4
+CARDS = 5
 """In a row."""
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
 """Computed here; needs a training."""
@@ -123,7 +123,7 @@ def _ways_in(workspace: Workspace) -> None:
             help="Opens the first sample below and trains on its windows in car-following by the"
             " calibrated preset, which disturbances do not bias.",
         )  # fmt: skip
-        st.caption("The AstaZero-like platoon of four followers; the result comes within seconds.")
+        st.caption("Three synthetic followers on a motorway; the result comes within seconds.")
         _button(
             workspace, "Other ways to open a recording", frame.DATA, "own", width="stretch",
             icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),

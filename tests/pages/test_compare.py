@@ -18,9 +18,10 @@ from accpinn.results.messages.summary import outside_intervals
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.result import Result
 from accpinn.tasks import Status, Task
-from pages.ui.session.resources import FIRST_SAMPLE, sample, task_queue
+from pages.ui.session.resources import sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
 from tests.support.apptest import WAIT, answer, open_page, stop_tasks, with_pair, with_sample
+from tests.support.command import PLATOON
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -156,7 +157,7 @@ def test_earlier_fits_are_bounded_and_shown_without_a_comparison(session: Worksp
     for seed in range(KEPT_EARLIER + 3):
         session._record([replace(result, analysis=session.analysis(replace(PAPER, seed=seed)))])
     assert len(session.earlier) == KEPT_EARLIER
-    session.open(*sample(FIRST_SAMPLE))
+    session.open(*sample(PLATOON))
     assert len(session.earlier) == KEPT_EARLIER, "an early step does not drop them"
 
 

@@ -47,6 +47,7 @@ from tests.support.apptest import (
     with_pair,
     with_sample,
 )
+from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, metadata, platoon, recording
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -188,7 +189,7 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
 
 
 def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_trained() -> None:
-    page = open_page("Data").press("Open this sample")
+    page = open_page("Data").choose("data_sample", PLATOON).press("Open this sample")
     session, before = page.workspace(), page.texts()
     session.preset = "fast"
     assert "Tesla (Model3-like)" in before
@@ -340,7 +341,7 @@ def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     assert any("shares 100 s" in said for said in page.boxes("warning"))
     page.file_uploader(key="data_validation_upload").upload("b.csv", PAIR, "text/csv").run()
     assert "has no platoon with 3 followers" in page.plain()
-    assert session.recording.source == FIRST_SAMPLE.name, "the first one stays open"
+    assert session.recording.source == PLATOON.name, "the first one stays open"
 
 
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:
@@ -593,7 +594,7 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     session = fitted()
     result, recording = session.result, session.recording
     session.choose(window=Window(0.0, 60.0), vehicles=(2, 3, 4, 5))
-    session.open(*sample(FIRST_SAMPLE))
+    session.open(*sample(PLATOON))
     assert (session.result, session.recording) == (result, recording)
     page = open_page("Data", session).choose("data_start", 100.0)
     assert (session.window, session.result) == (Window(100.0, 160.0), None)
@@ -621,7 +622,7 @@ def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
     open_page("Train", session)
     page = open_page("Home")
     assert page.workspace() is not session
-    named = escape_markdown(FIRST_SAMPLE.name)
+    named = escape_markdown(PLATOON.name)
     (link,) = (one.proto for one in page.get("page_link") if named in one.proto.label)
     assert f"session={session.id}" in link.query_string
     (run,) = session.runs
@@ -629,7 +630,7 @@ def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
     assert page.workspace().result.parameters == session.result.parameters
     monkeypatch.setattr(sessions, "is_shared", lambda: True)
     page = open_page("Home")
-    assert FIRST_SAMPLE.name not in page.everything(), "others' are nobody else's"
+    assert PLATOON.name not in page.everything(), "others' are nobody else's"
 
 
 def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(

@@ -14,11 +14,12 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
 from pages.ui.session import sessions
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, library, sample
+from pages.ui.session.resources import SAMPLES, library, sample
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import ALL_WINDOWS
 from pages.ui.snapshots.listing import restore_run
 from tests.support.apptest import WAIT, answer, fitted, open_page, with_sample
+from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, platoon
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -38,7 +39,7 @@ class TestSignIn:
         own = open_page("Home", user=ANN).workspace()
         assert open_page("Home", user=ANN, session=own.id).workspace() is own
         assert open_page("Home", user=BOB, session=own.id).workspace() is not own
-        own.open(*sample(FIRST_SAMPLE))
+        own.open(*sample(PLATOON))
         open_page("Home", user=ANN, session=own.id)
         sessions.workspaces.clear()
         assert open_page("Home", user=BOB, session=own.id).workspace().id != own.id
@@ -200,7 +201,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     open_page("Data", session)
     assert session.result is None
     (run,) = session.runs
-    assert (run.source, run.window) == (FIRST_SAMPLE.name, "0–60 s")
+    assert (run.source, run.window) == (PLATOON.name, "0–60 s")
 
     sessions.workspaces.clear()  # as a restart of the server
     page = open_page("Home", session=session.id)
@@ -209,7 +210,7 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     assert again.id == session.id
     page.press(f"home_runs_open_{run.id}")
     assert again.result.parameters == before
-    again.open(*sample(FIRST_SAMPLE))
+    again.open(*sample(PLATOON))
     page.run()
     page.press(f"runs_open_{run.id}")
     assert again.result.parameters == before
@@ -223,7 +224,7 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     session = open_page("Train", session=fitted().id).workspace()
     sessions.workspaces.clear()
     again = open_page("Stability", session=session.id).workspace()
-    assert (again.recording.source, again.window) == (FIRST_SAMPLE.name, Window(0.0, 60.0))
+    assert (again.recording.source, again.window) == (PLATOON.name, Window(0.0, 60.0))
     assert again.vehicles == session.vehicles
     assert again.result.parameters == session.result.parameters
     assert again.segment.info == session.segment.info
@@ -248,7 +249,7 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
 
 
 def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() -> None:
-    raw = FIRST_SAMPLE.read_bytes()
+    raw = PLATOON.read_bytes()
     session = open_page("Data").upload("mine.csv", raw).workspace()
     session.choose(vehicles=(1, 2))
     page = open_page("Data", session).choose(ALL_WINDOWS, True)
@@ -277,7 +278,7 @@ def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     session, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
     session.open(own)
     answer(session)
-    session.open(*sample(FIRST_SAMPLE))
+    session.open(*sample(PLATOON))
     assert session.true_parameters is not None
     (run,) = session.runs
     restore_run(session, run.id)

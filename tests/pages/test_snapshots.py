@@ -10,10 +10,11 @@ from accpinn.results.vehicles import known_vehicles
 from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
 from pages.ui.session import sessions
-from pages.ui.session.resources import FIRST_SAMPLE, library, sample
+from pages.ui.session.resources import library, sample
 from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
+from tests.support.command import PLATOON
 from tests.support.snapshots import whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -183,7 +184,7 @@ class TestLink:
         page = open_page("Train", session, snapshot=name)
         assert page.workspace() is session
         assert session.restored.id == name
-        session.open(replace(sample(FIRST_SAMPLE)[0], sha256="0" * 64))
+        session.open(replace(sample(PLATOON)[0], sha256="0" * 64))
         page.run()
         assert (session.restored, session.result) == (None, None), "for good"
         assert "snapshot" not in page.query_params
@@ -207,7 +208,7 @@ class TestRestoring:
         session = sessions.workspaces().new()
         session.restore(library().read(library().add(bare())))
         assert session.segment is None
-        session.open(*sample(FIRST_SAMPLE))
+        session.open(*sample(PLATOON))
         assert session.segment.info.digest == whole().info.digest
         assert session.result is session.restored
 

@@ -19,8 +19,9 @@ from accpinn.results.tables import Table
 from accpinn.study.result import Result, result_of
 from accpinn.tasks import Task
 from pages.ui.session import sessions
-from pages.ui.session.resources import FIRST_SAMPLE, sample, store
+from pages.ui.session.resources import sample, store
 from pages.ui.session.workspace import Workspace
+from tests.support.command import PLATOON
 
 ROOT = Path(__file__).parents[2]
 PAGES = {"Home": "app.py"} | {
@@ -167,7 +168,7 @@ def stop_tasks(session: Workspace) -> None:
 def with_sample() -> Workspace:
     """A session with the first sample open."""
     found = sessions.workspaces().new()
-    found.open(*sample(FIRST_SAMPLE))
+    found.open(*sample(PLATOON))
     return found
 
 

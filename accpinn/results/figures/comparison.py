@@ -58,13 +58,13 @@ def estimates(
     colour: str,
     uncertainty: Uncertainty,
     follower: int,
-    truth: Parameters | None = None,
+    truth: FloatArray | None = None,
 ) -> go.Figure:
     """A dot a method for α, β and the time gap of one follower (0 for the first), over intervals.
 
-    The rows are given from the top down; the truth is dashed, where it is known. Intervals of a
-    row's own are bars. The time gap is a CTHP's τ where it has no s₀, as the truth and the model of
-    the ``uncertainty`` have none.
+    The rows are given from the top down; the truth (3,) is dashed, where it is known. Intervals of
+    a row's own are bars. The time gap is a CTHP's τ where it has no s₀, as the model of the
+    ``uncertainty`` has none.
     """
     chart = _beside_each_other("compare-estimates", 110 + 30 * len(rows))
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
@@ -81,7 +81,7 @@ def estimates(
     gap = replace(PARAMETERS[-1], symbol="Time gap")
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
         column, low, high = values[:, which], ends[:, 0, which], ends[:, 1, which]
-        true = _true(truth, which)
+        true = [] if truth is None else truth[[which]].tolist()
         chart.dots(
             column, names, panel=which + 1, marker=marker, ends=(low, high), along="x",
             bar={"thickness": 2}, hover=f"%{{y}}<br>{_value(quantity, 'x')}<extra></extra>",
@@ -110,7 +110,7 @@ def tracks(
     chart = style.Chart("compare-tracks", 560, style.stack(1, 1, 1))
     chart.axis("x3", TIME.axis)
     for which, quantity in enumerate(PARAMETERS):
-        panel, true = which + 1, _true(truth, which)
+        panel, true = which + 1, truth.values[[which]].tolist() if truth else []
         late = [np.array(true)]
         for (name, track), colour, dash in zip(followed, cycle(style.SERIES), cycle(DASHES)):
             values = track.parameters.values[:, follower, which]
@@ -169,11 +169,6 @@ def profiles(
         chart.level(f"y{panel}", 100 * INCREASE, LIMIT)
         _range(chart, which, lower, upper, profile.values[[0, -1]])
     return chart.figure()
-
-
-def _true(truth: Parameters | None, which: int) -> list[float]:
-    """The true value of α, β or τ; nothing where it is unknown."""
-    return truth.values.tolist()[which : which + 1] if truth else []
 
 
 def _value(quantity: Quantity, axis: str) -> str:

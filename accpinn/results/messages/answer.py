@@ -16,7 +16,7 @@ from accpinn.inference.identifiability import WIDE
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, time_gap
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, holds
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import counted_windows
@@ -114,11 +114,14 @@ def about_answer(answer: Answer) -> str:
 
 def about_truth(truth: Parameters, answer: Answer) -> str:
     """The time gaps that a synthetic recording was made with."""
-    gaps = time_gap(PAPER, truth, answer.stated_speed).tolist()
-    said = joined([f"{gap:.2f}" for gap in gaps])
+    said = joined([f"{gap:.2f}" for gap in truth.time_gap(answer.stated_speed).tolist()])
+    model = next(key for key in CTHPS if holds(key, truth))
+    none, speed = "", f"{3.6 * answer.stated_speed:.0f} km/h"
+    if model == PAPER:
+        none, speed = ", without s₀, lag or delay", "any speed"
     return (
-        f"The recording was made with the CTHP, without s₀, lag or delay, and time gaps of {said} s"
-        " at any speed; tab Comparison has all true values."
+        f"The recording was made with the {TITLES[model]}{none}, and time gaps of {said} s at"
+        f" {speed}; tab Comparison has all true values."
     )
 
 

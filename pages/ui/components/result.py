@@ -15,7 +15,7 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import CTHPS, TITLES
+from accpinn.model.registry import CTHPS, TITLES, holds
 from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
@@ -307,7 +307,8 @@ def _band(result: Result) -> GapBand | None:
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
     info, model = result.info, result.fit.model
-    show.vehicle_key(info, bool(truth) and model in CTHPS, info.shares(result.fit.case))
+    has_truth = truth is not None and holds(model, truth)
+    show.vehicle_key(info, has_truth, info.shares(result.fit.case))
     if history.deviations is not None:
         st.caption(
             f"{BANDS} The search starts at the estimates of maximum"

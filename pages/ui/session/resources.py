@@ -32,8 +32,9 @@ KEPT = 64
 KEPT_CHOICES = 4
 """The latest choices of vehicles and window for which is kept what follows for a recording."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
-FIRST_SAMPLE = SAMPLES / "synthetic_astazero_like.csv"
+FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
+    "synthetic_motorway": "Motorway cars: three followers that keep s₀ + τv and respond late",
     "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
     "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
     "synthetic_paper_study": "The paper's study, noisy: one follower, with receiver noise",

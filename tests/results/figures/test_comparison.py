@@ -26,7 +26,7 @@ def test_estimates_intervals_and_truth_stand_where_they_belong() -> None:
     uncertainty, found = intervals(SEGMENT, fit), fit.parameters.values[0]
     row = figures.NamedEstimate("PiNN (fast preset)", found)
     old = figures.NamedEstimate("Before", 1.1 * found, earlier=True)
-    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, TRUTH)
+    figure = figures.estimates([row, old], COLOUR, uncertainty, 0, TRUE)
     drawn = np.transpose([trace.x for trace in figure.data])
     np.testing.assert_allclose(drawn, [found, old.values])
     assert {tuple(trace.marker.symbol) for trace in figure.data} == {("circle", "circle-open")}
