@@ -199,8 +199,7 @@ def _progress_bar() -> Iterator[OnProgress]:
             )  # fmt: skip
             first = now.parameters[0]
             values = f"α={first.alpha:.4f} β={first.beta:.4f} τ={first.tau:.3f}"
-            said = now.phase if now.is_part else f"Ψ={now.total:.3g}"
-            bar.set_postfix_str(f"{said} {values}", refresh=False)
+            bar.set_postfix_str(f"Ψ={now.total:.3g} {values}", refresh=False)
             bar.update(now.iteration - bar.n)
 
         yield show_progress
@@ -208,10 +207,10 @@ def _progress_bar() -> Iterator[OnProgress]:
 
 def fit_text(result: Result, with_intervals: bool) -> str:
     """The result as tables and sentences; with intervals, and what lies outside."""
-    fit, info, answer = result.fit, result.info, result.answer
-    followers = range(1 if fit.case == "I" else info.followers) if result.windows else ()
+    fit, info, answer, is_joint = result.fit, result.info, result.answer, len(result.infos) > 1
+    followers = range(1 if fit.case == "I" else info.followers) if is_joint else ()
     tables = [
-        parameter_table(result, with_intervals or bool(result.windows)),
+        parameter_table(result, with_intervals or is_joint),
         *(own_windows_table(result.infos, answer, k) for k in followers),
     ]
     cached = ", answered from the cache" if fit.cached else ""

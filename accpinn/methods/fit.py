@@ -284,17 +284,6 @@ class Progress:
     surrogate: Trajectories | None = None
     """The method's present estimate of the motion; only now and then, as it costs time."""
 
-    @classmethod
-    def of_part(cls, phase: str, done: int, planned: int, seconds: Seconds, fit: "Fit") -> Self:
-        """One of several estimations has ended; it has no loss in common with the others."""
-        nan = float("nan")
-        return cls(phase, done, planned, seconds, nan, nan, nan, nan, fit.parameters)
-
-    @property
-    def is_part(self) -> bool:
-        """Whether it is the end of one of several estimations, which is no moment of a history."""
-        return self.total != self.total
-
 
 @dataclass(frozen=True, eq=False)
 class History:

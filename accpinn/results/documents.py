@@ -21,7 +21,6 @@ from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.fit import Fit
 from accpinn.methods.following import LEVEL as MODEL_LEVEL
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.cthp import Parameters
@@ -73,9 +72,8 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "outcome_sentence": fit.outcome.value,
         "notes": notes(result, with_intervals),
     }
-    pairs = zip(result.windows, result.fits, strict=True)
-    windows = [_window(*pair) for pair in pairs] if result.windows else []
-    return document | ({"windows": windows} if windows else {})
+    windows = [_window(result, k) for k in range(len(result.infos))]
+    return document | ({"windows": windows} if len(windows) > 1 else {})
 
 
 def describe_comparison(
@@ -131,18 +129,21 @@ def _described(result: Result, with_intervals: bool) -> dict[str, Any]:
     }
 
 
-def _window(window: Result, together: Fit) -> dict[str, Any]:
+def _window(result: Result, k: int) -> dict[str, Any]:
     """What one of several windows says by itself, and the errors of what all say together."""
-    (segment,) = window.segments
+    segment, fit, answer = result.segments[k], result.fits[k], result.answer
+    low, high = (
+        _values(ends[k], answer.model) for ends in (answer.windows_lower, answer.windows_upper)
+    )
+    ends = [{name: [a[name], b[name]] for name in a} for a, b in zip(low, high, strict=True)]
     return {
-        **_described(window, with_intervals=True),
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
-        "log_likelihood": window.fit.loss.get("log_likelihood"),
-        "closed_loop_mae": _errors(closed_loop_errors(segment, together)),
-        "incidents": messages(
-            closed_loop_findings(segment, closed_loop(segment, together)), segment
-        ),
+        **fields(answer, "model", "level"),
+        "parameters": _parameters(result.info, answer.windows[k], answer.model),
+        "intervals": _of_followers(result.info, ends),
+        "closed_loop_mae": _errors(closed_loop_errors(segment, fit)),
+        "incidents": messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment),
     }
 
 
@@ -439,9 +440,10 @@ def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:
     """What was done to the data, each sentence once, then what the estimate shows."""
     fit = result.fit
     done = [said for info in result.infos for said in messages(info.findings, info)]
-    findings: list[Finding] = [] if result.windows else [*result.quality.findings]
+    is_joint = len(result.infos) > 1
+    findings: list[Finding] = [] if is_joint else [*result.quality.findings]
     findings += fit.findings
-    findings += () if result.windows else disturbance_sizes(result.info.vehicles, fit)
+    findings += () if is_joint else disturbance_sizes(result.info.vehicles, fit)
     findings += result.uncertainty.findings if with_intervals else ()
     findings += [*result.answer.findings, *result.gain_checks]
     return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))

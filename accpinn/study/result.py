@@ -75,7 +75,7 @@ class Origin:
 class Parts:
     """What follows from a fit and its data, as far as it was computed."""
 
-    quality: Quality | None = None
+    qualities: tuple[Quality, ...] | None = None
     uncertainty: Uncertainty | None = None
     evaluation: Evaluation | None = None
     adequacy: Adequacy | None = None
@@ -104,8 +104,6 @@ class Result:
     note: str = ""
     """Given by the user; may be empty and may have several lines."""
     parts: Parts = field(default_factory=Parts)
-    windows: tuple["Result", ...] = ()
-    """(K,) what each of several windows says by itself; empty for one window."""
     compared: tuple["Result", ...] = ()
     """Other methods' results on the same data, without curves."""
     segments: tuple[Segment, ...] = ()
@@ -165,14 +163,19 @@ class Result:
         return self.fit.parameters
 
     @property
+    def qualities(self) -> tuple[Quality, ...]:
+        """(K,) how well the data of each window determine the parameters."""
+        return self._part("qualities", lambda: tuple(map(assess_quality, self._every_window)))
+
+    @property
     def quality(self) -> Quality:
-        """How well the data of the window, or of the first of several, determine the parameters."""
-        return self._part("quality", lambda: assess_quality(self._data))
+        """That of the window, or of the first of several."""
+        return self.qualities[0]
 
     @property
     def mean_time_gaps(self) -> FloatArray:
         """(M,) mean of p/v of each follower in motion, in s; of several windows by samples."""
-        gaps = [part.quality.mean_time_gap for part in self.windows or (self,)]
+        gaps = [quality.mean_time_gap for quality in self.qualities]
         samples = [info.samples for info in self.infos]
         return np.asarray(np.average(gaps, axis=0, weights=samples))
 
@@ -380,12 +383,8 @@ class Result:
 
     def on(self, segments: tuple[Segment, ...], recording: Recording | None) -> Self:
         """The same with data that are known to be those of its windows."""
-        windows = tuple(
-            replace(window, infos=(segment.info,), segments=(segment,), recording=recording)
-            for window, segment in zip(self.windows, segments, strict=False)
-        )
         infos = tuple(segment.info for segment in segments)
-        return replace(self, infos=infos, segments=segments, recording=recording, windows=windows)
+        return replace(self, infos=infos, segments=segments, recording=recording)
 
     def under(self, analysis: Analysis) -> Self:
         """The same fit for an analysis that may ask for another model of the answer."""
@@ -403,10 +402,9 @@ class Result:
 
     def without_data(self) -> Self:
         """The same without the data, every part but the forms of the model computed before."""
-        names = ("quality", "uncertainty", "evaluation", "answer", "gain_checks")
+        names = ("qualities", "uncertainty", "evaluation", "answer", "gain_checks")
         parts = replace(self.parts, **{name: getattr(self, name) for name in names})
-        windows = tuple(window.without_data() for window in self.windows)
-        return replace(self, parts=parts, windows=windows, segments=(), recording=None)
+        return replace(self, parts=parts, segments=(), recording=None)
 
     def as_row(self) -> Self:
         """The same as a row of a list: without data, curves and weights, its track thinned."""
@@ -443,7 +441,6 @@ def result_of(
     segments: tuple[Segment, ...],
     fits: tuple[Fit, ...],
     recording: Recording | None = None,
-    windows: tuple[Result, ...] = (),
 ) -> Result:
     """The result of fits that exist already.
 
@@ -452,7 +449,6 @@ def result_of(
         segments: (K,) the data.
         fits: (K,) the fit on each window.
         recording: where the data were cut from.
-        windows: (K,) what each of several windows says by itself.
     """
     return Result(
         analysis=analysis,
@@ -461,7 +457,6 @@ def result_of(
         fits=fits,
         origin=origin(),
         created=now(),
-        windows=windows,
         segments=segments,
         recording=recording,
     )

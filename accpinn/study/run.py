@@ -8,7 +8,7 @@ from itertools import combinations
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import CacheProblem, Progress
+from accpinn.methods.fit import CacheProblem
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
@@ -114,7 +114,7 @@ def _together(
     recording: Recording | None,
     context: TaskContext | None = None,
 ) -> Result:
-    """Several windows under one likelihood, and each by itself."""
+    """Several windows under one likelihood."""
     method, config = METHODS[analysis.method], analysis.config
     if not method.together:
         able = " and ".join(key for key, method in METHODS.items() if method.together)
@@ -128,22 +128,12 @@ def _together(
     together = method.together(segments, analysis.case, config, context, analysis.law)
     took = time.perf_counter() - began
     fits = tuple(replace(fit, model=analysis.law.model, seconds=took) for fit in together)
-    windows, began = list[Result](), time.perf_counter()
-    quiet = replace(context, on_progress=None, checkpoints=None)
-    for asked, segment in zip(analysis.windows, segments, strict=True):
-        if context.is_stopped or len(fits) < len(segments):
-            raise ConfigError(
-                f"windows: stopped; {len(segments)} windows have no result before all are"
-                " estimated. Take fewer windows, or one."
-            )
-        fit = method.fit(segment, analysis.case, config, quiet, analysis.law)
-        alone = (asked,)
-        windows.append(result_of(replace(analysis, windows=alone), (segment,), (fit,), recording))
-        if context.on_progress:
-            elapsed = time.perf_counter() - began
-            phase = "Estimating each window by itself"
-            context.on_progress(Progress.of_part(phase, len(windows), len(segments), elapsed, fit))
-    return result_of(analysis, segments, fits, recording, tuple(windows))
+    if len(fits) < len(segments):
+        raise ConfigError(
+            f"windows: stopped; {len(segments)} windows have no result before all are estimated."
+            " Take fewer windows, or one."
+        )
+    return result_of(analysis, segments, fits, recording)
 
 
 def _check_windows(segments: tuple[Segment, ...], case: Case) -> None:

@@ -49,7 +49,7 @@ from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
 FORMAT = "accpinn snapshot"
-SCHEMA = 5
+SCHEMA = 6
 LARGEST = 24_000_000
 """Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
 stays below."""
@@ -382,7 +382,6 @@ def _check(result: Result, is_complete: bool) -> None:
     counts = {len(result.analysis.windows), len(result.infos), len(result.fits)}
     _require(len(counts) == 1 and result.infos != (), "its windows differ in number")
     _require(len(result.segments) in (0, len(result.infos)), "its data are not its windows'")
-    _require(len(result.windows) in (0, len(result.infos)), "its windows differ in number")
     _require(result.recording is None, "it holds a recording")
     for text, most in ((result.name, LONGEST_NAME), (result.note, LONGEST_NOTE)):
         _require(len(text) <= most, "its name or note is too long")
@@ -396,9 +395,9 @@ def _check(result: Result, is_complete: bool) -> None:
         samples = info.followers * info.samples // stride_of(segment)
         _require(samples <= MOST_COMPUTED, "its data are longer than can be computed anew")
     _check_parts(result, is_complete)
-    for part in (*result.windows, *result.compared):
+    for part in result.compared:
         _check(part, is_complete)
-        _require(not (part.windows or part.compared), "its results are nested too deep")
+        _require(not part.compared, "its results are nested too deep")
         _require(part.info.vehicles == result.info.vehicles, "its results are of other vehicles")
 
 
@@ -433,8 +432,9 @@ def _check_times(time: NDArray[np.float64]) -> None:
 
 def _check_parts(result: Result, is_complete: bool) -> None:
     parts, info = result.parts, result.info
-    needed = (parts.quality, parts.uncertainty, parts.evaluation)
+    needed = (parts.qualities, parts.uncertainty, parts.evaluation)
     _require(not is_complete or None not in needed, "a part of it is missing")
+    _require(len(parts.qualities or result.infos) == len(result.infos), "its qualities differ")
     _check_shapes(parts, info)
     levels = [known.level for known in (parts.uncertainty, parts.answer) if known]
     _require(all(0 < level < 1 for level in levels), "a level is not between 0 and 1")

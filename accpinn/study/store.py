@@ -315,9 +315,7 @@ class Store(Shelf):
         """Keep a result, with the parts that were computed so far."""
         key = result.analysis.fit_key
         fits = tuple(replace(fit, cached=False) for fit in result.fits)
-        bare = replace(result, fits=fits, segments=(), recording=None, windows=tuple(
-            replace(window, segments=(), recording=None) for window in result.windows
-        ))  # fmt: skip
+        bare = replace(result, fits=fits, segments=(), recording=None)
         try:
             content = to_bytes(bare)
         except SnapshotError as fault:

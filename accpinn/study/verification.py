@@ -60,7 +60,7 @@ TOLERANCES = {
     "judgements": (SLACK, DRAWN),
 }  # fmt: skip
 """Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
-PARTS = ("answer", "gain_checks", "quality", "uncertainty", "evaluation", "adequacy")
+PARTS = ("answer", "gain_checks", "qualities", "uncertainty", "evaluation", "adequacy")
 """Parts that follow from fit and data."""
 INSTANTS = 300
 """Instants at which curves are compared."""
@@ -71,13 +71,13 @@ VARYING = {"seconds", "cached"}
 EVERYWHERE = ("parameters", "method", "case", "config")
 """What an iterative training gives on every processor."""
 FEATURED = {
-    "0.parameters.0.2": "τ {} s", "centre.0.2": "τ {} s", "mean_time_gap.0": "mean time gap {} s",
+    "0.parameters.0.2": "τ {} s", "centre.0.2": "τ {} s", "0.mean_time_gap.0": "mean time gap {} s",
     "closed_loop.gap_mae.0": "gap MAE {} m", "0.errors.gap_mae.0": "gap MAE {} m",
     "samples": "{} samples",
 }  # fmt: skip
 """Values that differ, in words by their places."""
 TITLES = {
-    "fit": "Estimate", "curves": "Network's curves", "quality": "Data quality",
+    "fit": "Estimate", "curves": "Network's curves", "qualities": "Data quality",
     "answer": "Answer", "gain_checks": "Measured gain",
     "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
     "adequacy": "Forms of the model", "judgements": "Models in windows left out",
@@ -96,7 +96,7 @@ class Check:
     ok: bool = True
     """Whether the numbers agree; True for a part that was not checked."""
     method: str = ""
-    """Title of the compared method, or window, whose part it is; empty for the snapshot's own."""
+    """Title of the compared method whose part it is; empty for the snapshot's own."""
     numbers: int = 0
     """Numbers compared."""
     differing: int = 0
@@ -129,7 +129,7 @@ class Check:
 
 
 MOST_NAMED = 2
-"""Windows or methods of a part that a sentence names; of more it tells the number."""
+"""Methods of a part that a sentence names; of more it tells the number."""
 
 
 @dataclass(frozen=True)
@@ -243,24 +243,16 @@ def _judged(whole: Result, left: Seconds) -> Check:
 
 
 def _subjects(whole: Result) -> list[tuple[Result, str]]:
-    """The result, each of several windows by itself, and the methods compared, with names."""
-    given = zip(whole.segments, whole.windows, strict=False)
-    windows = [replace(window, segments=(segment,)) for segment, window in given]
+    """The result and the methods compared, with names."""
     rows = [replace(row, segments=whole.segments) for row in whole.compared]
-    return [
-        (whole, ""),
-        *((window, str(window.info.window)) for window in windows or whole.windows),
-        *((row, METHODS[row.analysis.method].title) for row in rows),
-    ]
+    return [(whole, ""), *((row, METHODS[row.analysis.method].title) for row in rows)]
 
 
 def refit_seconds(result: Result) -> Seconds:
     """How long running the method of a result again takes, hold-out included, in s."""
-    if not result.segment:
-        return 0.0
     try:
         method, config = METHODS[result.analysis.method], result.analysis.config
-        once = method.expected_seconds(result.segment, config)
+        once = sum(method.expected_seconds(segment, config) for segment in result.segments)
     except AccpinnError:
         return 0.0
     blocks = result.parts.evaluation.blocks if result.parts.evaluation else ()

@@ -223,8 +223,7 @@ class Task(Generic[Found]):
             if not self._recent and self.results:
                 self.recorder = Recorder()
             self._recent.append(progress)
-            if not progress.is_part:
-                self.recorder.add(progress)
+            self.recorder.add(progress)
             self.surrogate = progress.surrogate or self.surrogate
 
     def _add(self, result: Found) -> None:
@@ -374,7 +373,7 @@ def training_task(
 
     def answer(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
-        _ = result.answer, result.quality, result.evaluation, result.gain_checks
+        _ = result.answer, result.qualities, result.evaluation, result.gain_checks
         if result.segment:
             gap_band(result.segment, result.uncertainty, result.fit.case, result.analysis.law)
         if store and result.is_finished:

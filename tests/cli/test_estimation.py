@@ -149,6 +149,9 @@ def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 60, 602)
     windows = [(one["start"], one["duration"]) for one in found["windows"]]
     assert windows == [(10, 30), (100, 30)]
+    for one in found["windows"]:
+        for row, known in zip(one["parameters"], one["intervals"], strict=True):
+            assert all(known[name][0] <= row[name] <= known[name][1] for name in ("beta", "s0"))
     assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
     for row, known in zip(found["parameters"], found["intervals"], strict=True):
         assert all(known[name][0] < row[name] < known[name][1] for name in ("alpha", "tau"))

@@ -250,7 +250,8 @@ def spoil_arrays(arrays: Arrays, draw: Random) -> None:
     if kind == 0:
         values = values[:at]
     elif kind == 1:
-        values = values * draw.choice((0, -1, 0.5, 1e6, 1e30))
+        with np.errstate(over="ignore"):
+            values = values * draw.choice((0, -1, 0.5, 1e6, 1e30))
     elif kind == 2:
         values = values.T
     elif values.size and values.dtype.kind == "f":

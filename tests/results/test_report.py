@@ -113,7 +113,7 @@ def test_what_was_checked_stands_beside_what_was_found(reader: Reader) -> None:
     assert {part for c in checks for part in (c.title, c.sentence)} <= set(reader.within("td"))
     quality = whole().quality
     forged = replace(quality, mean_time_gap=(9.0, *quality.mean_time_gap[1:]))
-    forged = Reader(render_report(altered(whole(), quality=forged)))
+    forged = Reader(render_report(altered(whole(), qualities=(forged,))))
     assert "NO" in forged.within("td")
     for one, count in ((reader, 0), (forged, 1)):
         assert [attributes["class"] for attributes in one.having("class")].count("wrong") == count

@@ -26,7 +26,7 @@ from accpinn.serial import dump, flatten, restore
 from accpinn.study import Analysis, differences
 from accpinn.study import result as module
 from accpinn.study.result import TRACK_INSTANTS, Result
-from accpinn.study.run import fit_windows, run
+from accpinn.study.run import estimate, fit_windows, run
 from accpinn.study.snapshot import SCHEMA
 from accpinn.study.store import Store
 from bench.disturbed import Disturbance, disturbed
@@ -225,26 +225,24 @@ class TestRun:
         analysis = Analysis.of(recording, windows, method="maximum-likelihood")
         joint = run(analysis, recording, store=store)
         assert [fit.parameters == joint.parameters for fit in joint.fits] == [True, True]
-        for window, result in zip(windows, joint.windows, strict=True):
-            alone = run(replace(analysis, windows=(window,)), recording)
-            assert result.parameters == alone.parameters
         again = run(analysis, recording, store=store)
         assert again.fit.cached
-        assert [one.segment.start for one in again.windows] == [0.0, 60.0]
-        assert again.windows[1].quality.condition == joint.windows[1].quality.condition
+        assert [one.start for one in again.segments] == [0.0, 60.0]
+        alone = run(replace(analysis, windows=windows[1:]), recording)
+        assert again.qualities[1].condition == alone.quality.condition
         each = [closed_loop_errors(*pair) for pair in zip(joint.segments, joint.fits, strict=True)]
         mean = np.mean([errors.gap_mae for errors in each], axis=0)
         assert again.evaluation.closed_loop.gap_mae == pytest.approx(mean, rel=1e-3)
         left = recording.duration - 120.0
         assert joint.evaluation.out_of_window_seconds == pytest.approx(left, abs=1.0)
-        gaps = [part.quality.mean_time_gap for part in joint.windows]
+        gaps = [quality.mean_time_gap for quality in joint.qualities]
         assert joint.mean_time_gaps == pytest.approx(np.mean(gaps, axis=0), rel=1e-3)
 
 
 class TestResult:
     def test_without_the_data_what_is_missing_is_a_sentence(self, recording: Recording) -> None:
         bare = replace(run(asked(recording), recording), segments=(), recording=None)
-        for name in ("quality", "uncertainty", "evaluation", "adequacy"):
+        for name in ("qualities", "uncertainty", "evaluation", "adequacy"):
             with pytest.raises(SegmentError, match="the data are not at hand"):
                 getattr(bare, name)
         assert (bare.segment, bare.simulated) == (None, None)
@@ -295,9 +293,14 @@ class TestJointFit:
         def off(parameters: Parameters) -> float:
             return float(np.abs(np.log(parameters[0].values / TRUTH[0].values)).mean())
 
-        assert off(same.parameters) < 0.7 * np.mean([off(o.fit.parameters) for o in same.windows])
-        widths = [one.uncertainty.upper.values / one.uncertainty.lower.values
-                  for one in (same, *same.windows)]  # fmt: skip
+        asked = [replace(same.analysis, windows=(window,)) for window in same.analysis.windows]
+        alone = [
+            estimate(analysis, (segment,))
+            for analysis, segment in zip(asked, same.segments, strict=True)
+        ]
+        assert off(same.parameters) < 0.7 * np.mean([off(part.parameters) for part in alone])
+        ends = [part.uncertainty for part in (same, *alone)]
+        widths = [end.upper.values / end.lower.values for end in ends]
         assert (widths[0] < np.min(widths[1:], axis=0)).all()
         assert same.uncertainty.inside.all()
         assert all(fit.parameters == same.parameters for fit in same.fits)

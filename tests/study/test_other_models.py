@@ -223,5 +223,5 @@ def test_a_method_that_cannot_share_windows_says_which_model_could() -> None:
     with pytest.raises(ConfigError, match="idm"):
         accpinn.fit(STUDY, windows="0-60,60-120", method="simulation")
     found = accpinn.fit(STUDY, windows="0-60,60-120", model="cthp-s0", method="simulation")
-    assert [window.fit.model for window in found.windows] == ["cthp-s0"] * 2
+    assert [fit.model for fit in found.fits] == ["cthp-s0"] * 2
     assert json.dumps(found.analysis.held) == "[]"

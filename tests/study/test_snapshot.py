@@ -309,7 +309,7 @@ FORGED: list[tuple[str, Any]] = [
     ("parts.uncertainty.lower", [[0.1, 0.1, 1.0]] * 2),
     ("parts.uncertainty.peak_gain.lower", []),
     ("parts.uncertainty.draws", "segments.0.speeds"),
-    ("parts.quality.leader_deviation", 1e300),
+    ("parts.qualities.0.leader_deviation", 1e300),
     ("parts.evaluation.closed_loop.gap_mae", []),
     ("segments.0.speeds", [[20.0, 20.0]] * 3),
     ("recording", {}),

@@ -47,7 +47,7 @@ TOLD = ("analysis.source", "analysis.windows", "origin", "created", "name", "not
 """What rests on whoever wrote a file without a recording behind it."""
 VARYING = ("seconds", "cached")
 SMOOTHED = METHODS["savitzky-golay"].title
-PART = ("quality", "uncertainty", "evaluation")
+PART = ("qualities", "uncertainty", "evaluation")
 
 
 def fault(found: Verification) -> Check:
@@ -72,7 +72,7 @@ class TestHonest:
         asked: list[str] = []
         found = verify(load(to_bytes(honest())), on_refit=lambda name, _: asked.append(name))
         assert found.ok, found.sentence
-        assert len(asked) == 1 + len(honest().compared) + len(honest().windows)
+        assert len(asked) == 1 + len(honest().compared)
         assert {check.part for check in found.unchecked} <= {"data"}
         kinds = states(found)
         assert kinds["fit", ""] == "reproduced"
@@ -179,12 +179,6 @@ class TestForged:
             forged = replace(whole().fit, arrays=arrays)
             found = verify(replace(whole(), fits=(forged,), segments=()))
             assert fault(found).part == "curves"
-
-    def test_a_window_by_itself(self) -> None:
-        first, second = two_windows().windows
-        fit = replace(second.fit, parameters=Parameters.of(second.parameters.values * [1, 1, 0.9]))
-        forged = replace(two_windows(), windows=(first, replace(second, fits=(fit,))))
-        assert "30–60 s" in fault(verify(load(to_bytes(forged)))).title
 
     def test_a_headway_no_method_found_with_all_that_follows_from_it(self) -> None:
         forged = load(to_bytes(with_parameters(small(), [1, 1, 0.6])))

@@ -213,6 +213,6 @@ def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
     task.answer(result)
     session.restored, session.training = None, task
     if result.is_finished:
-        _ = result.quality, result.uncertainty, result.evaluation
+        _ = result.qualities, result.uncertainty, result.evaluation
         store().record_shown(session.id, result)
     return result

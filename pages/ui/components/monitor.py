@@ -86,9 +86,8 @@ def progress_parts(task: Task[Any]) -> list[str]:
         return parts + ([f"about {duration} left"] if duration else [])
     if now is None:
         return ["Getting ready …"]
-    which = "part" if now.is_part else "iteration"
-    parts = [f"{now.phase}: {which} {now.iteration:,} of {now.iterations:,}"]
-    parts += [f"{task.rate:,.0f} iterations/s"] if task.rate and not now.is_part else []
+    parts = [f"{now.phase}: iteration {now.iteration:,} of {now.iterations:,}"]
+    parts += [f"{task.rate:,.0f} iterations/s"] if task.rate else []
     return parts + ([f"{duration} left at most"] if duration else [])
 
 

@@ -370,7 +370,7 @@ def _train_button(workspace: Workspace) -> None:
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
         config = workspace.config
     if segment and config:
-        seconds = METHODS["pinn"].expected_seconds(segment, config) * (2 * len(several) or 1)
+        seconds = METHODS["pinn"].expected_seconds(segment, config) * (len(several) or 1)
         parts.append(f"about {show.format_duration(seconds)}")
     if st.button(
         f"Train on {which} ({', '.join(parts)})", type="primary", icon=":material/play_arrow:",
