@@ -33,6 +33,8 @@ TURN = "home_turn"
 """The choice that leads to page Train, once a run has been restored."""
 CARDS = 5
 """In a row."""
+ITEM_WIDTHS = (0.9, 2.3, 1, 1, 3.2)
+"""Columns of the list of the paper's tables and figures."""
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
 """Computed here; needs a training."""
 
@@ -158,7 +160,7 @@ def _train_sample(
 def _show_samples(workspace: Workspace) -> None:
     st.caption("Synthetic recordings with known true parameters: what is learned can be checked.")
     for column, path in zip(st.columns(CARDS), samples()[:CARDS], strict=False):
-        with column.container(border=True, height="stretch"):
+        with column.container(border=True, height="stretch", vertical_alignment="distribute"):
             name, _, about = sample_title(path).partition(": ")
             st.markdown(f"**{name}**")
             _picture(_speeds(path), f"home_{path.stem}")
@@ -210,6 +212,9 @@ def show_checklist(workspace: Workspace) -> None:
         " from printed parameters is computed at once; learning takes a recording, or a synthetic"
         " sample in its place."
     )
+    heads = st.columns(ITEM_WIDTHS)
+    heads[2].caption("**By the printed parameters**")
+    heads[3].caption("**By learned parameters**")
     for item in paper.ITEMS:
         _show_item(workspace, item)
     names = {one.vehicles.title: (item, one) for item in paper.ITEMS for one in item.verdicts}
@@ -231,11 +236,11 @@ def show_checklist(workspace: Workspace) -> None:
 def _show_item(workspace: Workspace, item: paper.PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
-        widths = (0.9, 2.3, 0.9, 1, 3.3)
-        title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
+        parts = st.columns(ITEM_WIDTHS, vertical_alignment="center")
+        title, words, criteria, learned, buttons = parts
         title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
-        criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")
+        criteria.caption(f"{MARK} recomputed" if at_once else "–")
         learned.caption(_deviation(workspace, item))
         said = [item.subject + ".", item.outcome]
         said += [f"Needs the recording {item.run}."] if item.run else []
@@ -255,7 +260,7 @@ def _deviation(workspace: Workspace, item: paper.PrintedItem) -> str:
         return f"{MARK} learned; deviation at most {', '.join(off)}"
     if not printed and runs_of(workspace, item.run):
         return f"{MARK} learned from the recording"
-    return f"{NEEDS} parameters not learned yet"
+    return f"{NEEDS} not learned yet"
 
 
 def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> None:

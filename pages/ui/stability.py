@@ -18,7 +18,6 @@ from accpinn.results.messages import stability as words
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.summary import conditional
 from accpinn.results.tables import stability as tables
-from accpinn.results.tables.estimates import answer
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.stability import CERTAIN, StabilityReport, VehicleStability, Verdict
 from accpinn.stability.lagged import is_lagged
@@ -94,11 +93,13 @@ def _show_answer(source: KnownVehicles) -> None:
         if len(chosen) > 1:
             platoon = report.platoon
             verdicts = (
-                ("Strictly stable", platoon.l2_strict, platoon.linf_strict),
-                ("Weakly stable", platoon.l2_weak, platoon.linf_weak),
+                ("Strictly", platoon.l2_strict, platoon.linf_strict),
+                ("Weakly", platoon.l2_weak, platoon.linf_weak),
             )
-            lines = [f"{name}: L₂ **{answer(l2)}**, L∞ **{answer(linf)}**."
-                     for name, l2, linf in verdicts]  # fmt: skip
+            lines = []
+            for name, *both in verdicts:
+                l2, linf = map(words.verdict_in_words, both)
+                lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
             why = escape_markdown(words.reason(platoon.l2_weak, report))
             of = "estimates" if result else "parameters"
             st.markdown(
@@ -322,7 +323,7 @@ def _listed(
     verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport, names: Sequence[str] = ()
 ) -> str:
     return "".join(
-        f"\n- {words.TITLES[verdict.criterion]}: **{answer(verdict)}**."
+        f"\n- {words.TITLES[verdict.criterion]}: **{words.verdict_in_words(verdict)}**."
         f" {escape_markdown(words.reason(verdict, of, names))}"
         for verdict in verdicts
     )

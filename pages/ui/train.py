@@ -162,7 +162,7 @@ def _show_live(
     asked = training.analysis
     model = asked.law.model if asked else PAPER
     has_truth, is_cthp = truth is not None and holds(model, truth), model in CTHPS
-    show.vehicle_key(segment, has_truth, segment.shares(case), with_solved=is_cthp)
+    show.follower_key(segment, has_truth, segment.shares(case), with_solved=is_cthp)
     if history.deviations is not None:
         st.caption(BANDS)
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))

@@ -342,7 +342,7 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
 
     choose(page, "Published set", "Ispra-Casale")
     page.get_by_text("By hand").click()
-    expect(page.get_by_text("Hyundai amplifies disturbances up to 1.49 times")).to_be_visible()
+    expect(page.get_by_text("Hyundai amplifies disturbances by up to 49 %")).to_be_visible()
     cells = page.get_by_test_id("stDataFrame").locator("canvas").first
     expect(cells).to_be_visible()
     box = cells.bounding_box()

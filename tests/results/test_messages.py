@@ -42,6 +42,7 @@ from accpinn.stability import StabilityReport, assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
 from accpinn.study.studies import Failure
+from accpinn.units import Estimate
 from tests.support import studies
 from tests.support.samples import FOLDER, NOISY, PLATOON, sample
 from tests.support.snapshots import altered, delayed, small, whole
@@ -113,24 +114,25 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: judged(CALM), ["V1"]),
     (lambda: judged(*(Parameters(0.05, 0.6, 1.62),) * 2), ["L∞"]),
     (lambda: judged(CALM, UNDAMPED), ["V2"]),
-    (lambda: judged(CALM, LOUD), ["V2", "1.38 times at 0.235 rad/s"]),
+    (lambda: judged(CALM, LOUD), ["V2", "38 % at 0.235 rad/s"]),
     (lambda: judged(LOUD, CALM, LOUD), ["Two of three", "V1"]),
     (lambda: judged(*(LOUD,) * 12), ["All 12", "V1"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)),
-     ["All three", "at most 3 % each", "90 % interval 1.25–1.75"]),
+     ["All three", "at most 3 % each", "90 % interval 25–75 %"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 1.0, 0.4)),
      ["three vehicles one amplifies", "one is L₂ string stable"]),
     (lambda: on_stability.probabilities(named(LOUD, CALM, LOUD), posterior(0.0, 1.0, math.nan)),
      ["under 1 %", "over 99 %", "not determined"]),
-    (lambda: platoons("l2_strict", CALM, TESLA), ["Follower 2", "1.04"]),
+    (lambda: platoons("l2_strict", CALM, TESLA), ["Follower 2", "by up to 4 %"]),
     (lambda: platoons("linf_strict", AUDI, CALM, BMW),
-     ["Follower 1 and follower 3", "follower 1 the most"]),
+     ["Follower 1 and follower 3", "behind follower 1"]),
     (lambda: platoons("l2_weak", TESLA, DAMPED, DAMPED), ["others damp"]),
     (lambda: platoons("l2_weak", AUDI, UNDAMPED, CALM), ["0.500 rad/s", "without limit"]),
     (lambda: platoons("linf_weak", CALM, CALM), ["No follower"]),
     (lambda: platoons("linf_weak", TESLA, CALM), ["from the leader to the last"]),
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
-    (lambda: on_stability.factor(1.00002), ["1 + 2e-05"]),
+    (lambda: on_stability.grown(1.00002), ["0.002 %"]),
+    (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4 times (2.0 or more)"]),
     (lambda: on_stability.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),

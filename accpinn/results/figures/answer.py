@@ -40,10 +40,14 @@ def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: 
     bar = {"color": style.LEADER, "thickness": 1.6, "width": 5, "type": "data", "symmetric": False}
     for info, gap, lower, upper in zip(infos, gaps, low, high, strict=True):
         start, end = info.window.start, info.window.end
+        error = {
+            **bar,
+            "array": [None, max(upper - gap, 0), None],
+            "arrayminus": [None, max(gap - lower, 0), None],
+        }
         chart.line(
             np.array([start, (start + end) / 2, end]), np.full(3, gap), str(info.window), width=3,
-            hover="%{y:.2f} s", error_y={**bar, "array": [None, max(upper - gap, 0), None],
-                                         "arrayminus": [None, max(gap - lower, 0), None]},
+            mode="lines+markers", marker={"size": [0, 9, 0]}, hover="%{y:.2f} s", error_y=error,
         )  # fmt: skip
     known = np.concatenate([gaps, low, high, further])
     known = known[np.isfinite(known)]

@@ -16,10 +16,11 @@ from accpinn.inference.identifiability import WIDE
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, holds
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, holds, value_of
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
+from accpinn.results.messages.stability import gain_of, grown
 from accpinn.results.tables import between, supported_digits
-from accpinn.results.tables.answer import counted_windows
+from accpinn.results.tables.answer import columns_of, counted_windows
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment, assessment
@@ -113,16 +114,15 @@ def about_answer(answer: Answer) -> str:
 
 
 def about_truth(truth: Parameters, answer: Answer) -> str:
-    """The time gaps that a synthetic recording was made with."""
-    said = joined([f"{gap:.2f}" for gap in truth.time_gap(answer.stated_speed).tolist()])
+    """The model and the parameters that a synthetic recording was made with."""
     model = next(key for key in CTHPS if holds(key, truth))
-    none, speed = "", f"{3.6 * answer.stated_speed:.0f} km/h"
-    if model == PAPER:
-        none, speed = ", without s₀, lag or delay", "any speed"
-    return (
-        f"The recording was made with the {TITLES[model]}{none}, and time gaps of {said} s at"
-        f" {speed}; tab Comparison has all true values."
-    )
+    none = ", without s₀, lag or delay," if model == PAPER else ""
+    gaps = [f"{gap:.2f}" for gap in truth.time_gap(answer.stated_speed).tolist()]
+    said = [f"time gaps of {joined(gaps)} s at {3.6 * answer.stated_speed:.0f} km/h"]
+    for name, column in columns_of(model).items():
+        values = [f"{value:.3g}" for value in value_of(model, truth, name).tolist()]
+        said.append(f"{column.title} of {joined(values)} {column.unit}")
+    return f"The recording was made with the {TITLES[model]}{none} and {'; '.join(said)}."
 
 
 def hardly_known(answer: Answer, follower: int) -> str:
@@ -235,16 +235,9 @@ def _verdict(subject: KnownVehicles, follower: int) -> _Verdict | None:
     known = subject.uncertainty
     if known is None or not subject.has_report:
         return None
-    stable, ends = float(known.probability_l2[follower]), known.peak_gain
+    stable = float(known.probability_l2[follower])
     growth = subject.report.vehicles[follower].peak.gain
-    gains = (growth, float(ends.lower[follower]), float(ends.upper[follower]))
-    if growth < 3:
-        most, low, high = (f"{100 * (gain - 1):.0f}" for gain in gains)
-        within = f"{low} % or more" if high == "inf" else f"{low}–{high} %"
-        in_words = f"by up to {most} % ({within})"
-    else:
-        most, low, high = (f"{gain:.1f}" for gain in gains)
-        in_words = f"up to {most} times ({low}{' or more' if high == 'inf' else f'–{high}'})"
+    in_words = grown(growth, gain_of(growth, known, follower))
     return _Verdict(assessment(stable), stable, growth, in_words)
 
 

@@ -22,7 +22,7 @@ from accpinn.stability import (
     Verdict,
     assessment,
 )
-from accpinn.units import FloatArray
+from accpinn.units import Estimate, FloatArray
 
 TITLES: Mapping[Criterion, str] = {
     Criterion.L2: "L₂ string stability",
@@ -83,6 +83,8 @@ CRITERIA = (
     " before it."
 )
 """What the criteria along the platoon are."""
+TIMES = 3.0
+"""Gain from which growth is said as a multiple, not in percent."""
 SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""
 
@@ -144,7 +146,7 @@ def _l2(vehicle: VehicleStability) -> str:
     if verdict.marginal:
         return f"{low}, but by one part in 10⁹ at most, so the verdict is marginal."
     return (
-        f"{low}, most at {three(peak.omega)} rad/s, by a factor of {factor(peak.gain)}"
+        f"{low}, most at {three(peak.omega)} rad/s: they grow {grown(peak.gain)}"
         f" ({peak.db:.2f} dB)."
     )
 
@@ -178,7 +180,7 @@ def _linf_exact(vehicle: VehicleStability) -> str:
         )
     if isinf(verdict.value):
         return _UNSTABLE
-    peak = f"a peak of the speed deviation ahead can grow {_extent(verdict.value)}"
+    peak = f"a peak of the speed deviation ahead can grow {grown(verdict.value)}"
     if vehicle.damping_ratio is None:
         return f"The impulse response changes sign, so {peak}."
     if vehicle.linf_paper.stable:
@@ -201,11 +203,11 @@ def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> 
     amplifying = [*gains]
     if not amplifying:
         return f"No follower amplifies {what}."
-    extent = _extent(verdict.value)
+    extent = f"which grow {grown(verdict.value)}"
     if len(amplifying) == 1:
-        return f"{_capital(amplifying[0])} amplifies {what} {extent}."
+        return f"{_capital(amplifying[0])} amplifies {what}, {extent}."
     worst = max(gains, key=lambda name: gains[name])
-    return f"{_capital(joined(amplifying))} amplify {what}, {worst} the most, {extent}."
+    return f"{_capital(joined(amplifying))} amplify {what}, {extent} behind {worst}."
 
 
 def _weak(verdict: Verdict, report: StabilityReport) -> str:
@@ -228,19 +230,47 @@ def _weak(verdict: Verdict, report: StabilityReport) -> str:
         if verdict.stable:
             return "As far as can be computed, no peak grows from the leader to the last follower."
         at = "A peak of the speed deviation can grow"
-    return f"{at} {_extent(verdict.value)} from the leader to the last follower."
+    return f"{at} {grown(verdict.value)} from the leader to the last follower."
 
 
-def _extent(gain: float) -> str:
-    return "without limit" if isinf(gain) else f"by a factor of up to {factor(gain)}"
+def grown(gain: float, ends: Estimate | None = None, level: float | None = None) -> str:
+    """How much disturbances grow by a gain, as the end of "they grow": "by up to 28 % (19–38 %)".
+
+    Args:
+        gain: the largest.
+        ends: its interval, which is said in brackets.
+        level: of that interval, where it is to be said, too.
+    """
+    if isinf(gain):
+        return "without limit"
+    parts = gain, *((ends.lower, ends.upper) if ends else ())
+    if gain < TIMES:
+        most, *known = (_share(part - 1.0) for part in parts)
+        said, unit = f"by up to {most} %", " %"
+    else:
+        most, *known = (f"{part:.1f}" if ends else three(part) for part in parts)
+        said, unit = f"to up to {most} times", ""
+    if not known:
+        return said
+    low, high = known
+    within = f"{low}{unit} or more" if high == "inf" else f"{low}–{high}{unit}"
+    return f"{said} ({percent(level) + ' interval ' if level else ''}{within})"
 
 
-def factor(gain: float) -> str:
-    """A gain for a sentence: three digits, and more the closer it is to 1."""
-    excess = abs(gain - 1.0)
-    if excess >= 0.2:
-        return three(gain)
-    return f"{gain:.4g}" if excess >= 5e-4 else f"1 + {gain - 1.0:.2g}"
+def gain_of(value: float, known: Uncertainty, follower: int) -> Estimate:
+    """A follower's peak gain with its interval; 0 for the first."""
+    ends = known.peak_gain
+    return Estimate(value, float(ends.lower[follower]), float(ends.upper[follower]))
+
+
+def verdict_in_words(verdict: Verdict) -> str:
+    """As in "L₂ string stability: unstable"."""
+    return ("stable" if verdict.stable else "unstable") + ", marginal" * verdict.marginal
+
+
+def _share(excess: float) -> str:
+    """A growth in percent: without digits after the point, or one that is not zero."""
+    return f"{100 * excess:.0f}" if not 0.0 < excess < 0.0095 else f"{100 * excess:.1g}"
 
 
 def three(value: float) -> str:
@@ -273,14 +303,9 @@ def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
     peaks, known = [vehicle.peak for vehicle in subject.report.vehicles], subject.uncertainty
     worst = max(amplifying, key=lambda k: peaks[k].gain)
     peak = peaks[worst]
-    gain = factor(peak.gain)
-    extent = "without limit" if isinf(peak.gain) else f"up to {gain} times"
-    if known and "." in gain and "+" not in gain:
-        digits = len(gain.partition(".")[2])
-        ends = known.peak_gain.lower[worst], known.peak_gain.upper[worst]
-        low, high = (f"{end:.{digits}f}" for end in ends)
-        within = f"{low} or more" if high == "inf" else f"{low}–{high}"
-        extent += f" ({percent(known.level)} interval {within})"
+    extent = grown(peak.gain)
+    if known:
+        extent = grown(peak.gain, gain_of(peak.gain, known, worst), known.level)
     at = f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
     return subject.vehicles.spoken[worst], extent + at
 

@@ -247,7 +247,7 @@ def _show_comparison(
         estimates["Answer"] = known.parameters
         intervals["Answer"] = known.uncertainty
     if truth:
-        estimates["Truth"] = truth
+        estimates["Truth"] = Parameters.of(truth.values)
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
     table = tables.comparison_table(result, estimates, intervals)
     show.table(table, colours)
@@ -308,7 +308,7 @@ def _band(result: Result) -> GapBand | None:
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
     info, model = result.info, result.fit.model
     has_truth = truth is not None and holds(model, truth)
-    show.vehicle_key(info, has_truth, info.shares(result.fit.case))
+    show.follower_key(info, has_truth, info.shares(result.fit.case))
     if history.deviations is not None:
         st.caption(
             f"{BANDS} The search starts at the estimates of maximum"
@@ -412,5 +412,5 @@ def show_data(workspace: Workspace) -> None:
         recording_needed(workspace, "Speeds and gaps are in", here=True)
         return
     st.caption("These curves are the snapshot's; the whole recording is not part of it.")
-    show.vehicle_key(segment)
+    show.key(zip(segment.labels, vehicle_colours(segment.vehicles), strict=True))
     show.chart(motion(segment.info, segment.measured), "snapshots_data")

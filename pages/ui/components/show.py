@@ -216,19 +216,18 @@ def key(
     st.html(f'<div class="vehicle-key">{"".join(spans)}</div>')
 
 
-def vehicle_key(
+def follower_key(
     segment: Segment | SegmentInfo,
     with_truth: bool = False,
     shared: bool = False,
     with_solved: bool = False,
 ) -> None:
-    """The colour of each vehicle, once for all charts below.
+    """The colour of each follower, once for all charts below.
 
     ``shared`` adds that of all followers together, as in Case I.
     """
-    leader, *followers = segment.labels
     colours = vehicle_colours(segment.vehicles)
-    entries = [*zip((f"{leader} (leader)", *followers), colours, strict=True)]
+    entries = [*zip(segment.labels[1:], colours[1:], strict=True)]
     entries += [(EVERY_FOLLOWER, SHARED)] * shared
     dotted = "least squares" if with_solved else ""
     key(entries, dashed="true value" if with_truth else "", dotted=dotted)

@@ -36,9 +36,9 @@ FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
     "synthetic_motorway": "Motorway cars: three followers that keep s₀ + τv and respond late",
     "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
-    "synthetic_vicolungo_like": "Ispra-Vicolungo-like platoon: three followers on a motorway",
-    "synthetic_paper_study": "The paper's study, noisy: one follower, with receiver noise",
-    "synthetic_paper_study_noise_free": "The paper's study, noise-free: the same without noise",
+    "synthetic_vicolungo_like": "Vicolungo-like platoon: three followers on a motorway",
+    "synthetic_paper_study": "Paper's study, noisy: one follower, with receiver noise",
+    "synthetic_paper_study_noise_free": "Paper's study, no noise: the same without noise",
 }
 
 
