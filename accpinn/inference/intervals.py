@@ -71,7 +71,7 @@ UNBIASED = "calibrated"
 
 _BIAS = (
     "disturbances to which the vehicle itself responds bias what fits the accelerations best, so"
-    " prefer maximum likelihood"
+    " prefer the answer"
 )
 WHY: dict[Cause, str] = {
     "disturbances": _BIAS,

@@ -11,7 +11,7 @@ import streamlit as st
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, identifiability, profiles
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import OutsideInterval, Uncertainty
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
@@ -19,6 +19,7 @@ from accpinn.model import registry
 from accpinn.model.registry import PAPER
 from accpinn.results.figures import answer as answer_figures
 from accpinn.results.figures import comparison as figures
+from accpinn.results.figures.comparison import gains_and_gap
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
@@ -191,7 +192,7 @@ def _about_methods(rows: Sequence[Result]) -> str:
     if asked.model != PAPER:
         said += (
             f" The answer's model, {registry.TITLES[asked.model]}, predicts further drives of real"
-            " cars better. On data that obey the CTHP alone, as the samples do, it is less certain"
+            " cars better. On data that obey the CTHP alone, as some samples do, it is less certain"
             " and drawn towards other cars, as it counts how much windows of these differ."
         )
     papers = [
@@ -212,7 +213,9 @@ def _show_summary(shown: _Shown) -> None:
     _show_collisions(shown)
     adequacy = conditional(rows[0], shown.workspace.adequacy)
     show_intervals(rows[0], adequacy)
-    show.messages(messages(shown.uncertainty.findings, segment))
+    # Which estimates lie outside is said above.
+    found = (f for f in shown.uncertainty.findings if not isinstance(f, OutsideInterval))
+    show.messages(messages(found, segment))
 
 
 def _show_collisions(shown: _Shown) -> None:
@@ -269,16 +272,15 @@ def _show_estimates(shown: _Shown) -> None:
     speed = float(answer.speeds[follower])
     earlier = _choose_earlier(shown, speed)
     dots = [
-        figures.NamedEstimate(name_of(row.fit), _gains_and_gap(row, follower, speed))
-        for row in shown.rows
+        figures.NamedEstimate(name_of(f), gains_and_gap(f.model, f.parameters[follower], speed))
+        for f in (row.fit for row in shown.rows)
     ]
     gains = (answer.gain(name, follower) for name in ("alpha", "beta"))
     spans = [*gains, answer.time_gap(speed, follower)]
     value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
     title = f"Answer ({registry.TITLES[answer.model]})"
     dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
-    true = shown.truth
-    truth = np.array([true.alpha, true.beta, true.time_gap(speed)]) if true else None
+    truth = gains_and_gap(PAPER, shown.truth, speed) if shown.truth else None
     figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, truth)
     show.chart(figure, "compare_estimates")
     st.caption(
@@ -288,13 +290,6 @@ def _show_estimates(shown: _Shown) -> None:
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
-
-
-def _gains_and_gap(row: Result, follower: int, speed: MetresPerSecond) -> FloatArray:
-    """(3,) α, β and the time gap at a speed of a method's estimate; 0 for the first follower."""
-    found = row.fit.parameters
-    gap = registry.time_gap(row.fit.model, found, speed)
-    return np.array([found.alpha[follower], found.beta[follower], gap[follower]])
 
 
 def _show_course(shown: _Shown) -> None:
@@ -324,7 +319,8 @@ def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Named
         if shown.vehicle in row.info.vehicles[1:]:
             follower = row.info.vehicles.index(shown.vehicle) - 1
             title = f"{len(known) + 1}. {tables.earlier_title(row)}"
-            known[title] = _gains_and_gap(row, follower, speed)
+            own = row.fit.parameters[follower]
+            known[title] = gains_and_gap(row.fit.model, own, speed)
     if not known:
         return []
     chosen = st.multiselect(
@@ -338,7 +334,7 @@ def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Named
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
     st.subheader(ONLINE, anchor=False)
-    truth = shown.truth if shown.truth and registry.holds(registry.PAPER, shown.truth) else None
+    truth = shown.truth if shown.truth and registry.holds(PAPER, shown.truth) else None
     figure = figures.tracks(tracks, shown.follower, truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
     st.caption(

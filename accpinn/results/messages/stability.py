@@ -83,7 +83,7 @@ CRITERIA = (
     " before it."
 )
 """What the criteria along the platoon are."""
-TIMES = 3.0
+TIMES = 2.0
 """Gain from which growth is said as a multiple, not in percent."""
 SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""

@@ -171,11 +171,12 @@ def agreement(rows: Sequence[Result]) -> str:
     if not others or np.isnan(rows[0].uncertainty.lower.values).all():
         return ""
     count, total = len(others) - len(differing), len(others)
-    alike = f"{count} of {total} methods agree" if differing else f"All {total} methods agree"
+    alike = f"{count} of {total} methods agree" if count else f"None of {total} methods agrees"
+    alike = alike if differing else f"All {total} methods agree"
     within = f"within its {percent(rows[0].uncertainty.level)} intervals"
     within += " for every follower" if len(followers) > 1 else ""
     verb = "does" if len(differing) == 1 else "do"
-    other = f"; {joined(differing)} {verb} not" if differing else ""
+    other = f"; {joined(differing)} {verb} not" if differing and count else ""
     values = np.array([row.fit.parameters.values for row in others])
     centre = rows[0].uncertainty.centre.values
     off = np.abs(values - centre).max(axis=0) / np.where(centre > 0, centre, np.nan)
