@@ -121,7 +121,7 @@ class File:
             if not self.is_unknown:
                 raise
             sentence = str(fault).removesuffix(".")
-        raise RecordingError(f"{sentence}, or name its columns in a mapping (--mapping).")
+        raise RecordingError(f"{sentence}, or name its columns: on page Data, or by --mapping.")
 
 
 def opened(source: Source, name: str | None = None, mapping: CsvMapping | None = None) -> File:

@@ -80,10 +80,10 @@ OPTIONS: dict[str, tuple[str, float, str, str]] = {
                        " at the first instant; 0 leaves it out, the authors' notebooks use 1."),
     **{f"initial-{k}": (f"Initial {parameter.heading}", 0.1, PAPERS, START_HELP)
        for k, parameter in enumerate(PARAMETERS)},
-    "weight_physics-0": ("Q, weight of dp/dt in Ψ_F", 0.1, PAPERS, WEIGHT_PHYSICS),
-    "weight_physics-1": ("Q, weight of dv/dt in Ψ_F", 0.1, PAPERS, WEIGHT_PHYSICS),
-    "weight_data-0": ("S, weight of gaps in Ψ_D", 0.1, PAPERS, WEIGHT_DATA),
-    "weight_data-1": ("S, weight of speeds in Ψ_D", 0.1, PAPERS, WEIGHT_DATA),
+    "weight_physics-0": ("Q: weight of dp/dt in the physics loss", 0.1, PAPERS, WEIGHT_PHYSICS),
+    "weight_physics-1": ("Q: weight of dv/dt in the physics loss", 0.1, PAPERS, WEIGHT_PHYSICS),
+    "weight_data-0": ("S: weight of gaps in the data loss", 0.1, PAPERS, WEIGHT_DATA),
+    "weight_data-1": ("S: weight of speeds in the data loss", 0.1, PAPERS, WEIGHT_DATA),
     "layers": ("Hidden layers", 1, EVERY, "Of the network; the paper's has three. A smaller network"
                " is quicker, and the curves follow the data less closely."),
     "width": ("Neurons per layer", 10, EVERY, "The paper's have sixty."),

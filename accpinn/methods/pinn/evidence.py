@@ -145,24 +145,42 @@ class Parts(NamedTuple):
     """½ log|Λ|."""
 
 
-class LinearEvidence:
-    """log p(y | z) of one series, the output layer integrated out."""
+class Factors(NamedTuple):
+    """What the evidence at unknowns takes of each set of samples, whatever was measured."""
 
-    def __init__(self, measured: FloatArray, step: Seconds) -> None:
-        """Sum products of the data p, v, u (N, 3), nan where missing, one sample each ``step``."""
-        complete: Mask = np.asarray(~np.isnan(measured).all(axis=1))
-        measured = measured[: int(np.flatnonzero(complete)[-1]) + 1]
-        self.basis = _basis(len(measured), step)
-        self._measured = measured
-        known = [~np.isnan(column) for column in measured.T]
-        rows = [self.basis.values[kept] for kept in known]
-        data = [column[kept] for column, kept in zip(measured.T, known, strict=True)]
-        self._grams = np.array([self.basis.padded(values, values) for values in rows])
-        self._right = np.column_stack([v.T @ y for v, y in zip(rows, data, strict=True)])
-        self._squares = np.array([(y**2).sum() for y in data])
-        self._counts = np.array([len(y) for y in data])
-        self._gaps = data[0].sum()
-        self._shifted = np.asarray(rows[0].T @ np.ones(len(data[0])))
+    posterior: FloatArray
+    """The factor of Λ + A in lower banded form."""
+    log_posterior: float
+    """½ log|Λ + A|."""
+    log_prior: float
+    """½ log|Λ|."""
+
+
+class Design:
+    """The features at the samples of p, v, u that are there; windows of one length share it."""
+
+    def __init__(self, step: Seconds, known: Mask) -> None:
+        """For samples (N, 3) each ``step``, and whether each is there."""
+        self.basis = _basis(len(known), step)
+        self.rows = [self.basis.values[kept] for kept in known.T]
+        self._grams = np.array([self.basis.padded(values, values) for values in self.rows])
+        self._latest: tuple[bytes, Factors | None] = b"", None
+
+    def factors(self, values: FloatArray) -> Factors | None:
+        """At unknowns (P,) in their own units; None where Λ is singular."""
+        key, latest = values.tobytes(), self._latest
+        if key != latest[0]:  # one after the other asks for the same
+            self._latest = latest = key, self._factors(values)
+        return latest[1]
+
+    def _factors(self, values: FloatArray) -> Factors | None:
+        prior = self.prior(values)
+        posterior, fault = lapack.dpbtrf(prior + self.data(values), lower=1, overwrite_ab=1)
+        factor, also = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
+        if fault or also:
+            return None
+        halves = [float(np.log(matrix[0]).sum()) for matrix in (posterior, factor)]
+        return Factors(posterior, *halves)
 
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
@@ -178,41 +196,72 @@ class LinearEvidence:
             banded[: len(corner) - column, column] += corner[column:, column]
         return banded
 
+    def data(self, values: FloatArray) -> FloatArray:
+        """A (18, 3K) in lower banded form."""
+        banded = self._empty()
+        for output, sigma in enumerate(noise_of(values)):
+            banded[::OUTPUTS, output::OUTPUTS] = self._grams[output] / sigma**2
+        return banded
+
     def _empty(self) -> FloatArray:
         return np.zeros((OUTPUTS * (DEGREE + 1), OUTPUTS * self.basis.size), order="F")
 
-    def data(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """A (18, 3K) in lower banded form, ΦᵀY/σ² (3K,), YᵀY (3,), and σ (3,); Y is without s₀."""
-        noise, intercept = values[[6, 7, 7]], intercept_of(values)
-        banded = self._empty()
-        for output, sigma in enumerate(noise):
-            banded[::OUTPUTS, output::OUTPUTS] = self._grams[output] / sigma**2
+
+@lru_cache(maxsize=16)
+def _design(samples: int, step: Seconds, known: bytes) -> Design:
+    """Of samples of which ``known`` says whether each is there."""
+    return Design(step, np.frombuffer(known, bool).reshape(samples, OUTPUTS))
+
+
+def noise_of(values: FloatArray) -> FloatArray:
+    """(3,) σ of p, v, u among unknowns (P,)."""
+    return values[[6, 7, 7]]
+
+
+class LinearEvidence:
+    """log p(y | z) of one series, the output layer integrated out."""
+
+    def __init__(self, measured: FloatArray, step: Seconds) -> None:
+        """Sum products of the data p, v, u (N, 3), nan where missing, one sample each ``step``."""
+        complete: Mask = np.asarray(~np.isnan(measured).all(axis=1))
+        measured = measured[: int(np.flatnonzero(complete)[-1]) + 1]
+        known = ~np.isnan(measured)
+        self.design = _design(len(measured), step, known.tobytes())
+        self._measured, rows = measured, self.design.rows
+        data = [column[kept] for column, kept in zip(measured.T, known.T, strict=True)]
+        self._right = np.column_stack([v.T @ y for v, y in zip(rows, data, strict=True)])
+        self._squares = np.array([(y**2).sum() for y in data])
+        self._counts = np.array([len(y) for y in data])
+        self._gaps = data[0].sum()
+        self._shifted = np.asarray(rows[0].T @ np.ones(len(data[0])))
+
+    def right(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """ΦᵀY/σ² (3K,) and YᵀY (3,); Y is without s₀."""
+        intercept = intercept_of(values)
         right, squares = self._right.copy(), self._squares.copy()
         right[:, 0] -= intercept * self._shifted
         squares[0] += intercept * (intercept * self._counts[0] - 2 * self._gaps)
-        return banded, (right / noise**2).ravel(), squares, noise
+        return (right / noise_of(values) ** 2).ravel(), squares
 
     def parts(self, values: FloatArray) -> Parts:
         """The evidence at unknowns (P,) in their own units; -inf where Λ is singular."""
-        prior = self.prior(values)
-        data, right, own_squares, noise = self.data(values)
-        posterior, fault = lapack.dpbtrf(prior + data, lower=1, overwrite_ab=1)
-        factor, also = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
-        if fault or also:
+        factors = self.design.factors(values)
+        if factors is None:
             return Parts(-np.inf, 0.0, 0.0)
-        weights, _ = lapack.dpbtrs(posterior, right[:, None], lower=1)
+        right, own_squares = self.right(values)
+        noise = noise_of(values)
+        weights, _ = lapack.dpbtrs(factors.posterior, right[:, None], lower=1)
         squares = (own_squares / noise**2).sum() - right @ weights[:, 0]
         constant = 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
-        determinants = [float(np.log(matrix[0]).sum()) for matrix in (posterior, factor)]
-        return Parts(-0.5 * float(squares + constant), -determinants[0], determinants[1])
+        return Parts(-0.5 * float(squares + constant), -factors.log_posterior, factors.log_prior)
 
     def loss(self, values: FloatArray, config: PinnConfig) -> LossTerms:
         """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
-        data, right, *_ = self.data(values)
-        factor, _ = lapack.dpbtrf(self.prior(values) + data, lower=1)
+        design, (right, _) = self.design, self.right(values)
+        factor, _ = lapack.dpbtrf(design.prior(values) + design.data(values), lower=1)
         weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, OUTPUTS)
         in_order = weights[:, [2, 1, 0]]
-        motion = Motion(self.basis.values @ in_order, self.basis.rates @ in_order)
+        motion = Motion(design.basis.values @ in_order, design.basis.rates @ in_order)
         measured = (self._measured - [intercept_of(values), 0.0, 0.0])[:, [2, 1, 0]]
         known = np.where(np.isnan(measured), motion.outputs, measured)
         return loss_terms(motion, known, values[None, :3], config)

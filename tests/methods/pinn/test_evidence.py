@@ -50,9 +50,9 @@ def test_the_prior_is_the_integral_of_the_squared_residuals() -> None:
     """By quadrature of the equations as they are written, for random weights."""
     series = short()
     evidence = LinearEvidence(series.measured[:, :, 0], series.step)
-    weights = np.random.default_rng(1).standard_normal((evidence.basis.size, OUTPUTS))
-    curve = BSpline(evidence.basis.knots, weights, DEGREE)
-    end = evidence.basis.knots[-1]
+    weights = np.random.default_rng(1).standard_normal((evidence.design.basis.size, OUTPUTS))
+    curve = BSpline(evidence.design.basis.knots, weights, DEGREE)
+    end = evidence.design.basis.knots[-1]
     time = np.linspace(0.0, end, 400_001)
     (p, v, u), (dp, dv, du), (ddp, ddv, ddu), (_, dddv, _) = (curve(time, k).T for k in range(4))
     alpha, alpha_tau, beta, s, memory, rise, _, _, leader = VALUES
@@ -68,7 +68,7 @@ def test_the_prior_is_the_integral_of_the_squared_residuals() -> None:
     first += p[0] ** 2 / 100**2 + v[0] ** 2 / 50**2 + u[0] ** 2 / 50**2
     expected = np.trapezoid(running, time) + first
     w = weights.ravel()
-    assert w @ dense(evidence.prior(VALUES)) @ w == pytest.approx(expected, rel=1e-6)
+    assert w @ dense(evidence.design.prior(VALUES)) @ w == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("missing", [False, True], ids=["complete", "missing"])
@@ -82,8 +82,8 @@ def test_the_evidence_is_the_density_of_the_data_with_the_weights_integrated_out
         measured[20:30, 0] = np.nan
         measured[25:35] = np.nan
     evidence = LinearEvidence(measured, series.step)
-    features = np.kron(evidence.basis.values.toarray(), np.eye(OUTPUTS))
-    prior = np.linalg.inv(dense(evidence.prior(VALUES)))
+    features = np.kron(evidence.design.basis.values.toarray(), np.eye(OUTPUTS))
+    prior = np.linalg.inv(dense(evidence.design.prior(VALUES)))
     noise = np.tile(VALUES[[6, 7, 7]] ** 2, len(measured))
     y, there = measured.ravel(), ~np.isnan(measured.ravel())
     covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(there, there)]
