@@ -314,8 +314,10 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     rows = [list(followers)] if case == "I" else [[k] for k in followers]
     gaps = time_gap(model, estimates, gap_at)
     known = np.isfinite(gaps)  # a window without gap control has none
-    low = Parameters.of(np.where(estimates.everything == 0.0, 0.0, lower))
-    high = Parameters.of(upper)
+    # The ends are those of draws beside the estimates, which may be bounds.
+    low = Parameters.of(np.fmin(estimates.everything, lower))
+    high = Parameters.of(np.fmax(estimates.everything, upper))
+    gap_low, gap_high = interval_ends(time_gap(model, alone, gap_at), LEVEL)
     spreads = np.where(known, gaps, -np.inf).max(axis=0) - np.where(known, gaps, np.inf).min(axis=0)
     return Answer(
         model=model,
@@ -328,7 +330,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         windows=estimates,
         windows_lower=low,
         windows_upper=high,
-        windows_gap=np.array(interval_ends(time_gap(model, alone, gap_at), LEVEL)),
+        windows_gap=np.array([np.fmin(gaps, gap_low), np.fmax(gaps, gap_high)]),
         differ=differ,
         trust=tuple(
             trust(segments, vehicle, row, model, parameters[row[0]], estimates[:, row[0]])

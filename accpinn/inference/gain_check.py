@@ -93,7 +93,7 @@ class GainCheck(Finding, frozen=True):
 
     def _words(self, about: Labelled) -> Words:
         more = self.model_peak - self.peak
-        side = f"is {abs(more):.1f} dB too {'high' if more > 0 else 'low'}"
+        side = f"is {abs(more):.1f} dB {'above' if more > 0 else 'below'} the measured one"
         distance = (
             f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
             f" frequencies), its peak {'agrees' if abs(more) < 0.05 else side}"

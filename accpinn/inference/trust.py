@@ -65,11 +65,13 @@ class Trust(Finding, frozen=True):
         if not np.isfinite(self.rmse):
             drive = "The drive cannot be simulated."
         elif self.is_reproduced:
-            drive = f"Reproduces the drive within {off}."
+            drive = f"The model reproduces the drive within {off}."
         elif self.collides:
             drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
         else:
-            drive = f"Does not reproduce the drive within half of what the gap varies: {off}."
+            drive = (
+                f"The model does not reproduce the drive within half of what the gap varies: {off}."
+            )
         return f"{_agreement('Its time gap is', self.windows, self.same, self.same)} {drive}"
 
 
@@ -79,8 +81,8 @@ def trust_of_several(trusts: Sequence[Trust]) -> str:
     errors = _range([trust.rmse for trust in trusts])
     deviations = _range([trust.deviation for trust in trusts])
     return (
-        f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} They"
-        f" reproduce the drive within {errors} m (rms; the gaps' own deviations: {deviations} m)."
+        f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} The model"
+        f" reproduces the drives within {errors} m (rms; the gaps' own deviations: {deviations} m)."
     )
 
 

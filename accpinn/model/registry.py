@@ -61,7 +61,7 @@ def value_of(model: str, parameters: cthp.Parameters, name: str) -> FloatArray:
     return parameters.own[..., FOLLOWING[model].names.index(name)]
 
 
-def holds(model: str, parameters: cthp.Parameters) -> bool:
+def has_terms_of(model: str, parameters: cthp.Parameters) -> bool:
     """Whether a model has all terms that parameters have, so that each has the same meaning."""
     own = int(parameters.own.shape[-1])
     if model not in CTHPS:
@@ -84,6 +84,12 @@ def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> Float
     theta = np.moveaxis(parameters.own, -1, 0)
     speed = np.asarray(speed, float)
     return np.asarray(FOLLOWING[model].equilibrium_gaps(theta, speed) / speed)
+
+
+def gains_and_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
+    """(.., 3) α, β and the time gap at a speed; arguments as for `time_gap`."""
+    gap = time_gap(model, parameters, speed)
+    return np.stack([parameters.alpha, parameters.beta, gap], axis=-1)
 
 
 def simulate(

@@ -121,7 +121,9 @@ class File:
             if not self.is_unknown:
                 raise
             sentence = str(fault).removesuffix(".")
-        raise RecordingError(f"{sentence}, or name its columns: on page Data, or by --mapping.")
+        raise RecordingError(
+            f"{sentence}, or name its columns: on page Data, by --mapping, in Python by mapping=."
+        )
 
 
 def opened(source: Source, name: str | None = None, mapping: CsvMapping | None = None) -> File:

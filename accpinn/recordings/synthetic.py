@@ -215,7 +215,7 @@ _MOTORWAY_CARS = Scenario(
         " parameters such as the ACC cars of published recordings have. With a receiver's noise."
     ),
     vehicles=(
-        "Synthetic(Leader)",
+        "Synthetic(Van)",
         "Synthetic(Hatchback)",
         "Synthetic(Saloon)",
         "Synthetic(Estate)",

@@ -72,8 +72,9 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "outcome_sentence": fit.outcome.value,
         "notes": notes(result, with_intervals),
     }
-    windows = [_window(result, k) for k in range(len(result.infos))]
-    return document | ({"windows": windows} if len(windows) > 1 else {})
+    if len(result.infos) > 1:
+        document["windows"] = [_window(result, k) for k in range(len(result.infos))]
+    return document
 
 
 def describe_comparison(
@@ -130,7 +131,10 @@ def _described(result: Result, with_intervals: bool) -> dict[str, Any]:
 
 
 def _window(result: Result, k: int) -> dict[str, Any]:
-    """What one of several windows says by itself, and the errors of what all say together."""
+    """What one of several windows says by itself by the answer's model, and the fit's errors there.
+
+    The fit's parameters are those of all windows together.
+    """
     segment, fit, answer = result.segments[k], result.fits[k], result.answer
     low, high = (
         _values(ends[k], answer.model) for ends in (answer.windows_lower, answer.windows_upper)
@@ -142,8 +146,12 @@ def _window(result: Result, k: int) -> dict[str, Any]:
         **fields(answer, "model", "level"),
         "parameters": _parameters(result.info, answer.windows[k], answer.model),
         "intervals": _of_followers(result.info, ends),
-        "closed_loop_mae": _errors(closed_loop_errors(segment, fit)),
-        "incidents": messages(closed_loop_findings(segment, closed_loop(segment, fit)), segment),
+        "fit": {
+            "closed_loop_mae": _errors(closed_loop_errors(segment, fit)),
+            "incidents": messages(
+                closed_loop_findings(segment, closed_loop(segment, fit)), segment
+            ),
+        },
     }
 
 

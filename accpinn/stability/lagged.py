@@ -189,7 +189,8 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     finer = 2 ** np.ceil(np.log2(np.clip(ringing / RINGING, 1.0, MOST)))
     for factor in np.unique(finer).astype(int):
         alike, count = decaying[finer == factor], factor * INSTANTS
-        for rows in np.array_split(alike, len(alike) * factor // AT_ONCE + 1):
+        pieces = min(len(alike), len(alike) * factor // AT_ONCE + 1)
+        for rows in np.array_split(alike, pieces):
             p = np.where(np.isnan(poles[rows]), -1.0, poles[rows])
             residues = _value(upper[rows], p) / _value(_derived(lower[rows]), p)
             weights = np.where(np.isnan(poles[rows]), 0.0, residues / p)

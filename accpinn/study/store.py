@@ -28,11 +28,11 @@ from accpinn.serial import dump, read_arrays, restore
 from accpinn.storage import UNFINISHED, folder, reason_of, variable, write_whole
 from accpinn.study import Analysis
 from accpinn.study.result import Result
-from accpinn.study.snapshot import SUFFIX, read, read_file, to_bytes
+from accpinn.study.snapshot import SCHEMA, SUFFIX, read, read_file, to_bytes
 from accpinn.units import Estimate, MetresPerSecond, Seconds
 
-INDEX = "index1.sqlite"
-"""The number is raised with every change of the tables: another index is made from the files."""
+INDEX = f"index{SCHEMA}.sqlite"
+"""Another index is made from the files with every schema of theirs."""
 STATE = ".state.npz"
 DELETED = ".deleted"
 """Ending of a file that can still be brought back."""
@@ -403,7 +403,7 @@ class Store(Shelf):
 
     def refuse(self, name: str, fault: Exception, say: Say | None) -> None:
         """Say why a file is of no use; the next one of its name takes its place."""
-        reason = reason_of(fault) if isinstance(fault, OSError) else str(fault).rstrip(".")[:80]
+        reason = reason_of(fault) if isinstance(fault, OSError) else str(fault).rstrip(".")[:160]
         follows = (
             "the training begins anew" if name.endswith(STATE) else "what it held is computed again"
         )

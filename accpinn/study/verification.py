@@ -243,8 +243,12 @@ def _judged(whole: Result, left: Seconds) -> Check:
 
 
 def _subjects(whole: Result) -> list[tuple[Result, str]]:
-    """The result and the methods compared, with names."""
-    rows = [replace(row, segments=whole.segments) for row in whole.compared]
+    """The result and the methods compared, each with its own windows' data, with names."""
+    given = {segment.info.digest: segment for segment in whole.segments}
+    rows = [
+        replace(row, segments=tuple(given[i.digest] for i in row.infos if i.digest in given))
+        for row in whole.compared
+    ]
     return [(whole, ""), *((row, METHODS[row.analysis.method].title) for row in rows)]
 
 
@@ -279,7 +283,7 @@ def _provenance(result: Result, whole: Result, recording: Recording) -> list[Che
 
 
 def _of_subject(subject: Result, name: str, parts: Sequence[str], may_refit: bool) -> list[Check]:
-    """The checks of the snapshot's own result, or of a part of it."""
+    """The checks of the snapshot's own result, or of a compared method's."""
     known = [part for part in parts if getattr(subject.parts, part) is not None]
     unchecked = partial(Check, state="not checked", method=name)
     computed: dict[str, Callable[[], list[Check]]] = {}

@@ -16,10 +16,9 @@ from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
 from accpinn.model import registry
-from accpinn.model.registry import PAPER
+from accpinn.model.registry import PAPER, gains_and_gap
 from accpinn.results.figures import answer as answer_figures
 from accpinn.results.figures import comparison as figures
-from accpinn.results.figures.comparison import gains_and_gap
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
@@ -172,7 +171,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     with first:
         with st.spinner("The answer takes some seconds."):
             known = shown.answer, known_vehicles(shown.answered)
-        if said := agreement(rows):
+        if said := agreement(rows, shown.answer):
             st.markdown(f"**{escape_markdown(said)}**")
         show_cards(cards(segment.info, *known, together=True))
         st.caption(_about_methods(rows))
@@ -334,7 +333,7 @@ def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Named
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:
     st.subheader(ONLINE, anchor=False)
-    truth = shown.truth if shown.truth and registry.holds(PAPER, shown.truth) else None
+    truth = shown.truth if shown.truth and registry.has_terms_of(PAPER, shown.truth) else None
     figure = figures.tracks(tracks, shown.follower, truth, shown.segment.start)
     show.chart(figure, "compare_tracks")
     st.caption(

@@ -240,7 +240,7 @@ def _show_item(workspace: Workspace, item: paper.PrintedItem) -> None:
         title, words, criteria, learned, buttons = parts
         title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
-        criteria.caption(f"{MARK} recomputed" if at_once else "–")
+        criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")
         learned.caption(_deviation(workspace, item))
         said = [item.subject + ".", item.outcome]
         said += [f"Needs the recording {item.run}."] if item.run else []
@@ -260,7 +260,7 @@ def _deviation(workspace: Workspace, item: paper.PrintedItem) -> str:
         return f"{MARK} learned; deviation at most {', '.join(off)}"
     if not printed and runs_of(workspace, item.run):
         return f"{MARK} learned from the recording"
-    return f"{NEEDS} not learned yet"
+    return f"{NEEDS} parameters not learned yet"
 
 
 def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> None:

@@ -301,8 +301,8 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
         platoon = report.platoon
         verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
         texts.append(
-            "**The platoon.** Strict: no vehicle amplifies anything. Weak: nothing has grown at"
-            " the last one.\n" + _listed(verdicts, report, chosen.spoken)
+            "**The platoon.** Strictly stable means that no vehicle amplifies anything, weakly that"
+            " nothing has grown at the last one.\n" + _listed(verdicts, report, chosen.spoken)
         )
     if len(texts) > MOST_REASONS:
         names = ("The platoon", *chosen.labels)

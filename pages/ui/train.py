@@ -13,7 +13,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES, holds
+from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES, has_terms_of
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
@@ -161,7 +161,7 @@ def _show_live(
         return
     asked = training.analysis
     model = asked.law.model if asked else PAPER
-    has_truth, is_cthp = truth is not None and holds(model, truth), model in CTHPS
+    has_truth, is_cthp = truth is not None and has_terms_of(model, truth), model in CTHPS
     show.follower_key(segment, has_truth, segment.shares(case), with_solved=is_cthp)
     if history.deviations is not None:
         st.caption(BANDS)

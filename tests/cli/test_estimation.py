@@ -151,7 +151,8 @@ def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -
     assert windows == [(10, 30), (100, 30)]
     for one in found["windows"]:
         for row, known in zip(one["parameters"], one["intervals"], strict=True):
-            assert all(known[name][0] <= row[name] <= known[name][1] for name in ("beta", "s0"))
+            inside = {n: known[n][0] <= row[n] <= known[n][1] for n in ("alpha", "s0", "delay")}
+            assert all(inside.values()), inside
     assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
     for row, known in zip(found["parameters"], found["intervals"], strict=True):
         assert all(known[name][0] < row[name] < known[name][1] for name in ("alpha", "tau"))

@@ -125,14 +125,14 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
      ["under 1 %", "over 99 %", "not determined"]),
     (lambda: platoons("l2_strict", CALM, TESLA), ["Follower 2", "by up to 4 %"]),
     (lambda: platoons("linf_strict", AUDI, CALM, BMW),
-     ["Follower 1 and follower 3", "behind follower 1"]),
+     ["Follower 1 and follower 3", "follower 1 the most"]),
     (lambda: platoons("l2_weak", TESLA, DAMPED, DAMPED), ["others damp"]),
     (lambda: platoons("l2_weak", AUDI, UNDAMPED, CALM), ["0.500 rad/s", "without limit"]),
     (lambda: platoons("linf_weak", CALM, CALM), ["No follower"]),
     (lambda: platoons("linf_weak", TESLA, CALM), ["from the leader to the last"]),
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
-    (lambda: on_stability.grown(1.00002), ["0.002 %"]),
-    (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4 times (2.0 or more)"]),
+    (lambda: on_stability.grown(1.00002), ["less than 0.5 %"]),
+    (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4-fold (2.0 or more)"]),
     (lambda: on_stability.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
     (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
@@ -271,18 +271,32 @@ def test_parameters_that_are_hardly_known_are_named(answered: Answer) -> None:
     assert "β is hardly known" in on_answer.hardly_known(spread, 0)
 
 
-def test_methods_are_as_far_from_maximum_likelihood_as_is_said() -> None:
-    first = whole().compared[0]
-    centre = np.tile([0.1, 0.0, 1.0], (4, 1))
-    known = replace(first.uncertainty, centre=Parameters.of(centre))
+def test_methods_are_as_far_from_the_answer_as_is_said() -> None:
+    first, answer = whole().compared[0], whole().answer
+    spread = np.linspace(-0.3, 0.3, 101)[:, None, None]
+    centre = Parameters.of(np.tile([0.1, 0.0, 1.0, 0.0, 0.0, 0.0], (4, 1)))
+    typical = Parameters.of(centre.everything * np.exp(spread))
+    answer = replace(answer, parameters=centre, typical=typical)
 
     def said(*values: float) -> str:
         fit = replace(first.fit, parameters=Parameters.of(np.tile(values, (4, 1))))
-        return on_result.agreement((altered(first, fit=fit, uncertainty=known),))
+        return on_result.agreement((altered(first, fit=fit),), answer)
 
-    assert "6 % (α) and 1 % (τ) of it" in said(0.106, 0.3, 1.002)
-    assert "1 % (τ) of it" in said(math.nan, 0.3, 1.002)
+    assert said(0.106, 0.0, 1.002).startswith("All 1 methods agree with the answer")
+    assert "6 % (α) and 1 % (time gap) of it" in said(0.106, 0.0, 1.002)
+    assert said(0.2, 0.0, 1.0).startswith("No method agrees")
+    assert "1 % (time gap) of it" in said(math.nan, 0.3, 1.002)
     assert "%" not in said(math.nan, 0.3, math.nan).partition("intervals")[2]
+
+
+def test_the_true_parameters_of_a_recording_are_all_said(answered: Answer) -> None:
+    simple, late = row(TESLA), row(Parameters(0.08, 0.3, 0.8, s0=6.0, delay=0.5))
+    said = on_answer.about_truth(simple, answered)
+    assert "without s₀" in said
+    assert "0.0409" in said
+    said = on_answer.about_truth(late, answered)
+    assert all(part in said for part in ("time gap", "s₀ 6.0 m", "d 0.50 s", "τ 0.80"))
+    assert on_answer.about_truth(row(Parameters(0.1, 0.1, 1.0, 1.0, 0.1, 0.1)), answered) == ""
 
 
 def test_the_papers_presets_say_so() -> None:

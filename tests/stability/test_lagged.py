@@ -177,3 +177,12 @@ def test_terms_beyond_any_vehicle_are_refused_in_a_sentence(
 ) -> None:
     with pytest.raises(ParameterError, match=re.escape(fault)):
         stability_report(Parameters(*given))
+
+
+def test_one_that_hardly_decays_takes_many_instants_alone() -> None:
+    near = Parameters([0.015689], [0.992564], [3.161597], delay=[1.5])
+    gain = step_gain(near)[1][0]
+    assert gain == pytest.approx(peaks(near).gain[0] * 4 / np.pi, rel=0.01), "as a square wave"
+    assert np.isfinite(
+        step_gain(Parameters.of([near.everything[0], *drawn(3, 1).everything]))
+    ).all()

@@ -310,6 +310,7 @@ FORGED: list[tuple[str, Any]] = [
     ("parts.uncertainty.peak_gain.lower", []),
     ("parts.uncertainty.draws", "segments.0.speeds"),
     ("parts.qualities.0.leader_deviation", 1e300),
+    ("parts.qualities", []),
     ("parts.evaluation.closed_loop.gap_mae", []),
     ("segments.0.speeds", [[20.0, 20.0]] * 3),
     ("recording", {}),

@@ -24,7 +24,7 @@ from accpinn.segment import WindowShortened
 from accpinn.serial import flatten
 from accpinn.study import Analysis
 from accpinn.study.result import Result
-from accpinn.study.run import run
+from accpinn.study.run import estimate, run
 from accpinn.study.snapshot import DOCUMENT, load, named, to_bytes
 from accpinn.study.verification import HOWEVER_LONG, QUICK, Check, Verification, verify
 from tests.support.driving import driven
@@ -80,6 +80,15 @@ class TestHonest:
         if honest is whole:
             assert kinds["curves", ""] == "recomputed"
             assert kinds["fit", "Least squares"] == kinds["holdout", SMOOTHED] == "reproduced"
+
+    def test_methods_compared_in_the_first_of_two_windows_have_its_data(self) -> None:
+        joint = two_windows()
+        (segment, _), asked = joint.segments, joint.analysis
+        alone = replace(asked, windows=asked.windows[:1], method="least-squares")
+        rows = (estimate(alone, (segment,)),)
+        found = verify(named(replace(joint, compared=rows), with_data=True))
+        assert found.ok, found.sentence
+        assert states(found)["fit", "Least squares"] == "reproduced"
 
     def test_without_the_data_the_recording_stands_in(self) -> None:
         bare = load(to_bytes(replace(whole(), segments=())))

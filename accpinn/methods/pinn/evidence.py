@@ -146,7 +146,7 @@ class Parts(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """What the evidence at unknowns takes of each set of samples, whatever was measured."""
+    """What of the evidence at given unknowns does not depend on the measured values."""
 
     posterior: FloatArray
     """The factor of Λ + A in lower banded form."""
@@ -160,7 +160,7 @@ class Design:
     """The features at the samples of p, v, u that are there; windows of one length share it."""
 
     def __init__(self, step: Seconds, known: Mask) -> None:
-        """For samples (N, 3) each ``step``, and whether each is there."""
+        """The features of N samples, one each ``step``; ``known`` (N, 3) are those there."""
         self.basis = _basis(len(known), step)
         self.rows = [self.basis.values[kept] for kept in known.T]
         self._grams = np.array([self.basis.padded(values, values) for values in self.rows])

@@ -20,7 +20,6 @@ from accpinn.inference.intervals import LEVEL, Uncertainty, interval_ends
 from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
-from accpinn.model.registry import time_gap
 from accpinn.results.figures import style
 from accpinn.stability import peak_gains
 from accpinn.study.judge import Judgement
@@ -52,11 +51,6 @@ class NamedEstimate:
     """Whether it is from an earlier run, which is drawn as a ring."""
     ends: FloatArray | None = None
     """(2, 3) lower and upper ends of its own interval, drawn as a bar."""
-
-
-def gains_and_gap(model: str, vehicle: Parameters, speed: MetresPerSecond) -> FloatArray:
-    """(3,) α, β and the time gap at a speed of one vehicle."""
-    return np.array([vehicle.alpha, vehicle.beta, time_gap(model, vehicle, speed)])
 
 
 def estimates(

@@ -15,7 +15,7 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import CTHPS, PAPER, holds
+from accpinn.model.registry import CTHPS, PAPER, has_terms_of
 from accpinn.results.figures import style
 from accpinn.results.tables import Column
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of
@@ -118,7 +118,7 @@ def parameter_history(
         _line(chart, history, values[:, k], name, colour)
     seen = [values.ravel(), *(end[-1] for end in ends or ())]
     for reference, look in ((truth, style.TRUTH), (solved, SOLVED)):
-        if reference and holds(model, reference):
+        if reference and has_terms_of(model, reference):
             seen.append(reference.everything[:sets, at])
             for value, colour in zip(seen[-1].tolist(), colours, strict=False):
                 chart.level("y", value, look | {"color": colour})

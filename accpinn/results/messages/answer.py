@@ -16,7 +16,7 @@ from accpinn.inference.identifiability import WIDE
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, holds, value_of
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, has_terms_of, value_of
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
 from accpinn.results.messages.stability import gain_of, grown
 from accpinn.results.tables import between, supported_digits
@@ -115,14 +115,18 @@ def about_answer(answer: Answer) -> str:
 
 def about_truth(truth: Parameters, answer: Answer) -> str:
     """The model and the parameters that a synthetic recording was made with."""
-    model = next(key for key in CTHPS if holds(key, truth))
-    none = ", without s₀, lag or delay," if model == PAPER else ""
-    gaps = [f"{gap:.2f}" for gap in truth.time_gap(answer.stated_speed).tolist()]
-    said = [f"time gaps of {joined(gaps)} s at {3.6 * answer.stated_speed:.0f} km/h"]
+    model = next((key for key in CTHPS if has_terms_of(key, truth)), "")
+    if not model:
+        return ""
+    said = []
+    if model != PAPER:
+        gaps = [f"{gap:.2f}" for gap in truth.time_gap(answer.stated_speed).tolist()]
+        said = [f"time gap {joined(gaps)} s at {3.6 * answer.stated_speed:.0f} km/h"]
     for name, column in columns_of(model).items():
-        values = [f"{value:.3g}" for value in value_of(model, truth, name).tolist()]
-        said.append(f"{column.title} of {joined(values)} {column.unit}")
-    return f"The recording was made with the {TITLES[model]}{none} and {'; '.join(said)}."
+        values = (f"{v:.{column.digits}f}" for v in value_of(model, truth, name).tolist())
+        said.append(f"{column.title} {joined([*values])} {column.unit}")
+    none = ", without s₀, lag or delay" if model == PAPER else ""
+    return f"The recording was made with the {TITLES[model]}{none}: {'; '.join(said)}."
 
 
 def hardly_known(answer: Answer, follower: int) -> str:
@@ -166,7 +170,7 @@ def drawn_to_others(info: SegmentInfo, answer: Answer) -> str:
     each = "each follower" if len(info.vehicles) > 2 else "the follower"
     named = {s: each if are_all else joined(labels) for s, labels in drawn.items()}
     parts = "; ".join(f"{symbols} of {labels}" for symbols, labels in named.items())
-    return f"Outside what the windows alone say, so drawn towards other cars: {parts}."
+    return f"Drawn towards other cars, beyond what each window alone says: {parts}."
 
 
 def papers_estimate(fit: Fit) -> str:

@@ -83,8 +83,8 @@ CRITERIA = (
     " before it."
 )
 """What the criteria along the platoon are."""
-TIMES = 2.0
-"""Gain from which growth is said as a multiple, not in percent."""
+FOLD, LEAST_GROWTH = 2.0, 0.005
+"""Gain from which growth is said as a multiple, not in percent, and the least that is said."""
 SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""
 
@@ -203,11 +203,11 @@ def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> 
     amplifying = [*gains]
     if not amplifying:
         return f"No follower amplifies {what}."
-    extent = f"which grow {grown(verdict.value)}"
+    extent = grown(verdict.value)
     if len(amplifying) == 1:
-        return f"{_capital(amplifying[0])} amplifies {what}, {extent}."
+        return f"{_capital(amplifying[0])} amplifies {what} {extent}."
     worst = max(gains, key=lambda name: gains[name])
-    return f"{_capital(joined(amplifying))} amplify {what}, {extent} behind {worst}."
+    return f"{_capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
 
 
 def _weak(verdict: Verdict, report: StabilityReport) -> str:
@@ -243,13 +243,15 @@ def grown(gain: float, ends: Estimate | None = None, level: float | None = None)
     """
     if isinf(gain):
         return "without limit"
+    if gain - 1.0 < LEAST_GROWTH:
+        return f"by less than {100 * LEAST_GROWTH:.1f} %"
     parts = gain, *((ends.lower, ends.upper) if ends else ())
-    if gain < TIMES:
-        most, *known = (_share(part - 1.0) for part in parts)
+    if gain < FOLD:
+        most, *known = (f"{100 * max(part - 1.0, 0.0):.0f}" for part in parts)
         said, unit = f"by up to {most} %", " %"
     else:
         most, *known = (f"{part:.1f}" if ends else three(part) for part in parts)
-        said, unit = f"to up to {most} times", ""
+        said, unit = f"up to {most}-fold", ""
     if not known:
         return said
     low, high = known
@@ -265,12 +267,7 @@ def gain_of(value: float, known: Uncertainty, follower: int) -> Estimate:
 
 def verdict_in_words(verdict: Verdict) -> str:
     """As in "L₂ string stability: unstable"."""
-    return ("stable" if verdict.stable else "unstable") + ", marginal" * verdict.marginal
-
-
-def _share(excess: float) -> str:
-    """A growth in percent: without digits after the point, or one that is not zero."""
-    return f"{100 * excess:.0f}" if not 0.0 < excess < 0.0095 else f"{100 * excess:.1g}"
+    return ("stable" if verdict.stable else "unstable") + " (marginal)" * verdict.marginal
 
 
 def three(value: float) -> str:

@@ -8,12 +8,13 @@ import msgspec
 import numpy as np
 
 from accpinn.findings import joined, percent, spelled, who
+from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.maximum_likelihood import KEY, disturbance_sizes
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES
+from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards
@@ -141,7 +142,7 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
 
 def conditional(result: Result, adequacy: Adequacy | None) -> str:
     """What estimates and intervals assume, and for whom another form of the CTHP is better."""
-    assumption = f"Estimates and intervals assume the {TITLES[result.fit.model]}."
+    assumption = f"The method's estimates and intervals assume the {TITLES[result.fit.model]}."
     if result.fit.model != PAPER:
         return f"{assumption} By another model they would differ."
     if adequacy is None or not adequacy.forms:
@@ -157,34 +158,39 @@ def conditional(result: Result, adequacy: Adequacy | None) -> str:
     return f"{assumption} Another form of the model describes the data better: {joined(labels)}."
 
 
-def agreement(rows: Sequence[Result]) -> str:
-    """How many methods agree with maximum likelihood, which do not, and how far all are from it.
+def agreement(rows: Sequence[Result], answer: Answer) -> str:
+    """How many methods agree with the answer, which do not, and how far all are from it.
 
-    It is empty if none can agree.
+    It is empty where the answer is of no follower.
     """
-    followers, others = range(rows[0].info.followers), [r for r in rows if r.analysis.method != KEY]
-    differing = [
-        name_of(row.fit)
-        for row in others
-        if any(_is_outside(row, follower, which) for follower in followers for which in range(3))
-    ]
-    if not others or np.isnan(rows[0].uncertainty.lower.values).all():
+    followers = [k for k, value in enumerate(answer.parameters.alpha) if not np.isnan(value)]
+    if not followers:
         return ""
-    count, total = len(others) - len(differing), len(others)
-    alike = f"{count} of {total} methods agree" if count else f"None of {total} methods agrees"
-    alike = alike if differing else f"All {total} methods agree"
-    within = f"within its {percent(rows[0].uncertainty.level)} intervals"
+    spans = [
+        (*(answer.gain(name, k) for name in ("alpha", "beta")), answer.time_gap(speed, k))
+        for k, speed in enumerate(answer.speeds.tolist())
+    ]
+    value, lower, upper = np.array(
+        [[(span.value, span.lower, span.upper) for span in row] for row in spans]
+    ).T
+    found = np.array(
+        [gains_and_gap(row.fit.model, row.fit.parameters, answer.speeds).T for row in rows]
+    )
+    inside = ((found >= lower) & (found <= upper))[:, :, followers].all(axis=(1, 2))
+    differing = [name_of(row.fit) for row, agrees in zip(rows, inside, strict=True) if not agrees]
+    count, total = int(inside.sum()), len(rows)
+    some = f"{count} of {total} methods agree" if count else "No method agrees"
+    alike = some if differing else f"All {total} methods agree"
+    within = f"within the {percent(answer.level)} intervals of α, β and time gap"
     within += " for every follower" if len(followers) > 1 else ""
-    verb = "does" if len(differing) == 1 else "do"
-    other = f"; {joined(differing)} {verb} not" if differing and count else ""
-    values = np.array([row.fit.parameters.values for row in others])
-    centre = rows[0].uncertainty.centre.values
-    off = np.abs(values - centre).max(axis=0) / np.where(centre > 0, centre, np.nan)
-    pairs = zip(off.max(axis=0).tolist(), "αβτ", strict=True)
-    # Not a number where one is unknown, or maximum likelihood's is zero.
+    other = f"; {joined(differing)} {'does' if len(differing) == 1 else 'do'} not"
+    other = other if differing and count else ""
+    off = np.abs(found - value)[:, :, followers] / np.where(value > 0, value, np.nan)[:, followers]
+    pairs = zip(off.max(axis=(0, 2)).tolist(), ("α", "β", "time gap"), strict=True)
+    # Not a number where one is unknown, or the answer's is zero.
     away = joined([f"{ceil(100 * far)} % ({symbol})" for far, symbol in pairs if far < 1.0])
     size = f" All are within {away} of it." if away else ""
-    return f"{alike} with maximum likelihood {within}{other}.{size}"
+    return f"{alike} with the answer {within}{other}.{size}"
 
 
 def outside_intervals(rows: Sequence[Result], follower: int) -> str:

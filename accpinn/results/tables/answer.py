@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from accpinn.inference.answer import SPEEDS, Answer
 from accpinn.model import registry
 from accpinn.model.cthp import Case
@@ -27,7 +25,7 @@ from accpinn.results.tables.estimates import (
     with_legend,
 )
 from accpinn.segment import SegmentInfo
-from accpinn.units import Estimate, FloatArray, MetresPerSecond
+from accpinn.units import MetresPerSecond
 
 EXTRAPOLATED = "extrapolated: no window holds this speed"
 ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
@@ -87,11 +85,6 @@ def _gap(answer: Answer, speed: MetresPerSecond, follower: int) -> Cell:
     return span if answer.is_driven(speed, follower) else Marked(span, EXTRAPOLATED)
 
 
-def _holding(values: FloatArray, lower: FloatArray, upper: FloatArray) -> list[Estimate]:
-    """Estimates whose intervals hold their values, as the ends are those of draws beside them."""
-    return estimate_cells(values, np.minimum(values, lower), np.maximum(values, upper))
-
-
 def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
     """One row a window: what it alone says of one follower (0 for the first); below, the answer.
 
@@ -99,7 +92,7 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     """
     speed = answer.stated_speed
     gaps = registry.time_gap(answer.model, answer.windows, speed)[:, follower]
-    alone = _holding(gaps, *answer.windows_gap[:, :, follower])
+    alone = estimate_cells(gaps, *answer.windows_gap[:, :, follower])
     filled: list[Filled] = [
         (Column("Window"), [*(str(info.window) for info in infos), "Answer"]),
         (gap_column(speed), [*alone, answer.time_gap(speed, follower)]),
@@ -108,7 +101,7 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
     group = f"{how} ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
-        alone = _holding(*(answer.values(part, name)[:, follower] for part in parts))
+        alone = estimate_cells(*(answer.values(part, name)[:, follower] for part in parts))
         marked = [marked_at_least(answer.model, name, cell) for cell in alone]
         cells = [*marked, answer.span(name, follower)]
         filled.append((replace(column, group=group), cells))

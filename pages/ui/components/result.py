@@ -15,7 +15,7 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import CTHPS, TITLES, holds
+from accpinn.model.registry import CTHPS, TITLES, has_terms_of
 from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
@@ -187,7 +187,7 @@ def _show_checks(result: Result) -> None:
     found = checks(result)
     failing = [QUESTIONS[check.name].lower() for check in found if check.passed is False]
     colour, icon = MARKS[False if failing else True]
-    failed = f"Failed {'check' if len(failing) == 1 else 'checks'}: {', '.join(failing)}"
+    failed = f"Not met: {', '.join(failing)}"
     said = failed if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for check in found:
@@ -246,8 +246,8 @@ def _show_comparison(
     if (known := result.known_answer) and known.model in CTHPS:
         estimates["Answer"] = known.parameters
         intervals["Answer"] = known.uncertainty
-    if truth:
-        estimates["Truth"] = Parameters.of(truth.values)
+    if truth and has_terms_of(fit.model, truth):
+        estimates["Truth"] = truth
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
     table = tables.comparison_table(result, estimates, intervals)
     show.table(table, colours)
@@ -307,7 +307,7 @@ def _band(result: Result) -> GapBand | None:
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:
     info, model = result.info, result.fit.model
-    has_truth = truth is not None and holds(model, truth)
+    has_truth = truth is not None and has_terms_of(model, truth)
     show.follower_key(info, has_truth, info.shares(result.fit.case))
     if history.deviations is not None:
         st.caption(

@@ -56,7 +56,7 @@ MARKS = {
 TOOLS = ("zoom2d", "pan2d", "select2d", "zoomIn2d", "zoomOut2d", "resetScale2d")
 _STYLE = f"""<style>
 .st-key-data_handles {{ padding: 0 {figures.MARGIN_RIGHT}px 0 {figures.MARGIN}px;
-  margin: -1.4rem 0 -1.5rem; }}
+  margin: -0.3rem 0 -1.5rem; }}
 </style>"""
 
 

@@ -199,7 +199,7 @@ def _choose_sample(workspace: Workspace) -> None:
         paths,
         format_func=resources.sample_title,
         key="data_sample",
-        help="Made from known parameters, most of them the paper's, with a receiver's noise.",
+        help="Made from known parameters, most of them the paper's.",
     )
     about = show.attempt(lambda: load_truth(truth_path(path)).description)
     st.caption(escape_markdown(about or ""))

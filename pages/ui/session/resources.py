@@ -38,7 +38,7 @@ TITLES = {
     "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
     "synthetic_vicolungo_like": "Vicolungo-like platoon: three followers on a motorway",
     "synthetic_paper_study": "Paper's study, noisy: one follower, with receiver noise",
-    "synthetic_paper_study_noise_free": "Paper's study, no noise: the same without noise",
+    "synthetic_paper_study_noise_free": "Paper's study, no noise: the same drive as it truly was",
 }
 
 
