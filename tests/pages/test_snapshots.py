@@ -61,7 +61,7 @@ class TestList:
         assert f"/Snapshots?snapshot={name}" in page.code[0].value
         assert page.workspace().restored is None, "looking at it changes nothing"
         page.open_tab("snapshots_tabs", "Verify")
-        assert "Not checked: Estimate" in page.plain()
+        assert "Not verified yet" in page.plain()
         assert verify(whole(), refit_within=QUICK).counted in page.plain()
         page.press("snapshots_again")
         assert "Reproduced: Estimate" in page.plain()

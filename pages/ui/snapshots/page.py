@@ -28,6 +28,11 @@ UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
 LONGEST: Seconds = 300.0
 """Methods that are expected to take longer are not run again while the page waits."""
+NOT_AGAIN = (
+    "Not verified yet: the method was not run again. The tab Verify compares all that follows from"
+    " its estimate."
+)
+"""What is said first of a snapshot whose data are at hand."""
 
 
 def show_page() -> None:
@@ -275,10 +280,10 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
         show.messages(verification.sentence, "error")
         return
     own = Verification(tuple(check for check in verification.checks if not check.method))
-    fresh = "" if is_again else "Not fully verified yet: no method was run again. "
+    whole = snapshot.found_in(recording)
+    said = NOT_AGAIN if whole.segments and not is_again else own.sentence
     with st.container(horizontal=True, vertical_alignment="center", width="content"):
-        st.caption(escape_markdown(fresh + own.sentence), width="content")
-        whole = snapshot.found_in(recording)
+        st.caption(escape_markdown(said), width="content")
         rows = (replace(row, segments=whole.segments) for row in whole.compared)
         seconds = sum(refit_seconds(row) for row in (whole, *rows))
         if 0 < seconds <= LONGEST and not is_again:
