@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import streamlit as st
 
+from accpinn.evaluation.closed_loop import simulated, tracking_errors
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, identifiability, profiles
@@ -171,9 +172,9 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     with first:
         with st.spinner("The answer takes some seconds."):
             known = shown.answer, known_vehicles(shown.answered)
+        show_cards(cards(segment.info, *known, together=True))
         if said := agreement(rows, shown.answer):
             st.markdown(f"**{escape_markdown(said)}**")
-        show_cards(cards(segment.info, *known, together=True))
         st.caption(_about_methods(rows))
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
@@ -205,7 +206,10 @@ def _show_summary(shown: _Shown) -> None:
     segment, rows = shown.segment, shown.rows
     _show_estimates(shown)
     st.markdown(escape_markdown(outside_intervals(rows, shown.follower)))
-    table = tables.methods_table(segment.info, rows, shown.follower)
+    drive = simulated(segment, shown.answer.model, shown.answer.parameters)
+    error = float(tracking_errors(segment, drive).gap_mae[shown.follower]) if drive else None
+    answered = shown.answer.parameters[shown.follower], error
+    table = tables.methods_table(segment.info, rows, shown.follower, answered)
     show.table(table)
     st.caption(_about_errors(shown))
     show.downloads(table, f"{shown.stem}_methods", "compare")
@@ -257,11 +261,12 @@ def _about_errors(shown: _Shown) -> str:
     return (
         "MAE: mean absolute error. Surrogate fit: error of the smooth curve that the method itself"
         " fits to the motion (a dash where it has none). Closed loop: error of the closed-loop"
-        " simulation (leader's speed given). Hold-out: closed loop on each third of the window with"
-        " the parameters learned from the other two. Outside the window: closed loop on the rest of"
-        " the recording. Collides at: the first contact with the vehicle ahead; the simulation"
-        " continues, and the errors include what follows. For scale: the mean absolute deviation of"
-        f" the measured space-gap is {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
+        " simulation (leader's speed given), the answer's by its typical values. Hold-out: closed"
+        " loop on each third of the window with the parameters learned from the other two. Outside"
+        " the window: closed loop on the rest of the recording. Collides at: the first contact with"
+        " the vehicle ahead; the simulation continues, and the errors include what follows. For"
+        " scale: the mean absolute deviation of the measured space-gap is"
+        f" {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
         + (" Hold-out is not computed for your own training." * is_partial)
     )
 

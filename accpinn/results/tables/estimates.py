@@ -253,19 +253,40 @@ SURROGATE, CLOSED_LOOP = ("surrogate", "Surrogate fit", 3), ("closed_loop", "Clo
 UNSEEN = (("holdout", "Hold-out", 2), ("out_of_window", "Outside the window", 2))
 
 
-def methods_table(info: SegmentInfo, results: Sequence[Result], follower: int) -> Table:
-    """One row a method, for one follower (0 for the first)."""
+def methods_table(
+    info: SegmentInfo,
+    results: Sequence[Result],
+    follower: int,
+    answered: tuple[Parameters, float | None] | None = None,
+) -> Table:
+    """One row a method, for one follower (0 for the first).
+
+    Args:
+        info: the window.
+        results: of the methods.
+        follower: 0 for the first.
+        answered: the answer's parameters of that follower and the mean absolute error of its
+            space-gap in closed loop, which are the first row.
+    """
+    sets = [result.fit.parameters[follower] for result in results]
+    kinds = (SURROGATE, CLOSED_LOOP, *UNSEEN)
+    errors = [*_error_cells(results, follower, *kinds)]
     collisions = [result.evaluation.collision_times(info.vehicles)[follower] for result in results]
-    return Table.of(
-        f"{info.labels[follower + 1]}, {where(info)}",
-        [
-            (Column("Method"), [name_of(result.fit) for result in results]),
-            *parameter_cells(Parameters.stack(r.fit.parameters[follower] for r in results)),
-            *_error_cells(results, follower, SURROGATE, CLOSED_LOOP, *UNSEEN),
-            (Column("Collides at", "s", 1), collisions),
-            (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
-        ],
-    )
+    filled: list[Filled] = [
+        (Column("Method"), [name_of(result.fit) for result in results]),
+        *errors,
+        (Column("Collides at", "s", 1), collisions),
+        (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
+    ]
+    if answered:
+        own, error = answered
+        first = ("Answer", *(error if kind is CLOSED_LOOP else None for kind in kinds), None, None)
+        filled = [
+            (column, [cell, *cells]) for cell, (column, cells) in zip(first, filled, strict=True)
+        ]
+        sets.insert(0, own)
+    filled[1:1] = parameter_cells(Parameters.stack(sets))
+    return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 
 def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Table:

@@ -155,6 +155,10 @@ def test_a_row_a_method_and_an_earlier_fit_beside_the_present_one() -> None:
     assert column(table, "Surrogate fit", gaps)[0] is None
     assert column(table, "Hold-out", gaps)[0] == then.evaluation.holdout.gap_mae[1]
 
+    table = methods_table(then.info, rows, 1, (Parameters(0.1, 0.2, 0.9, s0=5.0), 0.3))
+    assert column(table, "Method")[0] == "Answer"
+    assert (column(table, "s₀"), column(table, "Closed loop", gaps)[0]) == ([5.0, None, None], 0.3)
+
     now = run(replace(asked, case="I"), source)
     table = earlier_table([then], {"least-squares": now}, vehicle=3)
     assert column(table, "Earlier fit") == [earlier_title(then)]
