@@ -424,7 +424,7 @@ def _show_residual(shown: _Shown) -> None:
     show.chart(figures.residual(found, shown.colour), "compare_residual")
     st.caption(
         f"Residual of dv/dt by {escape_markdown(tables.name_of(row.fit))}, in steps of a second."
-        f" Dashed: {CONFIDENCE:.0%} of what chance alone gives lies between. Left, bars above:"
+        f" Dashed: by chance alone, {CONFIDENCE:.0%} of the bars lie between. Left, bars above:"
         " disturbances last; the first one below: noise of the measured speeds. Right, bars beyond"
         " at lags above zero: the model lacks a part of the response to the car ahead, as a"
         " delay.".replace("%", " %")

@@ -389,7 +389,7 @@ def _show_animation(run: PlatoonRun, cast: figures.Cast) -> None:
 def _show_panels() -> None:
     """The paper's figure of eight vehicles behind a sinusoid."""
     st.caption(
-        f"Eight times one vehicle of {ASTAZERO.title} behind a leader that drives 20 m/s for 20 s"
+        f"Eight equal vehicles, of {ASTAZERO.title}, behind a leader that drives 20 m/s for 20 s"
         " and then a sinusoid of 1 m/s. Neither vehicle is string stable; which disturbances"
         " grow depends on their frequency."
     )

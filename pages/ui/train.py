@@ -31,7 +31,7 @@ from pages.ui.session.workspace import MODEL, Workspace
 from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
-    "calibrated": "A few seconds: maximises the network's evidence; unbiased if the model holds.",
+    "calibrated": "Some seconds: the parameters of greatest evidence, unbiased if the model holds.",
     "fast": "Seconds: minimum of the paper's loss, solved exactly; biased if disturbances last.",
     "paper": "Many minutes: the paper's training by gradient; biased if disturbances last.",
 }
@@ -224,7 +224,7 @@ def _controls(workspace: Workspace) -> None:
         place = st.container(horizontal=True, width="content")
         st.toggle("Options", key="train_options", help="All settings of the preset.")
         changed = " With your options." if workspace.settings.get(preset) else ""
-        same = " The answer to the same windows is the same by each preset."
+        same = " The answer rests on the windows' likelihood, so it is the same by each preset."
         st.caption(PRESET_LINES[preset] + same + changed, width="stretch")
     if st.session_state.get("train_options"):
         with st.container(border=True):

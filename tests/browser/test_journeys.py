@@ -273,7 +273,7 @@ def test_all_methods_run_stop_and_survive_a_reload(opened: Open) -> None:
     expect(dots).to_have_count(len(METHODS) + 1)  # and the answer
     page.reload()
     methods = table(page, "Collides at")
-    expect(methods.locator("tbody tr")).to_have_count(len(METHODS))  # the same tab is open
+    expect(methods.locator("tbody tr")).to_have_count(len(METHODS) + 1)  # the same tab is open
     expect(methods).to_contain_text("Dual UKF")
 
 

@@ -348,7 +348,7 @@ def test_a_window_that_is_switched_off_serves_for_validation() -> None:
     session = with_sample()
     assert len(session.several_windows) == 2
     page = open_page("Data", session).open_tab("data_tabs", "Validation")
-    assert "switches one off" in page.plain()
+    assert "switch it off" in page.plain()
     session.choices[WINDOWS_OFF] = [0.0]
     page = open_page("Data", session).open_tab("data_tabs", "Validation")
     page.press("data_validate")

@@ -104,8 +104,10 @@ def about_answer(answer: Answer) -> str:
     median = f"{low:.0f}" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f}"
     marked = any(not answer.is_driven(v, k) for v in SPEEDS for k in range(len(answer.speeds)))
     driven = " With *: no window holds that speed, so the model extrapolates." if marked else ""
+    equation = FOLLOWING[answer.model].equation
     return (
-        f"Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
+        f"{equation}: gap p, speed v, and Δv of the vehicle ahead minus v."
+        f" Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
         f" {percent(answer.level)} interval of the vehicle's typical value; further window: that"
         " of one more window of it. Both count how much windows differ, here and in many other"
         " cars, so they are wider than what these windows alone say, and the fewer windows there"

@@ -182,7 +182,7 @@ def _modes(
     modes = []
     with st.expander("Who drives: ACC or a human", expanded=bool(before)):
         st.caption(
-            "Whether parameters are those of ACC is known only where the table says who drives."
+            "Say who drives, if a column tells: else nobody knows whether the parameters are ACC's."
         )
         for vehicle in range(1, count + 1):
             old = before.get(vehicle)

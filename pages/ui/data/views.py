@@ -122,9 +122,9 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
     st.caption(
         "The model describes car-following. Nothing is left out unless you tick it; every"
         " method then works without it, and every page names it. The data stay: only the"
-        " equation of the follower's acceleration does not count there. Leaving out"
-        " instants by their time gap biases as well, as the model is to explain that gap: compare"
-        " before you decide."
+        " equation of the follower's acceleration does not count there. Instants are"
+        " chosen by their time gap, which the model is to explain, so leaving them out biases,"
+        " too: compare before you decide."
     )
     if st.toggle(
         "Show the sensitivity of the estimates", key="data_sensitivity",
@@ -199,9 +199,8 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         ]
         if not spare:
             st.caption(
-                "All windows in car-following are learned from. Train's tab Windows switches one"
-                " off, to be kept for validation; another recording of the same vehicles serves,"
-                " too."
+                "All windows in car-following are learned from. To keep one for validation, switch"
+                " it off on page Train, tab Windows, or open another recording of these vehicles."
             )
     for learned in every if chosen is recording else ():
         parts = [
