@@ -33,8 +33,6 @@ TURN = "home_turn"
 """The choice that leads to page Train, once a run has been restored."""
 CARDS = 5
 """In a row."""
-ITEM_WIDTHS = (0.9, 2.3, 1, 1, 3.2)
-"""Columns of the list of the paper's tables and figures."""
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
 """Computed here; needs a training."""
 
@@ -212,9 +210,6 @@ def show_checklist(workspace: Workspace) -> None:
         " from printed parameters is computed at once; learning takes a recording, or a synthetic"
         " sample in its place."
     )
-    heads = st.columns(ITEM_WIDTHS)
-    heads[2].caption("**By the printed parameters**")
-    heads[3].caption("**By learned parameters**")
     for item in paper.ITEMS:
         _show_item(workspace, item)
     names = {one.vehicles.title: (item, one) for item in paper.ITEMS for one in item.verdicts}
@@ -236,8 +231,8 @@ def show_checklist(workspace: Workspace) -> None:
 def _show_item(workspace: Workspace, item: paper.PrintedItem) -> None:
     key = item.title.replace(" ", "").replace(",", "")
     with st.container(border=True):
-        parts = st.columns(ITEM_WIDTHS, vertical_alignment="center")
-        title, words, criteria, learned, buttons = parts
+        widths = (0.9, 2.3, 0.9, 1, 3.3)
+        title, words, criteria, learned, buttons = st.columns(widths, vertical_alignment="center")
         title.markdown(f"**{item.title}**")
         at_once = item.verdicts or item.shown or not (item.run or item.sample)
         criteria.caption(f"{MARK} criteria recomputed" if at_once else "–")

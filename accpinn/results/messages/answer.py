@@ -106,7 +106,7 @@ def about_answer(answer: Answer) -> str:
     driven = " With *: no window holds that speed, so the model extrapolates." if marked else ""
     equation = FOLLOWING[answer.model].equation
     return (
-        f"{equation}: gap p, speed v, and Δv of the vehicle ahead minus v."
+        f"{equation}, with gap p, speed v, and Δv = speed ahead − v."
         f" Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
         f" {percent(answer.level)} interval of the vehicle's typical value; further window: that"
         " of one more window of it. Both count how much windows differ, here and in many other"
@@ -128,7 +128,7 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
         values = (f"{v:.{column.digits}f}" for v in value_of(model, truth, name).tolist())
         said.append(f"{column.title} {joined([*values])} {column.unit}")
     none = ", without s₀, lag or delay" if model == PAPER else ""
-    return f"The recording was made with the {TITLES[model]}{none}: {'; '.join(said)}."
+    return f"True values: made with the {TITLES[model]}{none}: {'; '.join(said)}."
 
 
 def hardly_known(answer: Answer, follower: int) -> str:

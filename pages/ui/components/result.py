@@ -106,12 +106,13 @@ def _show_answer(result: Result, truth: Parameters | None) -> None:
     info, answer, case = result.info, result.answer, result.fit.case
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
-    made = on_answer.about_truth(truth, answer) if truth else ""
     found = (
         tell(info, answer) for tell in (on_answer.differing_windows, on_answer.drawn_to_others)
     )
-    about = (on_answer.about_answer(answer), *found, made)
+    about = (on_answer.about_answer(answer), *found)
     st.caption(escape_markdown(" ".join(filter(None, about))))
+    if truth:
+        st.caption(escape_markdown(on_answer.about_truth(truth, answer)))
 
 
 def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
