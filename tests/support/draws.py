@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from accpinn.inference import answer, intervals, population, posterior, window_posterior
+from accpinn.methods.pinn import training
 
 Draws = tuple[tuple[int, ...], int, tuple[int, ...], int, int]
 USERS: Draws = (
@@ -53,5 +54,6 @@ def as_users_have() -> Iterator[None]:
 if __name__ == "__main__":
     from streamlit.web import cli
 
+    training.CHECKPOINT_EVERY = 1.0  # no test need wait longer for one
     take_few()
     cli.main()
