@@ -351,7 +351,7 @@ def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) ->
 def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
     segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
-    case = shown.workspace.case
+    case, adequacy = shown.workspace.case, shown.workspace.adequacy
     st.markdown("**The CTHP in this window**")
     quality, duration = shown.rows[0].quality, shown.rows[0].facts.get("duration")
     warnings = identifiability(segment.info, quality, uncertainty, case, duration)
@@ -360,7 +360,7 @@ def _show_identifiability(shown: _Shown) -> None:
         show.messages(
             "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
             " that the model is adequate (tab Model adequacy).",
-            "success",
+            "info" if adequacy and adequacy.better else "success",
         )
     st.caption(
         f"Condition number {quality.condition[follower]:.0f} (above {LARGE_CONDITION:.0f} the"

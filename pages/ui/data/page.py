@@ -258,6 +258,8 @@ def _show_overview(
             show.key(figures.driver_key(), title="Upper bars, driver:")
         bars = "Lower bars" if drivers else "Bars"
         show.key(figures.regime_key(regimes), title=f"{bars}, regime:")
+        if view == "time gap":
+            show.key((), dotted="longest in car-following")
         _offer_papers_window(workspace, recording)
 
 
