@@ -431,11 +431,10 @@ def _check_times(time: NDArray[np.float64]) -> None:
 
 
 def _check_parts(result: Result, is_complete: bool) -> None:
-    parts, info = result.parts, result.info
+    parts, info, count = result.parts, result.info, len(result.infos)
     needed = (parts.qualities, parts.uncertainty, parts.evaluation)
     _require(not is_complete or None not in needed, "a part of it is missing")
-    known = result.infos if parts.qualities is None else parts.qualities
-    _require(len(known) == len(result.infos), "its qualities are not its windows'")
+    _require(parts.qualities is None or len(parts.qualities) == count, "a quality is missing")
     _check_shapes(parts, info)
     levels = [known.level for known in (parts.uncertainty, parts.answer) if known]
     _require(all(0 < level < 1 for level in levels), "a level is not between 0 and 1")
