@@ -209,7 +209,7 @@ class Design:
 
 @lru_cache(maxsize=16)
 def _design(samples: int, step: Seconds, known: bytes) -> Design:
-    """Of samples of which ``known`` says whether each is there."""
+    """The design of so many samples; ``known`` says of each whether it is there."""
     return Design(step, np.frombuffer(known, bool).reshape(samples, OUTPUTS))
 
 
