@@ -147,7 +147,9 @@ def show_both(first: Result, second: Result) -> None:
     if changes := what_differs(first, second):
         st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
     else:
-        st.caption("Both are from the same data of one recording, by the same settings.")
+        said = "Both are from the same data of one recording, by the same settings"
+        is_same = first.parameters == second.parameters
+        st.caption(f"{said}{', and have the same parameters' if is_same else ''}.")
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
     longer = max(first.info, second.info, key=lambda info: info.followers)
     table = differences_table(first, second)

@@ -13,7 +13,7 @@ from accpinn.methods.likelihood import search
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import CALIBRATED
-from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Evidence, LinearEvidence
+from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Design, Evidence, LinearEvidence
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
 from accpinn.model.cthp import Case, Parameters
@@ -44,6 +44,19 @@ def dense(banded: FloatArray) -> FloatArray:
     for offset, row in enumerate(banded):
         matrix += np.diag(row[: size - offset], -offset)
     return np.asarray(matrix + np.tril(matrix, -1).T)
+
+
+def test_windows_of_one_length_share_what_does_not_depend_on_their_data() -> None:
+    """Also where the values asked for take turns: as each by itself, to the last digit."""
+    windows = [series_of([recording(seed, 40.0)], "II") for seed in (1, 2)]
+    one, other = (LinearEvidence(s.measured[:, :, 0], s.step) for s in windows)
+    assert one.design is other.design
+    found = [term.parts(VALUES * by) for by in (1.0, 1.1, 1.0) for term in (one, other, one)]
+    assert found[:3] == found[6:]
+    assert found[0] == found[2] != found[3]
+    for term, parts in ((one, found[0]), (other, found[1])):
+        term.design = Design(0.5, ~np.isnan(term._measured))
+        assert term.parts(VALUES) == parts
 
 
 def test_the_prior_is_the_integral_of_the_squared_residuals() -> None:
