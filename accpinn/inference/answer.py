@@ -193,6 +193,11 @@ class Answer:
         """The α or β of one follower; of a model that is no CTHP at its median speed."""
         return self._span(("gain", name), follower, lambda sets: getattr(sets, name))
 
+    def gains_and_gap(self, follower: int) -> tuple[Span, Span, Span]:
+        """α, β and the time gap at the median speed of one follower (0 for the first)."""
+        gap = self.time_gap(float(self.speeds[follower]), follower)
+        return self.gain("alpha", follower), self.gain("beta", follower), gap
+
     def values(self, sets: Parameters, name: str) -> FloatArray:
         """(..) one parameter by its name, of some of the answer's sets (..)."""
         return value_of(self.model, sets, name)

@@ -279,8 +279,7 @@ def _show_estimates(shown: _Shown) -> None:
         figures.NamedEstimate(name_of(f), gains_and_gap(f.model, f.parameters[follower], speed))
         for f in (row.fit for row in shown.rows)
     ]
-    gains = (answer.gain(name, follower) for name in ("alpha", "beta"))
-    spans = [*gains, answer.time_gap(speed, follower)]
+    spans = answer.gains_and_gap(follower)
     value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
     title = f"Answer ({registry.TITLES[answer.model]})"
     dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))

@@ -282,7 +282,7 @@ def test_methods_are_as_far_from_the_answer_as_is_said() -> None:
         fit = replace(first.fit, parameters=Parameters.of(np.tile(values, (4, 1))))
         return on_result.agreement((altered(first, fit=fit),), answer)
 
-    assert said(0.106, 0.0, 1.002).startswith("All 1 methods agree with the answer")
+    assert said(0.106, 0.0, 1.002).startswith("Every method agrees with the answer")
     assert "6 % (α) and 1 % (time gap) of it" in said(0.106, 0.0, 1.002)
     assert said(0.2, 0.0, 1.0).startswith("No method agrees")
     assert "1 % (time gap) of it" in said(math.nan, 0.3, 1.002)

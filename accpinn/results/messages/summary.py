@@ -166,10 +166,7 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     followers = [k for k, value in enumerate(answer.parameters.alpha) if not np.isnan(value)]
     if not followers:
         return ""
-    spans = [
-        (*(answer.gain(name, k) for name in ("alpha", "beta")), answer.time_gap(speed, k))
-        for k, speed in enumerate(answer.speeds.tolist())
-    ]
+    spans = map(answer.gains_and_gap, range(len(answer.speeds)))
     value, lower, upper = np.array(
         [[(span.value, span.lower, span.upper) for span in row] for row in spans]
     ).T
@@ -179,8 +176,9 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     inside = ((found >= lower) & (found <= upper))[:, :, followers].all(axis=(1, 2))
     differing = [name_of(row.fit) for row, agrees in zip(rows, inside, strict=True) if not agrees]
     count, total = int(inside.sum()), len(rows)
-    some = f"{count} of {total} methods agree" if count else "No method agrees"
-    alike = some if differing else f"All {total} methods agree"
+    agree = "agrees" if count == 1 else "agree"
+    some = f"{count} of {total} methods {agree}" if count else "No method agrees"
+    alike = some if differing else "Every method agrees"
     within = f"within the {percent(answer.level)} intervals of α, β and time gap"
     within += " for every follower" if len(followers) > 1 else ""
     other = f"; {joined(differing)} {'does' if len(differing) == 1 else 'do'} not"
