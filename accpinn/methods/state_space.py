@@ -47,6 +47,8 @@ OBSERVED = (0, 1, 2)
 LEADER_MEMORY: Seconds = 3.0
 GAP_DRIFT = 2 * 0.14**2 / 60
 """q in m²/s: two positions' errors make a deviation of 0.14 m that lasts a minute."""
+USUAL_COMMAND = 0.25
+"""Deviation of a command in m/s², of which a lag or a delay holds a part at the first sample."""
 SHORT, TERMS_TAKEN = 0.25, 15
 """Part of a step's exponent that is short, and terms of its series."""
 FIRST = (100.0, 50.0, 50.0)
@@ -166,12 +168,6 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     command = np.zeros((count, size))
     command[:, p], command[:, v], command[:, u] = alpha, -alpha_tau - beta, beta
     add_command(rates, command, v, 6, terms.get("lag", 0.0), terms.get("delay", 0.0))
-    usual = 0.25
-    if "lag" in terms:
-        covariance[:, 6, 6] = usual**2
-    elif "delay" in terms:
-        covariance[:, 6, 6] = (usual * terms["delay"] ** 2 / 12.0) ** 2
-        covariance[:, 7, 7] = (usual * terms["delay"] / 6.0) ** 2
     rates[:, v, r] += 1.0
     rates[:, r, r], rates[:, r, w] = -1.0 / rise, 1.0 / rise
     rates[:, w, w] = -1.0 / memory
@@ -183,6 +179,15 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
     density[:, a, a] = 2.0 * leader**2 / LEADER_MEMORY
 
     covariance[:, range(3), range(3)] = np.square(FIRST)
+    if size > 6:
+        # What has not yet passed the lag or the delay is about the command.
+        scale = terms["delay"] ** 2 / 12.0 if "delay" in terms else np.ones(count)
+        tied = scale[:, None] * command[:, :3] * np.square(FIRST)
+        covariance[:, 6, :3] = covariance[:, :3, 6] = tied
+        spread = np.einsum("bi,bi->b", tied, command[:, :3]) / scale
+        covariance[:, 6, 6] = scale**2 * (spread + USUAL_COMMAND**2)
+        if "delay" in terms:
+            covariance[:, 7, 7] = (USUAL_COMMAND * terms["delay"] / 6.0) ** 2
     covariance[:, r, r] = covariance[:, r, w] = covariance[:, w, r] = deviation**2
     covariance[:, w, w] = white
     covariance[:, a, a] = leader**2

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from accpinn.methods import TaskContext
+from accpinn.methods import PAPERS, Law, TaskContext
 from accpinn.methods.fit import Fit
 from accpinn.methods.pinn.config import FAST, PinnConfig
 from accpinn.methods.registry import METHODS
@@ -15,6 +15,12 @@ WEIGHTED = PinnConfig(weight_physics=(2.0, 0.5), weight_initial=1.5, weight_data
 """The network's loss with another weight for every term."""
 
 
-def train(segment: Segment, case: Case = "II", config: PinnConfig = FAST, **context: Any) -> Fit:
+def train(
+    segment: Segment,
+    case: Case = "II",
+    config: PinnConfig = FAST,
+    law: Law = PAPERS,
+    **context: Any,
+) -> Fit:
     """The network's fit; ``context`` as in `TaskContext`."""
-    return METHODS["pinn"].fit(segment, case, config, TaskContext(**context))
+    return METHODS["pinn"].fit(segment, case, config, TaskContext(**context), law)

@@ -10,6 +10,7 @@ would lower Ψ by some percent and move no parameter. Standard errors of the par
 the filter's expected information.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,9 +32,12 @@ from accpinn.methods.pinn.loss import (
     LossTerms,
     Motion,
     Training,
+    command_columns,
+    has_earlier,
     loss_terms,
     stack_outputs,
     trajectories,
+    weighted_terms,
 )
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
@@ -157,7 +161,7 @@ def drawn(
     case: Case,
     config: PinnConfig,
     solution: Solution,
-    terms: FloatArray | None,
+    terms: FloatArray,
     evidence: float,
 ) -> Fit:
     """The fit of a segment whose output layer minimises Ψ for given parameters.
@@ -167,19 +171,31 @@ def drawn(
         case: "I" or "II".
         config: the network's settings.
         solution: α, ατ and β of the M followers.
-        terms: (M, 3) s₀, by which measured gaps exceed those that are learned, λ and d; or None.
+        terms: (M, 3) s₀, by which measured gaps exceed those that are learned, λ and d.
         evidence: log evidence of the parameters, which stands beside Ψ.
     """
     network = Network(segment.followers, config, float(segment.time[-1]))
-    intercepts = np.zeros((1, segment.followers)) if terms is None else terms[None, :, 0]
-    shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts)
+    intercepts, lags, delays = terms.T
+    shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts[None])
     measured = stack_outputs(segment.speeds, segment.gaps) - shift
-    projection = Projection(network, segment.time, measured, segment.mask)
+    mask = segment.mask
+    if delays.any():
+        mask = has_earlier(segment)
+    order = 2 if lags.any() else 1
+    projection = Projection(network, segment.time, measured, mask, order)
     hidden = projection.hidden()
-    weights = solve_output(projection.sums(hidden), solution.theta, config)
-    motion = Motion(*projection.surrogate(hidden, weights))
-    mask = None if segment.mask is None else segment.mask.astype(float)
-    loss = loss_terms(motion, measured, solution.theta, config, mask)
+    sums, late = projection.sums(hidden), list[FloatArray]()
+    if lags.any() or delays.any():
+        late = [projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True)]
+        sums = sums.with_late(late, mask)
+    weights = solve_output(sums, solution.theta, config)
+    motion = Motion(*projection.surrogate(hidden, weights)[:2])
+    kept = None if mask is None else mask.astype(float)
+    if late:
+        residual = late_residual(late, weights, solution.theta)
+        loss = weighted_terms(motion, residual, measured, config, kept)
+    else:
+        loss = loss_terms(motion, measured, solution.theta, config, kept)
     weights[0] += shift[0]
     network.set_output(weights)
     return Fit.of(
@@ -195,3 +211,21 @@ def drawn(
         arrays=network.arrays(),
         terms=terms,
     )
+
+
+def late_residual(late: Sequence[FloatArray], weights: FloatArray, theta: FloatArray) -> FloatArray:
+    """(N, M) the residual of dv/dt of a surrogate behind a lag or a delay.
+
+    Args:
+        late: (M,) of (N, 2, K), as `Projection.late` gives them.
+        weights: (K, 2M+1) the output layer.
+        theta: (M, 3) α, ατ, β.
+    """
+    columns = []
+    for seen, (alpha, alpha_tau, beta), places in zip(
+        late, theta, np.transpose(command_columns(len(late))), strict=True
+    ):
+        gap, own, ahead = (seen[:, 0] @ weights[:, places]).T
+        command = alpha * gap - alpha_tau * own + beta * (ahead - own)
+        columns.append(seen[:, 1] @ weights[:, places[1]] - command)
+    return np.column_stack(columns)

@@ -14,6 +14,15 @@ and the data, one sample each half second, add A = ⊕ ΦᵀΦ/σ². So w is int
     log p(y | z) = -½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - ½ log|Λ + A| + ½ log|Λ| - Σ log σ√(2π)
 
 which is the evidence. An intercept s₀ is taken from the measured gaps.
+
+With a lag λ or a delay d (Padé, as in `model.cthp.add_command`) the acceleration is N(d/dt) q of a
+further output q, which follows the command c = α p - (ατ+β)v + βu all but exactly:
+
+    r = v' - N q,   e_q = D q - c,   q_q = `COMMAND_NOISE`
+    lag      D = 1 + λs,              N = 1,                     first q - c ~ N(0, .25²)
+    delay    D = 1 + ds/2 + d²s²/12,  N = 1 - ds/2 + d²s²/12,    first q - c + dc'/2 ~ N(0, .25²),
+                                                                 q' - c' ~ N(0, (.5/d)²)
+
 The loss Ψ has only the first two terms. It lacks ½ log|Λ|, and that biases the estimate: the slope
 of log|Λ| with respect to ατ + β tends to half the duration. With features that resolve the motion
 the evidence is the Kalman filter's likelihood of the same model, so the search for its maximum is
@@ -35,11 +44,19 @@ from scipy.sparse import csr_array, diags_array
 from accpinn.methods.kalman import LOG_TWO_PI
 from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms
+from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms, weighted_terms
 from accpinn.methods.series import Series
 from accpinn.methods.splines import SplineBasis
-from accpinn.methods.state_space import FIRST, GAP_DRIFT, LEADER_MEMORY, Form, coordinates
-from accpinn.model.registry import PAPER, Held
+from accpinn.methods.state_space import (
+    COMMON,
+    FIRST,
+    GAP_DRIFT,
+    LEADER_MEMORY,
+    USUAL_COMMAND,
+    Form,
+    coordinates,
+)
+from accpinn.model.registry import FOLLOWING, PAPER, Held
 from accpinn.units import FloatArray, Mask, Metres, Seconds
 
 DEGREE = 5
@@ -47,10 +64,10 @@ DEGREE = 5
 KNOTS_EVERY: Seconds = 0.25
 """With 0.5 s the estimate lies up to 1.3 standard errors from maximum likelihood where the
 disturbance has short memory, with 0.25 s up to 0.08."""
-ORDER = 3
-"""Order of the highest derivative."""
 OUTPUTS = 3
-"""p, v, u."""
+"""p, v, u, which are measured; q stands behind them."""
+COMMAND_NOISE = 1e-5
+"""Intensity q_q in m²/s³: a ten-thousandth of what the usual disturbance has."""
 DIFFERENCE = 4e-3
 """Difference of a coordinate for a slope: small against its deviation, large against rounding."""
 METRES = 25.0
@@ -64,23 +81,23 @@ singular to working precision."""
 class Basis(SplineBasis):
     """The features: splines with their derivatives' Gram matrices, and their values at samples."""
 
-    def __init__(self, samples: int, step: Seconds) -> None:
-        """Splines for samples at 0, step, 2 step, ..."""
+    def __init__(self, samples: int, step: Seconds, order: int) -> None:
+        """Splines for samples at 0, step, 2 step, .. and derivatives up to an order."""
         super().__init__((samples - 1) * step, KNOTS_EVERY, DEGREE)
         nodes, weights = np.polynomial.legendre.leggauss(DEGREE + 1)
         half = float(np.diff(self.breaks)[0]) / 2
         points = ((self.breaks[:-1] + self.breaks[1:]) / 2)[:, None] + half * nodes
-        at = self.derivatives(points.ravel(), ORDER)
+        at = self.derivatives(points.ravel(), order)
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
         products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
         self.grams = np.stack(products, axis=1)
-        """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to `ORDER`."""
-        self.values, self.rates = self.derivatives(step * np.arange(samples, dtype=np.float64), 1)
-        """(N, K) each."""
-        # Only the first functions differ from zero at the first instant, up to derivative 2.
-        start = self.derivatives(np.zeros(1), ORDER - 1)
-        self.first = np.stack([matrix.toarray()[0, :ORDER] for matrix in start])
-        """(3, 3) derivative 0, 1, 2 of the first three functions."""
+        """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to the order."""
+        self.at_samples = self.derivatives(step * np.arange(samples, dtype=np.float64), 2)
+        """(N, K) each: values, first and second derivatives."""
+        # Only the first functions differ from zero at the first instant, up to that derivative.
+        start = self.derivatives(np.zeros(1), order - 1)
+        self.first = np.stack([matrix.toarray()[0, :order] for matrix in start])
+        """(L, L) derivatives 0 to L - 1 of the first L functions, L = order."""
 
     def padded(self, left: csr_array, right: csr_array) -> FloatArray:
         """(DEGREE + 1, K) the `diagonals`, with zeros where they leave the matrix."""
@@ -89,49 +106,92 @@ class Basis(SplineBasis):
 
 
 @lru_cache(maxsize=8)
-def _basis(samples: int, step: Seconds) -> Basis:
-    return Basis(samples, step)
+def _basis(samples: int, step: Seconds, order: int) -> Basis:
+    return Basis(samples, step, order)
 
 
 class Physics(NamedTuple):
-    """The prior's residuals as linear forms of (p, v, u) and their derivatives; whitened."""
+    """The prior's residuals as linear forms of O outputs and their derivatives; whitened."""
 
     running: FloatArray
-    """(3, 3, 4): residual, output, derivative; their squares are integrated."""
+    """(O, O, L + 1): residual, output, derivative up to L = order; their squares are integrated."""
     first: FloatArray
-    """(6, 3, 3): residual, output, derivative 0 to 2, at the first instant."""
+    """(R, O, L): residual, output, derivative, at the first instant."""
 
 
-def physics(values: FloatArray) -> Physics:
+def late_of(form: Form) -> str:
+    """What stands between a model's command and its acceleration: "lag", "delay" or nothing."""
+    return FOLLOWING[form].terms[-1] if FOLLOWING[form].is_late else ""
+
+
+def order_of(late: str) -> int:
+    """L, the order of the highest derivative in the equations."""
+    return 4 if late == "delay" else 3
+
+
+def outputs_of(late: str) -> int:
+    """O, the number of outputs."""
+    return OUTPUTS + bool(late)
+
+
+def reaction(late: str, seconds: Seconds) -> tuple[FloatArray, FloatArray]:
+    """D and N of the module's head, (3,) each, by powers of s."""
+    if late == "lag":
+        return np.array([1.0, seconds, 0.0]), np.array([1.0, 0.0, 0.0])
+    square = seconds**2 / 12
+    return np.array([1.0, seconds / 2, square]), np.array([1.0, -seconds / 2, square])
+
+
+def physics(values: FloatArray, late: str = "") -> Physics:
     """The residuals over the deviations of what drives them.
 
     Args:
-        values: (P,) the unknowns, those of `state_space.COMMON` first.
+        values: (P,) the unknowns, those of `state_space.COMMON` first, the lag or delay last.
+        late: see `late_of`.
     """
     alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values[:9]
     deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
+    order, outputs = order_of(late), outputs_of(late)
     p, v, u = range(OUTPUTS)
-    law = np.zeros((OUTPUTS, ORDER + 1))
-    law[p, 0], law[v, 0], law[u, 0], law[v, 1] = -alpha, alpha_tau + beta, -beta, 1.0
-    slope, bend = np.zeros_like(law), np.zeros_like(law)
-    slope[:, 1:], bend[:, 2:] = law[:, :-1], law[:, :-2]
-    running = np.zeros((3, OUTPUTS, ORDER + 1))
-    running[0] = law / memory + (1 + rise / memory) * slope + rise * bend
+    law = np.zeros((outputs, order + 1))
+    law[p, 0], law[v, 0], law[u, 0] = -alpha, alpha_tau + beta, -beta
+    running = np.zeros((outputs, outputs, order + 1))
+    further = np.zeros((order - 2 if late else 0, outputs, order))
+    if late:
+        command, law = -law, np.zeros_like(law)
+        denominator, numerator = reaction(late, values[-1])
+        law[OUTPUTS, :3] = -numerator
+        running[OUTPUTS] = -command
+        running[OUTPUTS, OUTPUTS, :3] = denominator
+        running[OUTPUTS] /= np.sqrt(COMMAND_NOISE)
+        behind = -command
+        behind[OUTPUTS, 0] = 1.0
+        further[0] = behind[:, :order]
+        if late == "delay":
+            half = values[-1] / 2
+            further[0] += half * _rate(command)[:, :order]
+            further[1] = half * _rate(behind)[:, :order]
+        further /= USUAL_COMMAND
+    law[v, 1] += 1.0
+    slope = _rate(law)
+    running[0] = law / memory + (1 + rise / memory) * slope + rise * _rate(law, 2)
     running[0] /= deviation * np.sqrt(2 * (memory + rise)) / memory
     running[1, p, 1], running[1, u, 0], running[1, v, 0] = np.array([1, -1, 1]) / np.sqrt(GAP_DRIFT)
     running[2, u, 1:3] = np.array([1 / LEADER_MEMORY, 1]) / (leader * np.sqrt(2 / LEADER_MEMORY))
-    first = np.zeros((6, OUTPUTS, ORDER))
-    first[0] = law[:, :ORDER] / deviation
-    first[1] = slope[:, :ORDER] * np.sqrt(memory * rise) / deviation
+    first = np.zeros((6, outputs, order))
+    first[0] = law[:, :order] / deviation
+    first[1] = slope[:, :order] * np.sqrt(memory * rise) / deviation
     first[2, u, 1] = 1 / leader
     for row, output in enumerate((p, v, u)):
         first[3 + row, output, 0] = 1 / FIRST[output]
-    return Physics(running, first)
+    return Physics(running, np.concatenate([first, further]))
 
 
-def intercept_of(values: FloatArray) -> Metres:
-    """s₀ among unknowns (P,); 0 for the model without one."""
-    return float(values[9]) if len(values) > 9 else 0.0
+def _rate(form: FloatArray, times: int = 1) -> FloatArray:
+    """(O, L + 1) the time derivative of a form, taken so many times."""
+    moved = np.zeros_like(form)
+    moved[:, times:] = form[:, : form.shape[1] - times]
+    return moved
 
 
 class Parts(NamedTuple):
@@ -159,10 +219,11 @@ class Factors(NamedTuple):
 class Design:
     """The features at the samples of p, v, u that are there; windows of one length share it."""
 
-    def __init__(self, step: Seconds, known: Mask) -> None:
+    def __init__(self, step: Seconds, known: Mask, late: str = "") -> None:
         """The features of N samples, one each ``step``; ``known`` (N, 3) are those there."""
-        self.basis = _basis(len(known), step)
-        self.rows = [self.basis.values[kept] for kept in known.T]
+        self.late, self.outputs = late, outputs_of(late)
+        self.basis = _basis(len(known), step, order_of(late))
+        self.rows = [self.basis.at_samples[0][kept] for kept in known.T]
         self._grams = np.array([self.basis.padded(values, values) for values in self.rows])
         self._latest: tuple[bytes, Factors | None] = b"", None
 
@@ -183,13 +244,13 @@ class Design:
         return Factors(posterior, *halves)
 
     def prior(self, values: FloatArray) -> FloatArray:
-        """Λ (18, 3K) in lower banded form; p, v, u stand side by side at each function."""
-        running, first = physics(values)
+        """Λ (6 O, O K) in lower banded form; the outputs stand side by side at each function."""
+        running, first = physics(values, self.late)
+        outputs, banded = self.outputs, self._empty()
         # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
-        squares = np.einsum("eoa,epb->poab", running, running).reshape(OUTPUTS, 1, OUTPUTS, -1)
-        banded = self._empty()
+        squares = np.einsum("eoa,epb->poab", running, running).reshape(outputs, 1, outputs, -1)
         for output, rows in enumerate(squares @ self.basis.grams):
-            banded[: len(banded) - output, output::OUTPUTS] = rows.reshape(len(banded), -1)[output:]
+            banded[: len(banded) - output, output::outputs] = rows.reshape(len(banded), -1)[output:]
         start = np.einsum("eoa,ak->eko", first, self.basis.first).reshape(len(first), -1)
         corner = start.T @ start
         for column in range(len(corner)):
@@ -197,20 +258,20 @@ class Design:
         return banded
 
     def data(self, values: FloatArray) -> FloatArray:
-        """A (18, 3K) in lower banded form."""
+        """A (6 O, O K) in lower banded form."""
         banded = self._empty()
         for output, sigma in enumerate(noise_of(values)):
-            banded[::OUTPUTS, output::OUTPUTS] = self._grams[output] / sigma**2
+            banded[:: self.outputs, output :: self.outputs] = self._grams[output] / sigma**2
         return banded
 
     def _empty(self) -> FloatArray:
-        return np.zeros((OUTPUTS * (DEGREE + 1), OUTPUTS * self.basis.size), order="F")
+        return np.zeros((self.outputs * (DEGREE + 1), self.outputs * self.basis.size), order="F")
 
 
 @lru_cache(maxsize=16)
-def _design(samples: int, step: Seconds, known: bytes) -> Design:
+def _design(samples: int, step: Seconds, known: bytes, late: str) -> Design:
     """The design of so many samples; ``known`` says of each whether it is there."""
-    return Design(step, np.frombuffer(known, bool).reshape(samples, OUTPUTS))
+    return Design(step, np.frombuffer(known, bool).reshape(samples, OUTPUTS), late)
 
 
 def noise_of(values: FloatArray) -> FloatArray:
@@ -221,27 +282,35 @@ def noise_of(values: FloatArray) -> FloatArray:
 class LinearEvidence:
     """log p(y | z) of one series, the output layer integrated out."""
 
-    def __init__(self, measured: FloatArray, step: Seconds) -> None:
+    def __init__(self, measured: FloatArray, step: Seconds, form: Form = PAPER) -> None:
         """Sum products of the data p, v, u (N, 3), nan where missing, one sample each ``step``."""
+        self._has_intercept = "s0" in FOLLOWING[form].terms
         complete: Mask = np.asarray(~np.isnan(measured).all(axis=1))
         measured = measured[: int(np.flatnonzero(complete)[-1]) + 1]
         known = ~np.isnan(measured)
-        self.design = _design(len(measured), step, known.tobytes())
+        self.design = _design(len(measured), step, known.tobytes(), late_of(form))
         self._measured, rows = measured, self.design.rows
         data = [column[kept] for column, kept in zip(measured.T, known.T, strict=True)]
-        self._right = np.column_stack([v.T @ y for v, y in zip(rows, data, strict=True)])
+        self._right = np.zeros((self.design.basis.size, self.design.outputs))
+        for output, (values, y) in enumerate(zip(rows, data, strict=True)):
+            self._right[:, output] = values.T @ y
         self._squares = np.array([(y**2).sum() for y in data])
         self._counts = np.array([len(y) for y in data])
         self._gaps = data[0].sum()
         self._shifted = np.asarray(rows[0].T @ np.ones(len(data[0])))
 
+    def _intercept(self, values: FloatArray) -> Metres:
+        """s₀ among unknowns (P,); 0 for a model without one."""
+        return float(values[len(COMMON)]) if self._has_intercept else 0.0
+
     def right(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """ΦᵀY/σ² (3K,) and YᵀY (3,); Y is without s₀."""
-        intercept = intercept_of(values)
+        """ΦᵀY/σ² (O K,) and YᵀY (3,); Y is without s₀."""
+        intercept = self._intercept(values)
         right, squares = self._right.copy(), self._squares.copy()
         right[:, 0] -= intercept * self._shifted
+        right[:, :OUTPUTS] /= noise_of(values) ** 2
         squares[0] += intercept * (intercept * self._counts[0] - 2 * self._gaps)
-        return (right / noise_of(values) ** 2).ravel(), squares
+        return right.ravel(), squares
 
     def parts(self, values: FloatArray) -> Parts:
         """The evidence at unknowns (P,) in their own units; -inf where Λ is singular."""
@@ -259,12 +328,18 @@ class LinearEvidence:
         """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
         design, (right, _) = self.design, self.right(values)
         factor, _ = lapack.dpbtrf(design.prior(values) + design.data(values), lower=1)
-        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, OUTPUTS)
-        in_order = weights[:, [2, 1, 0]]
-        motion = Motion(design.basis.values @ in_order, design.basis.rates @ in_order)
-        measured = (self._measured - [intercept_of(values), 0.0, 0.0])[:, [2, 1, 0]]
+        weights = lapack.dpbtrs(factor, right[:, None], lower=1)[0].reshape(-1, design.outputs)
+        in_order, at_samples = weights[:, [2, 1, 0]], design.basis.at_samples
+        motion = Motion(*(rows @ in_order for rows in at_samples[:2]))
+        measured = (self._measured - [self._intercept(values), 0.0, 0.0])[:, [2, 1, 0]]
         known = np.where(np.isnan(measured), motion.outputs, measured)
-        return loss_terms(motion, known, values[None, :3], config)
+        if not design.late:
+            return loss_terms(motion, known, values[None, :3], config)
+        _, numerator = reaction(design.late, values[-1])
+        parts = zip(numerator, at_samples, strict=True)
+        acceleration = sum(by * (rows @ weights[:, OUTPUTS]) for by, rows in parts)
+        residual = motion.rates[:, 1] - acceleration
+        return weighted_terms(motion, residual[:, None], known, config)
 
 
 class Evidence(Criterion):
@@ -273,13 +348,13 @@ class Evidence(Criterion):
     negligible = 1e-5
 
     def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
-        """For series, each with features of its own length, and the paper's model or s₀ beside."""
+        """For series, each with features of its own length, and one of the CTHPs."""
         super().__init__(series, form, held)
         metres = [METRES if unknown.name == "s0" else 1.0 for unknown in coordinates(form)]
         self.moves = np.diag(metres)
         """(P, P) what a difference of one means for each coordinate."""
         self._terms = [
-            LinearEvidence(measured, series.step)
+            LinearEvidence(measured, series.step, form)
             for measured in np.moveaxis(series.measured, -1, 0)
         ]
 

@@ -38,7 +38,7 @@ from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import DELAY, FollowingModel
 from accpinn.segment import Segment
-from accpinn.units import FloatArray
+from accpinn.units import FloatArray, Mask
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -151,29 +151,40 @@ def loss_terms(
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
         model: the model, unless it is the paper's.
     """
+    own_columns = output_columns(motion.outputs.shape[1] // 2)[0][1:]
+    gap, own, ahead = motion.commanding
+    if model is None:
+        alpha, alpha_tau, beta = theta.T
+        command = alpha * gap - alpha_tau * own + beta * (ahead - own)
+    else:
+        command = model.acceleration(gap, own, ahead, theta, library_of(motion.outputs))
+    residual = motion.rates[:, own_columns] - command
+    if model and motion.bends is not None:
+        residual = residual + model.term(theta, "lag") * motion.bends[:, own_columns]
+    return weighted_terms(motion, residual, measured, config, mask)
+
+
+def weighted_terms(
+    motion: Motion,
+    residual: Array,
+    measured: Array,
+    config: PinnConfig,
+    mask: Array | None = None,
+) -> LossTerms:
+    """Ψ of a surrogate whose residual (N, M) of dv/dt is known; for all others see `loss_terms`."""
     outputs, rates = motion.outputs, motion.rates
     count, followers = len(outputs), outputs.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)
-    speeds, gaps = outputs[:, speed_columns], outputs[:, gap_columns]
-    relative = speeds[:, :-1] - speeds[:, 1:]
-    gap_rate = rates[:, gap_columns] - relative
-    if model is None:
-        alpha, alpha_tau, beta = theta.T
-        command = alpha * gaps - alpha_tau * speeds[:, 1:] + beta * relative
-    else:
-        gap, own, ahead = motion.commanding
-        command = model.acceleration(gap, own, ahead, theta, library_of(outputs))
-    speed_rate = rates[:, speed_columns[1:]] - command
-    if model and motion.bends is not None:
-        speed_rate = speed_rate + model.term(theta, "lag") * motion.bends[:, speed_columns[1:]]
+    speeds = outputs[:, speed_columns]
+    gap_rate = rates[:, gap_columns] - (speeds[:, :-1] - speeds[:, 1:])
     if mask is not None:
-        speed_rate = speed_rate * mask
+        residual = residual * mask
     error = outputs - measured
     gap, speed = error[:, gap_columns], error[:, speed_columns]
 
     (q_gap, q_speed), (s_gap, s_speed) = config.weight_physics, config.weight_data
     scale = 1.0 / (count * followers)
-    physics = scale * (q_gap * _square(gap_rate) + q_speed * _square(speed_rate))
+    physics = scale * (q_gap * _square(gap_rate) + q_speed * _square(residual))
     data = scale * (s_gap * _square(gap) + s_speed * _square(speed))
     at_start = _square(gap[0]) + _square(speed[0, 1:])
     return LossTerms(data, physics, config.weight_initial / followers * at_start)
@@ -181,6 +192,12 @@ def loss_terms(
 
 def _square(values: Any) -> Any:
     return (values * values).sum()
+
+
+def has_earlier(segment: Segment) -> Mask:
+    """(N, M) where the acceleration counts in a model with a delay; see the module's head."""
+    late = np.tile(segment.time[:, None] >= DELAY.upper, segment.followers)
+    return late if segment.mask is None else segment.mask & late
 
 
 class Training(ABC):
@@ -203,10 +220,7 @@ class Training(ABC):
         self.order = 2 if "lag" in self.terms else 1  # of the highest derivative in the residuals
         self.planned = config.iterations + config.lbfgs_iterations
         self.measured = stack_outputs(segment.speeds, segment.gaps)
-        mask = segment.mask
-        if "delay" in self.terms:
-            has_earlier = np.tile(segment.time[:, None] >= DELAY.upper, self.followers)
-            mask = has_earlier if mask is None else mask & has_earlier
+        mask = has_earlier(segment) if "delay" in self.terms else segment.mask
         self.mask = None if mask is None else mask.astype(float)
 
     @abstractmethod

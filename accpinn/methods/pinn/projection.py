@@ -18,7 +18,7 @@ speed ahead.
     [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -30,7 +30,7 @@ from accpinn.methods.pinn.loss import output_columns
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.regression import Solution, solve_platoon
 from accpinn.model.cthp import Case
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray, Mask, Seconds
 
 _GAP_RATE = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Residual of the gap's rate: values and rates of own speed, gap and speed ahead."""
@@ -91,6 +91,12 @@ class NormalEquations:
             first=np.concatenate([self.first, new.first]),
         )
 
+    def with_late(self, late: Sequence[FloatArray], mask: Mask | None) -> Self:
+        """The same for accelerations that see (M,) of (N, 2, K), as `Projection.late` gives it."""
+        counts = [slice(None)] * len(late) if mask is None else mask.T
+        parts = ((seen[kept], len(seen)) for seen, kept in zip(late, counts, strict=True))
+        return replace(self, dynamic_grams=tuple(_products(part, part, n) for part, n in parts))
+
     @property
     def value_value(self) -> FloatArray:
         """(K, K) ΦᵀΦ with a ridge."""
@@ -119,6 +125,7 @@ class Projection:
             order: of the highest derivative in time, 1 or 2.
         """
         self.network, self._measured, self._mask = network, measured, mask
+        self._time = time
         self._order = order
         self.skipped = self._features(time)
         """(N, 1 + order, F + 1) a constant and the features, and their derivatives."""
@@ -151,6 +158,13 @@ class Projection:
         """(N, 1 + order, K) the same at other instants (N,), for the present hidden layers."""
         skipped = self._features(time)
         return np.concatenate([skipped, self._hidden(skipped)], axis=2)
+
+    def late(self, hidden: FloatArray, lag: Seconds, delay: Seconds) -> FloatArray:
+        """(N, 2, K) what an acceleration behind a lag λ or a delay d sees: Φ(t - d), Φ' + λΦ''."""
+        seen = self.seen(hidden)
+        rate = seen[:, 1] + lag * seen[:, 2] if lag else seen[:, 1]
+        then = self.seen_at(np.maximum(self._time - delay, 0.0)) if delay else seen
+        return np.stack([then[:, 0], rate], axis=1)
 
     def past_hidden(self, weights: FloatArray) -> FloatArray:
         """(N, 1 + order, 2M+1) the skip connection's part, for the output layer (K, 2M+1)."""

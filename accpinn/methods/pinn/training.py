@@ -334,10 +334,8 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models; of the preset `calibrated` CTHPs without lag or delay alone."""
-    if settings.get("preset") in ("fast", "paper"):
-        return tuple(FOLLOWING)
-    return tuple(key for key in CTHPS if not FOLLOWING[key].is_late)
+    """All models; of the preset `calibrated` the CTHPs."""
+    return tuple(FOLLOWING) if settings.get("preset") in ("fast", "paper") else CTHPS
 
 
 def _variant(config: Mapping[str, Any]) -> str:

@@ -8,8 +8,9 @@ from scipy.interpolate import BSpline
 
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.inference.intervals import intervals
+from accpinn.methods import Law
 from accpinn.methods.fit import Outcome, Progress
-from accpinn.methods.likelihood import search
+from accpinn.methods.likelihood import Criterion, search
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import CALIBRATED
@@ -84,6 +85,23 @@ def test_the_prior_is_the_integral_of_the_squared_residuals() -> None:
     assert w @ dense(evidence.design.prior(VALUES)) @ w == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("late", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("form", ["cthp-lag", "cthp-s0-delay"])
+def test_behind_a_lag_or_a_delay_it_is_the_filter_s_likelihood_but_for_a_constant(
+    form: str, late: float
+) -> None:
+    """The constant is that of the features; between near parameters it cancels."""
+    series = series_of([recording(1, 100.0)], "II")
+    evidence, likelihood = Evidence(series, form), Criterion(series, form)
+    moves = np.random.default_rng(2).uniform(-0.1, 0.1, (8, evidence.size))
+    z = evidence.start + np.append(0.0 * moves[:1], moves, axis=0)
+    z[:, -1] = late * (1.0 + moves[0, 0])
+    groups = np.zeros(len(z), int)
+    apart = evidence.log_likelihood(z, groups) - likelihood.log_likelihood(z, groups)
+    assert np.ptp(likelihood.log_likelihood(z, groups)) > 20
+    assert np.ptp(apart) < 0.5
+
+
 @pytest.mark.parametrize("missing", [False, True], ids=["complete", "missing"])
 def test_the_evidence_is_the_density_of_the_data_with_the_weights_integrated_out(
     missing: bool,
@@ -95,7 +113,7 @@ def test_the_evidence_is_the_density_of_the_data_with_the_weights_integrated_out
         measured[20:30, 0] = np.nan
         measured[25:35] = np.nan
     evidence = LinearEvidence(measured, series.step)
-    features = np.kron(evidence.design.basis.values.toarray(), np.eye(OUTPUTS))
+    features = np.kron(evidence.design.basis.at_samples[0].toarray(), np.eye(OUTPUTS))
     prior = np.linalg.inv(dense(evidence.design.prior(VALUES)))
     noise = np.tile(VALUES[[6, 7, 7]] ** 2, len(measured))
     y, there = measured.ravel(), ~np.isnan(measured.ravel())
@@ -127,13 +145,20 @@ def platoon() -> Segment:
     return disturbed(SETS[[0, 1]], 2, Disturbance(), duration=40.0)
 
 
+@pytest.mark.parametrize("model", ["cthp", "cthp-lag", "cthp-s0-delay"])
 @pytest.mark.parametrize("case", ["I", "II"])
-def test_parameters_are_those_of_maximum_likelihood_and_curves_follow_the_data(case: Case) -> None:
+def test_parameters_are_those_of_maximum_likelihood_and_curves_follow_the_data(
+    case: Case, model: str
+) -> None:
     """Within 0.2 of the standard errors that it states."""
     seen: list[Progress] = []
-    fit = train(platoon(), case, CALIBRATED, on_progress=seen.append)
-    apart = np.log(fit.parameters.values / maximum_likelihood(platoon(), case).parameters.values)
+    fit = train(platoon(), case, CALIBRATED, on_progress=seen.append, law=Law(model))
+    expected = maximum_likelihood(platoon(), case, Law(model))
+    apart = np.log(fit.parameters.values / expected.parameters.values)
     assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
+    assert fit.parameters.complete[:, 3:] == pytest.approx(
+        expected.parameters.complete[:, 3:], abs=0.3
+    )
     assert fit.arrays["deviations"].shape == (1 if case == "I" else 2, 3)
     assert surrogate_errors(platoon(), fit).gap_mae.max() < 0.2
     assert fit.outcome is Outcome.CONVERGED
