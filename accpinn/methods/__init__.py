@@ -5,7 +5,7 @@ is one module with a `METHOD` beside this one, and one line in `registry`.
 """
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ParamSpec, Protocol, TypeVar
 
@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import PAPER, Held
+from accpinn.model.registry import BEST, PAPER, Held
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -80,6 +80,11 @@ class TaskContext:
         return bool(self.should_stop and self.should_stop())
 
 
+def best_first(models: Sequence[str]) -> tuple[str, ...]:
+    """The models with the answer's first, by which a method then fits unless told otherwise."""
+    return BEST, *(model for model in models if model != BEST)
+
+
 def only_the_papers(settings: Mapping[str, Any]) -> tuple[str]:
     """The models of a method that estimates the paper's alone."""
     return (PAPER,)
@@ -121,8 +126,9 @@ class Method:
     ) = None
     """The fit of each of several windows by one parameter set of them all; None where the method
     takes one window alone."""
-    models: Callable[[Mapping[str, Any]], Collection[str]] = only_the_papers
-    """Keys of the models that it can estimate with settings as JSON; the paper's among them."""
+    models: Callable[[Mapping[str, Any]], Sequence[str]] = only_the_papers
+    """Keys of the models that it can estimate with settings as JSON: first the one that it does
+    unless another is asked for; the paper's is among them."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
     """The surrogate's curves at instants (N,) in s, from `Fit.arrays` alone, and the window's
     duration in s; None for a method whose curves cannot be drawn again."""
@@ -184,7 +190,7 @@ def direct(
     key: str,
     title: str,
     fit: Callable[..., Fit],
-    models: Collection[str] = (PAPER,),
+    models: Sequence[str] = (PAPER,),
     **others: Any,
 ) -> Method:
     """A method without settings, so fast that neither progress nor stop is needed.
@@ -194,7 +200,7 @@ def direct(
         title: its name for people.
         fit: estimates the parameters of a segment, given the case, and the law where there are
             further models; how long it took is measured here.
-        models: keys of those that it can estimate.
+        models: keys of those that it can estimate, its usual one first.
         others: further fields of `Method`.
     """
 

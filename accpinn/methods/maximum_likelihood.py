@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from accpinn.findings import Finding
-from accpinn.methods import PAPERS, Law, TaskContext, direct
+from accpinn.methods import PAPERS, Law, TaskContext, best_first, direct
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
@@ -213,7 +213,7 @@ def _at_instants(
 
 
 METHOD = direct(
-    KEY, "Maximum likelihood", fit, CTHPS, typical_seconds=0.9, tolerance=1e-3,
+    KEY, "Maximum likelihood", fit, best_first(CTHPS), typical_seconds=0.9, tolerance=1e-3,
     allows_missing=True, together=fit_together,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

@@ -33,7 +33,16 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods import PAPERS, Law, TaskContext, direct, following, least_squares, splines
+from accpinn.methods import (
+    PAPERS,
+    Law,
+    TaskContext,
+    best_first,
+    direct,
+    following,
+    least_squares,
+    splines,
+)
 from accpinn.methods.fit import (
     Fit,
     MethodFinding,
@@ -319,7 +328,7 @@ def fit_together(
 
 
 METHOD = direct(
-    "simulation", "Simulation", fit, tuple(FOLLOWING), typical_seconds=1.4, is_closed_loop=True,
-    together=fit_together,
+    "simulation", "Simulation", fit, best_first(tuple(FOLLOWING)), typical_seconds=1.4,
+    is_closed_loop=True, together=fit_together,
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

@@ -25,7 +25,7 @@ from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes, parse_regimes
 from accpinn.units import Seconds
 
-FORMAT = 4
+FORMAT = 5
 """Raised whenever equal analyses would have other answers for a reason that no method's version
 tells, as a change in how windows are cut."""
 
@@ -66,8 +66,8 @@ class Analysis:
     """The model of the answer."""
     held: Held = ()
     """Terms of that model that keep their values, by name."""
-    fitted: str = PAPER
-    """The model of the fit, for a method that can estimate it; others estimate the paper's."""
+    fitted: str = ""
+    """The model of the fit, if one is asked for; else it is the method's usual one."""
     method: str = "pinn"
     """Key of the method in `METHODS`."""
     settings: dict[str, Any] = field(default_factory=dict)
@@ -96,8 +96,8 @@ class Analysis:
                 of vehicles with data from the first one on.
             case: "I" for one parameter set, "II" for one per follower.
             excluded: regimes, as `parse_regimes` takes them.
-            model: key of the model of answer and fit; by default `BEST` for the answer and the
-                paper's for the fit.
+            model: key of the model of answer and fit; by default `BEST` for the answer, and for
+                the fit where the method estimates it.
             held: terms of it that keep their values, as {"s0": 4.0}.
             method: key of a method.
             settings: an object of the method's own type, or its JSON; None for the defaults.
@@ -117,7 +117,7 @@ class Analysis:
             tuple(regime for regime in EXCLUDABLE if regime in named),
             following_model(model or BEST).key,
             checked_held(model or BEST, held or {}),
-            model or PAPER,
+            model or "",
             method=method,
             settings=chosen,
         )
@@ -133,10 +133,13 @@ class Analysis:
 
     @property
     def law(self) -> Law:
-        """The model that the method estimates, with what is held of it."""
-        if self.fitted not in METHODS[self.method].models(self.settings):
-            return PAPERS
-        return Law(self.fitted, self.held)
+        """The model that the method estimates, with what is held of it.
+
+        It is the paper's where the method cannot estimate the one that is asked for.
+        """
+        models = METHODS[self.method].models(self.settings)
+        model = self.fitted or models[0]
+        return Law(model, self.held) if model in models and model != PAPER else PAPERS
 
     @cached_property
     def key(self) -> str:

@@ -24,7 +24,7 @@ from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, following_model
+from accpinn.model.registry import BEST, PAPER, following_model
 from accpinn.recordings import Recording, facts_of
 from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import opened, read_all
@@ -208,8 +208,9 @@ def cut_windows(
         yield SegmentError(NOTHING)
     for place in planned:
         analysis = Analysis(
-            source, place.vehicles, (place.window,), request.case, model=request.model, method=KEY
-        )
+            source, place.vehicles, (place.window,), request.case,
+            model=request.model, fitted=PAPER, method=KEY,
+        )  # fmt: skip
         try:
             (segment,) = analysis.segments(recording)
         except AccpinnError as fault:

@@ -7,12 +7,14 @@ from hashlib import sha256
 from itertools import combinations
 
 from accpinn.errors import ConfigError, SegmentError
+from accpinn.findings import joined
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import CacheProblem
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case
+from accpinn.model.registry import BEST, following_model
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import SLACK
@@ -81,16 +83,17 @@ def estimate(
     return result_of(analysis, segments, (fit,), recording)
 
 
-def fit_windows(segments: Sequence[Segment], case: Case = "II") -> Result:
+def fit_windows(segments: Sequence[Segment], case: Case = "II", model: str | None = None) -> Result:
     """One parameter set over windows that were cut already, also of several recordings.
 
     Args:
         segments: at least two, of the same vehicles in the same order, with the same step in time.
             The first one's numbers and names of vehicles serve for all.
         case: "I" for one parameter set, "II" for one per follower.
+        model: a CTHP, by default "cthp-s0-delay".
 
     Raises:
-        ConfigError: for fewer than two segments.
+        ConfigError: for fewer than two segments, or an unknown model.
         SegmentError: when segments overlap or do not match, or one is too short.
     """
     if len(segments) < 2:
@@ -103,6 +106,8 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II") -> Result:
         tuple(segment.window for segment in segments),
         case,
         first.excluded_regimes,
+        model=following_model(model or BEST).key,
+        fitted=model or "",
         method=KEY,
     )
     return _together(analysis, tuple(segments), None)
@@ -117,7 +122,7 @@ def _together(
     """Several windows under one likelihood."""
     method, config = METHODS[analysis.method], analysis.config
     if not method.together:
-        able = " and ".join(key for key, method in METHODS.items() if method.together)
+        able = joined([key for key, method in METHODS.items() if method.together])
         raise ConfigError(
             f"windows: only {able} estimate from several windows, {analysis.method} does not;"
             " choose one of them, or one window."

@@ -49,7 +49,7 @@ from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
 FORMAT = "accpinn snapshot"
-SCHEMA = 6
+SCHEMA = 7
 LARGEST = 24_000_000
 """Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
 stays below."""
@@ -375,7 +375,8 @@ def _check(result: Result, is_complete: bool) -> None:
     """
     method = result.analysis.method
     _require(method in METHODS, f'the method "{method[:40]}" is not known')
-    for model in (result.analysis.model, result.analysis.fitted, *(f.model for f in result.fits)):
+    asked = result.analysis
+    for model in (asked.model, asked.fitted or asked.model, *(f.model for f in result.fits)):
         _require(model in FOLLOWING, f'the model "{model[:40]}" is not known')
     answer = result.parts.answer
     _require(not answer or answer.model == result.analysis.model, "its answer is of another model")

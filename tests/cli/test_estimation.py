@@ -28,7 +28,7 @@ LIKELIHOOD = ("--method", "maximum-likelihood")
 def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     found = document(capsys, "fit", PLATOON, "--start", 10, *SHORT, "--vehicles", "4,5")
     assert found.keys() >= KEYS
-    assert (found["method"], found["case"], found["model"]) == ("pinn", "II", "cthp")
+    assert (found["method"], found["case"], found["model"]) == ("pinn", "II", "cthp-s0-delay")
     assert (found["preset"], found["seed"], found["outcome"]) == ("calibrated", 0, "converged")
     segment = found["segment"]
     assert (segment["start"], segment["duration"], segment["samples"]) == (10, 30, 301)

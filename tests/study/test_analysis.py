@@ -309,7 +309,7 @@ class TestJointFit:
     def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
         whole = driven(((0.10, -0.04, 1.8),), duration=100.0, noise=0.05)
         windows = part(whole, 0, 501), part(whole, 501, whole.samples)
-        found = fit_windows(windows)
+        found = fit_windows(windows, model="cthp")
         assert found.parameters.beta[0] == 0.0
         one, other = (fit.unconstrained.values[0] for fit in found.fits)
         np.testing.assert_array_equal(one, other)

@@ -221,7 +221,7 @@ def test_another_model_of_the_answer_does_not_estimate_again(tmp_path: Path) -> 
 
 def test_a_method_that_cannot_share_windows_says_which_model_could() -> None:
     with pytest.raises(ConfigError, match="idm"):
-        accpinn.fit(STUDY, windows="0-60,60-120", method="simulation")
+        accpinn.fit(STUDY, windows="0-60,60-120", model="cthp", method="simulation")
     found = accpinn.fit(STUDY, windows="0-60,60-120", model="cthp-s0", method="simulation")
     assert [fit.model for fit in found.fits] == ["cthp-s0"] * 2
     assert json.dumps(found.analysis.held) == "[]"

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext
+from accpinn.methods import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext, best_first
 from accpinn.methods.fit import (
     Continued,
     Fit,
@@ -334,8 +334,9 @@ def _resumable(settings: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _models(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """All models; of the preset `calibrated` the CTHPs."""
-    return tuple(FOLLOWING) if settings.get("preset") in ("fast", "paper") else CTHPS
+    """All models, the paper's first; of the preset `calibrated` the CTHPs."""
+    is_papers = settings.get("preset") in ("fast", "paper")
+    return tuple(FOLLOWING) if is_papers else best_first(CTHPS)
 
 
 def _variant(config: Mapping[str, Any]) -> str:

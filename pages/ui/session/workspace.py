@@ -11,7 +11,7 @@ from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import BEST, PAPER, following_model
+from accpinn.model.registry import BEST, following_model
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import File
 from accpinn.recordings.synthetic import Truth
@@ -159,7 +159,7 @@ class Workspace:
         held = asked.held if asked.model == self.model else ()
         same = replace(
             asked, source=source, windows=(self.window,), model=self.model, held=held,
-            fitted=PAPER if self.model == BEST else self.model,
+            fitted="" if self.model == BEST else self.model,
         )  # fmt: skip
         return same.with_method("pinn", config)
 
