@@ -57,8 +57,8 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Declare the model of answer and fit."""
     parser.add_argument(
         "--model", choices=list(FOLLOWING), metavar="NAME",
-        help=f"of the answer ({BEST}), and of the fit where its method can estimate it ({PAPER}):"
-        f" {', '.join(FOLLOWING)}",
+        help=f"of the answer and of the fit where its method can estimate it; by default {BEST},"
+        f" and {PAPER} for the presets fast and paper: {', '.join(FOLLOWING)}",
     )  # fmt: skip
     parser.add_argument(
         "--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",

@@ -15,10 +15,10 @@ from typing import Any, Self
 
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.inference.answer import checked_held
-from accpinn.methods import PAPERS, Law
+from accpinn.methods import Law
 from accpinn.methods.registry import METHODS, method_of, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, PAPER, Held, following_model
+from accpinn.model.registry import BEST, Held, following_model
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
@@ -135,11 +135,11 @@ class Analysis:
     def law(self) -> Law:
         """The model that the method estimates, with what is held of it.
 
-        It is the paper's where the method cannot estimate the one that is asked for.
+        It is the method's usual one where the method cannot estimate the one that is asked for.
         """
-        models = METHODS[self.method].models(self.settings)
-        model = self.fitted or models[0]
-        return Law(model, self.held) if model in models and model != PAPER else PAPERS
+        usual, *others = METHODS[self.method].models(self.settings)
+        model = self.fitted if self.fitted in others else usual
+        return Law(model, self.held if model == self.model else ())
 
     @cached_property
     def key(self) -> str:

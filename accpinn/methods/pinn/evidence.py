@@ -345,7 +345,7 @@ class LinearEvidence:
 class Evidence(Criterion):
     """log evidence + log prior of every group, in place of the Kalman filter's likelihood."""
 
-    negligible = 1e-5
+    negligible = 3e-4
 
     def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
         """For series, each with features of its own length, and one of the CTHPs."""
