@@ -12,7 +12,7 @@ from accpinn.evaluation.closed_loop import simulated, tracking_errors
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, identifiability, profiles
-from accpinn.inference.intervals import OutsideInterval, Uncertainty
+from accpinn.inference.intervals import OutsideInterval, interval_ends
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
@@ -69,15 +69,15 @@ class _Shown:
         self.vehicle = vehicles[self.follower + 1]
         self.colour = vehicle_colours(vehicles)[self.follower + 1]
 
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """The same from every row."""
-        return self.rows[0].uncertainty
+    @cached_property
+    def row(self) -> Result:
+        """The first method that estimates the paper's model, whose intervals all such have."""
+        return next((row for row in self.rows if row.fit.model == PAPER), self.rows[0])
 
     @cached_property
     def answered(self) -> Result:
-        """The training's; before one, the first row with the windows a training would take."""
-        workspace, row = self.workspace, self.rows[0]
+        """The training's; before one, that row with the windows a training would take."""
+        workspace, row = self.workspace, self.row
         if result := workspace.result:
             return result
         asked = workspace.training_analysis(CALIBRATED) or row.analysis
@@ -188,7 +188,11 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
 def _about_methods(rows: Sequence[Result]) -> str:
     """What the methods estimate, and which of them is the paper's."""
     window, asked = rows[0].info.window, rows[0].analysis
-    said = f"Each method below estimates the CTHP's α, β and τ in the window {window}."
+    titles = dict.fromkeys(registry.TITLES[row.fit.model] for row in rows)
+    said = (
+        f"Each method below estimates α, β and τ in the window {window}, under the"
+        f" {' or the '.join(titles)}."
+    )
     if asked.model != PAPER:
         said += (
             f" The answer's model, {registry.TITLES[asked.model]}, predicts further drives of real"
@@ -214,10 +218,10 @@ def _show_summary(shown: _Shown) -> None:
     st.caption(_about_errors(shown))
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
-    adequacy = conditional(rows[0], shown.workspace.adequacy)
-    show_intervals(rows[0], adequacy)
+    adequacy = conditional(shown.row, shown.workspace.adequacy)
+    show_intervals(shown.row, adequacy)
     # Which estimates lie outside is said above.
-    found = (f for f in shown.uncertainty.findings if not isinstance(f, OutsideInterval))
+    found = (f for f in shown.row.uncertainty.findings if not isinstance(f, OutsideInterval))
     show.messages(messages(found, segment))
 
 
@@ -259,21 +263,15 @@ def _about_errors(shown: _Shown) -> str:
     is_partial = not all(row.evaluation.blocks for row in shown.rows)
     gap = shown.segment.measured_gaps[:, shown.follower]
     return (
-        "MAE: mean absolute error. Surrogate fit: error of the smooth curve that the method itself"
-        " fits to the motion (a dash where it has none). Closed loop: error of the closed-loop"
-        " simulation (leader's speed given), the answer's by its typical values. Hold-out: closed"
-        " loop on each third of the window with the parameters learned from the other two. Outside"
-        " the window: closed loop on the rest of the recording. Collides at: the first contact with"
-        " the vehicle ahead; the simulation continues, and the errors include what follows. For"
-        " scale: the mean absolute deviation of the measured space-gap is"
-        f" {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
+        "Closed loop: the answer's is by its typical values. For scale, the mean deviation of"
+        f" the measured space-gap is {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
         + (" Hold-out is not computed for your own training." * is_partial)
     )
 
 
 def _show_estimates(shown: _Shown) -> None:
-    follower, uncertainty, answer = shown.follower, shown.uncertainty, shown.answer
-    speed = float(answer.speeds[follower])
+    follower, answer, uncertainty = shown.follower, shown.answer, shown.row.uncertainty
+    speed, model = float(answer.speeds[follower]), shown.row.fit.model
     earlier = _choose_earlier(shown, speed)
     dots = [
         figures.NamedEstimate(name_of(f), gains_and_gap(f.model, f.parameters[follower], speed))
@@ -284,12 +282,15 @@ def _show_estimates(shown: _Shown) -> None:
     title = f"Answer ({registry.TITLES[answer.model]})"
     dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
     truth = gains_and_gap(PAPER, shown.truth, speed) if shown.truth else None
-    figure = figures.estimates([*dots, *earlier], shown.colour, uncertainty, follower, truth)
+    drawn = gains_and_gap(model, uncertainty.draws[:, follower], speed)
+    band = np.array(interval_ends(drawn, uncertainty.level))
+    figure = figures.estimates([*dots, *earlier], shown.colour, band, truth)
     show.chart(figure, "compare_estimates")
     st.caption(
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
         f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
-        f" the CTHP in this window. Time gap: in equilibrium at {3.6 * speed:.0f} km/h."
+        f" the {escape_markdown(registry.TITLES[model])} in this window. Time gap: in equilibrium"
+        f" at {3.6 * speed:.0f} km/h."
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
@@ -349,10 +350,10 @@ def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) ->
 
 def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
-    segment, follower, uncertainty = shown.segment, shown.follower, shown.uncertainty
+    segment, follower, uncertainty = shown.segment, shown.follower, shown.row.uncertainty
     case, adequacy = shown.workspace.case, shown.workspace.adequacy
-    st.markdown("**The CTHP in this window**")
-    quality, duration = shown.rows[0].quality, shown.rows[0].facts.get("duration")
+    st.markdown(f"**{escape_markdown(registry.TITLES[shown.row.fit.model])} in this window**")
+    quality, duration = shown.row.quality, shown.row.facts.get("duration")
     warnings = identifiability(segment.info, quality, uncertainty, case, duration)
     show.messages(messages(warnings, segment), "warning")
     if not warnings:
@@ -392,11 +393,11 @@ def _show_identifiability(shown: _Shown) -> None:
 def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
-    adequacy = shown.workspace.adequacy or shown.rows[0].adequacy
+    adequacy = shown.workspace.adequacy or shown.row.adequacy
     if not adequacy.forms:
         st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return
-    st.caption(conditional(shown.rows[0], adequacy))
+    st.caption(conditional(shown.row, adequacy))
     show.messages(messages(adequacy.findings, segment), icon="lightbulb")
     table = tables.model_form_table(segment.info, adequacy.forms, shown.follower)
     show.table(table)
@@ -406,9 +407,8 @@ def _show_adequacy(shown: _Shown) -> None:
         " keep a distance at standstill and act with a lag and a delay; a model without these terms"
         " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
         " under the form learned from the first two): prefer a form in which both are clearly"
-        " above 0. If there is none, the forms show how much α, β and τ depend on the assumptions."
-        " A lag or delay is at least 0.05 s, so the likelihood with one can be"
-        " below the CTHP's."
+        " above 0. If there is none, the forms show how α, β and τ depend on the assumptions. A"
+        " lag or delay is at least 0.05 s, so the likelihood with one can be below the CTHP's."
     )
     _show_residual(shown)
     _show_disturbance(shown)

@@ -16,7 +16,7 @@ import plotly.graph_objects as go
 from accpinn.channels import PARAMETERS, TIME, Quantity
 from accpinn.evaluation.whiteness import ResidualCorrelations
 from accpinn.inference.identifiability import INCREASE, Profile
-from accpinn.inference.intervals import LEVEL, Uncertainty, interval_ends
+from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.methods.fit import ParameterTrack
 from accpinn.model.cthp import Parameters
 from accpinn.model.following import FollowingModel
@@ -56,15 +56,13 @@ class NamedEstimate:
 def estimates(
     rows: Sequence[NamedEstimate],
     colour: str,
-    uncertainty: Uncertainty,
-    follower: int,
+    band: FloatArray,
     truth: FloatArray | None = None,
 ) -> go.Figure:
-    """A dot a method for α, β and the time gap of one follower (0 for the first), over intervals.
+    """A dot a method for α, β and the time gap of one follower, over the interval of a model.
 
     The rows are given from the top down; the truth (3,) is dashed, where it is known. Intervals of
-    a row's own are bars. The time gap is a CTHP's τ where it has no s₀, as the model of the
-    ``uncertainty`` has none.
+    a row's own are bars; the ``band`` (2, 3) is shaded, nan where nothing is known.
     """
     chart = _beside_each_other("compare-estimates", 110 + 30 * len(rows))
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
@@ -77,7 +75,7 @@ def estimates(
     }  # fmt: skip
     values = np.array([row.values for row in rows])
     ends = np.array([[row.values] * 2 if row.ends is None else row.ends for row in rows])
-    lower, upper = (end.values[follower] for end in (uncertainty.lower, uncertainty.upper))
+    lower, upper = band
     gap = replace(PARAMETERS[-1], symbol="Time gap")
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
         column, low, high = values[:, which], ends[:, 0, which], ends[:, 1, which]

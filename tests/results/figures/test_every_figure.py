@@ -83,7 +83,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "answer.joint": lambda: on_answer.joint(answer((SEGMENT,)), 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
         [comparison.NamedEstimate(NAME, fitted().fit.parameters.values[0])], COLOUR,
-        fitted().known, 0,
+        np.array([fitted().known.lower.values[0], fitted().known.upper.values[0]]),
     ),
     "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit(SEGMENT).track)], 0),
     "comparison.residual": lambda: comparison.residual(
