@@ -263,8 +263,8 @@ def _about_errors(shown: _Shown) -> str:
     is_partial = not all(row.evaluation.blocks for row in shown.rows)
     gap = shown.segment.measured_gaps[:, shown.follower]
     return (
-        "Closed loop: the answer's is by its typical values. For scale, the mean deviation of"
-        f" the measured space-gap is {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
+        "Closed loop: the answer's is by its typical values. For scale, the mean absolute deviation"
+        f" of the measured space-gap is {known_mean(abs(gap - known_mean(gap))):.2f} m. {GAP_ERROR}"
         + (" Hold-out is not computed for your own training." * is_partial)
     )
 
