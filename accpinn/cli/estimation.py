@@ -46,7 +46,7 @@ from accpinn.results.documents import (
     warnings,
 )
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import about_answer, cards
+from accpinn.results.messages.answer import about_answer, cards, papers_estimate
 from accpinn.results.tables import Table
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.tables.estimates import (
@@ -55,6 +55,7 @@ from accpinn.results.tables.estimates import (
     methods_table,
     model_form_table,
     model_parameters_table,
+    name_of,
     parameter_table,
     starts_table,
 )
@@ -282,6 +283,7 @@ def _comparison_text(
         *(model_form_table(info, forms, k) for k in each if forms),
     ]
     said = [
+        *(f"{name_of(r.fit)}: {said}." for r in results if (said := papers_estimate(r.fit))),
         *(f"{row.method} has no result: {row.fault}" for row in refused),
         *messages(info.findings, info),
         *warnings(first, duration),

@@ -1,7 +1,7 @@
 """`verify`, `report`, `export` and `runs`: what the file of a snapshot, and the cache, holds."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -73,22 +73,24 @@ def run_verify(options: argparse.Namespace) -> int:
         refit_within=_patience(options, PATIENCE),
         on_refit=lambda name, seconds: progress(f"Running {name} again, about {seconds:.0f} s …"),
     )
-    show_result(options, _describe_verification, _verification_text, snapshot, verification)
+    given = {"--recording"} if options.recording else set[str]()
+    show_result(options, _describe_verification, _verification_text, snapshot, verification, given)
     if not verification.ok:
         raise SnapshotError(f"{options.file}: {verification.sentence}")
     return 0
 
 
-def _describe_verification(snapshot: Result, verification: Verification) -> dict[str, Any]:
+def _describe_verification(
+    snapshot: Result, verification: Verification, _given: Set[str]
+) -> dict[str, Any]:
     """The verification as the command-line contract has it."""
     return {
         **fields(snapshot, "id", "name", "created"),
         **fields(verification, "ok", "sentence"),
         "checks": [
             {"name": check.title, "sentence": check.sentence}
-            | fields(
-                check, "part", "state", "ok", "numbers", "differing", "stored", "computed", "cure"
-            )
+            | {"ok": None if check.state == "not checked" else check.ok}
+            | fields(check, "part", "state", "numbers", "differing", "stored", "computed", "cure")
             for check in verification.checks
         ],
         "not_checked": [
@@ -98,14 +100,15 @@ def _describe_verification(snapshot: Result, verification: Verification) -> dict
     }
 
 
-def _verification_text(snapshot: Result, verification: Verification) -> str:
+def _verification_text(snapshot: Result, verification: Verification, given: Set[str]) -> str:
     info = snapshot.info
     about = [
         snapshot.name,
         f"{info.source}, {info.window}, {snapshot.fit.method}",
         snapshot.created,
     ]
-    options = dict.fromkeys(check.cure for check in verification.unchecked if check.cure)
+    cures = {check.cure: None for check in verification.unchecked if check.cure}
+    options = [cure for cure in cures if cure not in given]
     more = [f"More is checked with {' and '.join(options)}."] if options else []
     table = verification_table(verification).to_text()
     said = [f"{verification.counted}.", *more]
@@ -154,7 +157,7 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sumo",
         metavar="XML",
-        help="write vehicle types for SUMO's car-following model ACC, one a follower, and a"
+        help="write vehicle types for SUMO's model ACC or IDM, one a follower, and a"
         " distribution over samples of the posterior",
     )
     parser.add_argument(

@@ -15,15 +15,8 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
-from accpinn.results.messages.stability import (
-    TITLES,
-    Places,
-    against_measured,
-    disturbance,
-    headline,
-    reason,
-    smallest_gap,
-)
+from accpinn.results.messages.platoon import Places, disturbance, smallest_gap
+from accpinn.results.messages.stability import TITLES, against_measured, headline, reason
 from accpinn.results.tables.estimates import answer
 from accpinn.results.tables.stability import amplitude_table, known_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
@@ -68,8 +61,9 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
     if options.file and options.snapshot:
         raise ConfigError("snapshot: give one snapshot, not two.")
     if path:
-        if values:
-            raise ConfigError(f"parameters: give --{next(iter(values))} or --snapshot, not both.")
+        both = [name for name in (*PARAMETER_KEYS, *TERMS) if getattr(options, name)]
+        if both:
+            raise ConfigError(f"parameters: give --{both[0]} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
         return known_vehicles(load(path))
@@ -139,7 +133,7 @@ def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     return {
         **fields(vehicle.parameters, *PARAMETER_KEYS, *TERMS),
         **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in properties.items()},
-        **fields(vehicle, "crossover", "overshoot", "damping_ratio"),
+        **fields(vehicle, "crossover", "onset", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
         "smallest_tau": smallest and vars(smallest),
@@ -230,8 +224,11 @@ def _describe_run(result: PlatoonRun, places: Places) -> dict[str, Any]:
     """The run as the command-line contract has it."""
     waves = result.amplitudes
     assert waves is not None  # behind a sinusoid there are some
+    hit = min((contact.follower for contact in result.contacts), default=len(waves.measured))
+    measured = waves.measured.tolist()
     return {
-        "amplitude": waves.measured.tolist(),
+        # After a collision it means nothing.
+        "amplitude": measured[:hit] + [None] * (len(measured) - hit),
         "predicted_amplitude": waves.predicted.tolist(),
         "settled": waves.settled.tolist(),
         **fields(result, "minimum_gap", "minimum_gap_time"),

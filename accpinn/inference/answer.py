@@ -30,7 +30,6 @@ from accpinn.inference.intervals import (
 from accpinn.inference.population import CHAINS, KEPT, WITHIN, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (
-    STABILITY_DRAWS,
     count_of,
     free_of,
     log_prior,
@@ -58,18 +57,20 @@ class HeterogeneousWindows(Finding, frozen=True):
 
     text = (
         "{vehicle}: its {windows} windows differ by more than sampling error explains"
-        " ({probability}), their time gaps by up to {spread:.2f} s. A further window may differ as"
-        " much: use the interval for one."
+        " ({probability}){gaps}. A further window may differ as much: use the interval for one."
     )
 
     vehicle: int
     windows: int
     probability: float
-    spread: Seconds
-    """Largest difference between the windows' own time gaps, at the answer's `stated_speed`."""
+    spread: Seconds | None
+    """Largest difference between the windows' own time gaps, at the answer's `stated_speed`; None
+    where fewer than two have one."""
 
     def _words(self, about: Labelled) -> Words:
-        return {"probability": p_value(self.probability)}
+        known = self.spread is not None
+        gaps = f", their time gaps by up to {self.spread:.2f} s" if known else ""
+        return {"probability": p_value(self.probability), "gaps": gaps}
 
 
 class HeterogeneousFollowers(Finding, frozen=True):
@@ -209,11 +210,7 @@ class Answer:
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """What follows from the typical value: probabilities of string stability, gains, bands."""
-        count = len(self.typical.alpha)
-        some = self.typical[np.linspace(0, count - 1, min(count, STABILITY_DRAWS)).astype(int)]
-        drawn = from_draws(self.parameters, some, self.level)
-        ends = interval_ends(self.typical.everything, self.level)
-        return replace(drawn, lower=Parameters.of(ends[0]), upper=Parameters.of(ends[1]))
+        return from_draws(self.parameters, self.typical, self.level)
 
     def without_draws(self) -> Self:
         """The same with the ends of its intervals in place of draws, as for a comparison."""
@@ -282,7 +279,7 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
             raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
         least, most = ranges[name]
         if not least <= value <= most:
-            allowed = f"{least:g} to {most:g}"
+            allowed = f"{least:g} to {most:g}" + ", or a model without it" * (value == 0)
             raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")
     return tuple(sorted((name, float(value)) for name, value in held.items()))
 
@@ -323,7 +320,10 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     low = Parameters.of(np.fmin(estimates.everything, lower))
     high = Parameters.of(np.fmax(estimates.everything, upper))
     gap_low, gap_high = interval_ends(time_gap(model, alone, gap_at), LEVEL)
-    spreads = np.where(known, gaps, -np.inf).max(axis=0) - np.where(known, gaps, np.inf).min(axis=0)
+    spreads = [
+        float(np.ptp(column[kept])) if kept.sum() > 1 else None
+        for column, kept in zip(gaps.T, known.T, strict=True)
+    ]
     return Answer(
         model=model,
         level=LEVEL,
@@ -338,12 +338,20 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         windows_gap=np.array([np.fmin(gaps, gap_low), np.fmax(gaps, gap_high)]),
         differ=differ,
         trust=tuple(
-            trust(segments, vehicle, row, model, parameters[row[0]], estimates[:, row[0]])
+            trust(
+                segments,
+                vehicle,
+                row,
+                model,
+                parameters[row[0]],
+                estimates[:, row[0]],
+                float(speeds[row].mean()),
+            )
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),
         findings=(
             *(
-                HeterogeneousWindows(vehicle, len(segments), float(p), max(float(spread), 0.0))
+                HeterogeneousWindows(vehicle, len(segments), float(p), spread)
                 for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
                 if p < SIGNIFICANCE
             ),

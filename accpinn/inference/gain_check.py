@@ -71,6 +71,11 @@ class GainCheck(Finding, frozen=True):
     contradiction: Contradiction = ""
 
     @property
+    def is_underrated(self) -> bool:
+        """Whether the measured peak is far above the model's."""
+        return bool(self.peak - self.model_peak > MUCH)
+
+    @property
     def short(self) -> str:
         """What contradicts the verdict, in a few words; empty where nothing does."""
         return {
@@ -98,7 +103,7 @@ class GainCheck(Finding, frozen=True):
             f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
             f" frequencies), its peak {'agrees' if abs(more) < 0.05 else side}"
         )
-        if more < -MUCH:
+        if self.is_underrated:
             distance += f": disturbances may grow up to {10 ** (self.peak / 20):.1f} times"
         return {"distance": distance, "Distance": distance[:1].upper() + distance[1:]}
 

@@ -391,7 +391,8 @@ def _findings(segment: Segment, fit: Fit, compared: Uncertainty) -> list[Uncerta
         elif 1 < (effective := effective_draws(compared.draws.alpha[:, k])) < FEW:
             findings.append(FewDraws(vehicle, round(effective)))
         rows = parameter_intervals(compared, k, fit.parameters)
-        outside = [row for row, yes in zip(rows, compared.inside[k], strict=True) if not yes]
+        pairs = zip(rows, compared.inside[k], strict=True)
+        outside = [row for row, yes in pairs if not yes and row.estimate is not None]
         if outside:
             findings.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
     return findings

@@ -109,6 +109,7 @@ def trust(
     model: str,
     answer: Parameters,
     own: Parameters,
+    speed: MetresPerSecond,
 ) -> Trust:
     """Hold an answer against its windows.
 
@@ -119,9 +120,9 @@ def trust(
         model: key of the answer's.
         answer: the parameters of one vehicle.
         own: (K,) the estimates of each window alone.
+        speed: at which time gaps are compared, in m/s.
     """
     pairs = [segment.pair(follower) for segment in segments for follower in followers]
-    speed = float(np.median(np.concatenate([pair.speeds[:, 1] for pair in pairs])))
     gap, gaps = float(time_gap(model, answer, speed)), time_gap(model, own, speed)
     off = [_errors(pair, model, answer) for pair in pairs]
     errors = np.concatenate([part for part, _ in off])

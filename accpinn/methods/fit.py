@@ -232,7 +232,6 @@ class CacheProblem(Finding, frozen=True):
 MethodFinding = (
     BoundActive
     | BoundActiveAtTimes
-    | LongHeadway
     | WeaklyDetermined
     | Undetermined
     | FilterUncertain

@@ -24,8 +24,8 @@ class ParameterSet:
     """(M+1,) numbers in the recording, leader first, which give the colours; by default 1, 2, .."""
     labels: tuple[str, ...] = ()
     """(M,) for legends and tables: number and name in the recording; by default the names."""
-    drivers: tuple[str, ...] = ()
-    """(M,) who drives in place of ACC, as "Human"; empty where nobody does."""
+    by_hand: tuple[float, ...] = ()
+    """(M,) the share of the time that a driver controls each, not ACC; empty where none does."""
     model: str = PAPER
     """Key of the model whose parameters they are."""
 

@@ -91,7 +91,10 @@ class Reversal(Finding, frozen=True):
 class NeverSettles(Finding, frozen=True):
     """A follower's transient never ends, so its amplitude never becomes constant."""
 
-    text = "{follower} never settles, so its amplitude never becomes constant."
+    text = (
+        "{follower} never settles, so its amplitude never becomes constant: its own motion does not"
+        " decay."
+    )
 
     follower: int
 
@@ -132,7 +135,7 @@ class Amplitudes:
     measured: FloatArray
     """(M+1,) in m/s; nan where the run holds no whole period."""
     predicted: FloatArray
-    """(M+1,) in m/s: A |H_1 .. H_k|."""
+    """(M+1,) in m/s: A |H_1 .. H_k|; infinite from a vehicle on that is itself unstable."""
     settled: FloatArray
     """(M+1,) in s after the sinusoid's start, when the transient is over; inf where it never is."""
     periods: int
@@ -317,7 +320,8 @@ def _deviations(parameters: Parameters, leader: Planned, time: FloatArray) -> Tr
         if last > first:
             offset = max(time[first] - start, 0.0)
             begin = expm(generator * offset) @ state if offset else state
-            states = orbit(expm(generator * step), begin, int(last - first))
+            with np.errstate(over="ignore", invalid="ignore"):  # of an unstable vehicle
+                states = orbit(expm(generator * step), begin, int(last - first))
             result[first:last, :size] = states[:, :size]
             result[first:last, size] = states[:, size] + states[:, size + 2]
         if np.isfinite(end):
@@ -374,7 +378,8 @@ def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> 
     measured = _measured(leader, run, periods) if periods else np.full(len(settled), np.nan)
     with np.errstate(invalid="ignore"):  # an infinite response may meet one of zero
         along = leader.amplitude * np.cumprod(np.concatenate([[1.0], np.abs(single)]))
-    predicted = np.where(np.isnan(along), 0.0, along)
+    unstable = np.cumsum([0] + [slowest_rate(vehicle) < 0 for vehicle in parameters]) > 0
+    predicted = np.where(unstable, np.inf, np.nan_to_num(along, nan=0.0, posinf=np.inf))
     findings = _amplitude_findings(leader, settled, periods)
     return Amplitudes(
         frozen(measured), frozen(predicted), frozen(settled), periods, free >= 1, findings
@@ -406,7 +411,7 @@ def _settled(
 ) -> FloatArray:
     """(M+1,) seconds until each speed's transient is, and stays, below `SETTLED`."""
     rates = [slowest_rate(vehicle) for vehicle in parameters]
-    endless = [k for k, rate in enumerate(rates) if not rate and parameters[k].alpha > 0]
+    endless = [k for k, rate in enumerate(rates) if rate <= 0 and parameters[k].alpha > 0]
     count = min(endless, default=len(parameters))
     settled = np.full(len(parameters) + 1, np.inf)
     settled[: count + 1] = 0.0

@@ -117,13 +117,13 @@ class GapContradictsSpeeds(Finding, frozen=True):
 
     text = (
         "{gap} contradicts the speeds of vehicles {ahead} and {behind}: its rate of change"
-        " correlates with their difference by {correlation:.2f} (sound data: 1); do not trust"
-        " results for vehicle {behind}."
+        " correlates with their difference by {correlation:.2f} (sound data: 0.8 and more); do not"
+        " trust results for vehicle {behind}."
     )
 
     vehicle: int
     correlation: float
-    """Correlation of the gap's rate of change with the speeds' difference; 1 for sound data."""
+    """Correlation of the gap's rate of change with the speeds' difference."""
 
     @property
     def follower(self) -> int:

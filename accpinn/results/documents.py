@@ -27,6 +27,7 @@ from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.catalogue import make_and_model
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.tables.estimates import columns_of
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
@@ -85,7 +86,7 @@ def describe_comparison(
     return {
         "segment": _segment(info),
         "answer": answer_document(info, first.answer),
-        "rows": [_row(result) for result in results],
+        "rows": [_row(row) | {"caution": papers_estimate(row.fit) or None} for row in results],
         "refused": [{"method": row.method, "reason": str(row.fault)} for row in refused],
         "warnings": warnings(first, duration),
         "forms": [

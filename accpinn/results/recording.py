@@ -18,7 +18,7 @@ from accpinn.results.tables.estimates import (
     driver_cells,
     parameter_cells,
 )
-from accpinn.results.vehicles import drivers, where
+from accpinn.results.vehicles import by_hand, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.quality import (
     LARGE_CONDITION,
@@ -153,7 +153,7 @@ def quality_table(info: SegmentInfo, quality: Quality, estimate: Fit) -> Table:
         where(info),
         [
             (Column("Follower"), info.labels[1:]),
-            *driver_cells(drivers(info)),
+            *driver_cells(by_hand(info)),
             *parameter_cells(estimate.parameters, "Least-squares estimate"),
             (Column("Mean time gap", "s", 2), quality.mean_time_gap),
             (Column("Car-following", "%", 0), percent_cells(quality.car_following)),

@@ -23,6 +23,9 @@ from accpinn.stability import StabilityReport, stability_report
 from accpinn.study.result import Result
 from accpinn.units import MetresPerSecond
 
+ALL_OF_IT = 0.995
+"""Share of the time from which a vehicle counts as driven by hand throughout."""
+
 
 @dataclass(frozen=True, eq=False)
 class KnownVehicles:
@@ -95,17 +98,13 @@ def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[Segment
     return ", ".join(parts + ([f"Case {case}"] if case and info.followers > 1 else []))
 
 
-def drivers(info: SegmentInfo) -> tuple[str, ...]:
-    """(M,) who drives each follower in place of ACC; empty where nobody does."""
+def by_hand(info: SegmentInfo) -> tuple[float, ...]:
+    """(M,) the share of the time that a driver controls each follower; empty where none does."""
     hand = info.driven_by_hand
     if hand is None:
         return ()
     share = dict(zip(hand.vehicles, hand.shares, strict=True))
-    return tuple(_driver(share.get(number, 0.0)) for number in info.vehicles[1:])
-
-
-def _driver(share: float) -> str:
-    return "Human" if share > 0.995 else f"Human {100 * share:.0f} %" if share else ""
+    return tuple(share.get(number, 0.0) for number in info.vehicles[1:])
 
 
 def known_vehicles(result: Result) -> KnownVehicles:
@@ -114,7 +113,7 @@ def known_vehicles(result: Result) -> KnownVehicles:
     several = f"{info.source}, {len(result.infos)} windows" if len(result.infos) > 1 else ""
     vehicles = ParameterSet(
         several or where(info), info.names[1:], fit.parameters, info.vehicles, info.labels[1:],
-        drivers(info), fit.model,
+        by_hand(info), fit.model,
     )  # fmt: skip
     if known and np.isfinite(known.parameters.complete).all():
         vehicles = replace(vehicles, parameters=known.parameters, model=known.model)

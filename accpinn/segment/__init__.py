@@ -153,12 +153,20 @@ class DrivenByHand(Finding, frozen=True):
         "These are not ACC parameters: by the file's {evidence}, a driver controls {listed}."
         " α, β and τ then describe the driver."
     )
+    partly = (
+        "By the file's {evidence}, a driver, not ACC, controls {listed}. α, β and τ rest on that"
+        " time as well."
+    )
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
     """The share of the window's samples of each, 0 to 1."""
     by_flag: bool = False
     """Whether the file says so by its flag for the whole run alone, as it gives no modes."""
+
+    def sentence(self, about: Labelled) -> str:
+        """The finding, weaker where ACC controls each of them for most of the time."""
+        return self.filled(self.text if max(self.shares) > 0.5 else self.partly, about)
 
     def _words(self, about: Labelled) -> Words:
         evidence = "flag (it gives no driver modes)" if self.by_flag else "driver modes"

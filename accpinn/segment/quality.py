@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
-from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
+from accpinn.findings import Finding, Labelled, Words, by_vehicle
 from accpinn.model.cthp import regressors
 from accpinn.recordings import (
     LITTLE_LEADER_MOTION,
@@ -123,8 +123,8 @@ class LittleCarFollowing(Finding, frozen=True):
     """The share of instants in car-following of each, 0 to 1."""
 
     def _words(self, about: Labelled) -> Words:
-        listed = by_vehicle(self.vehicles, map(percent, self.shares), about)
-        return {"listed": listed, "least": LITTLE_CAR_FOLLOWING}
+        shares = (f"{100 * share:.1f} %" for share in self.shares)
+        return {"listed": by_vehicle(self.vehicles, shares, about), "least": LITTLE_CAR_FOLLOWING}
 
 
 class GapsNegative(Finding, frozen=True):

@@ -26,6 +26,7 @@ from accpinn.stability.criteria import (
     exact_margin,
     l2_criterion,
     l2_margin,
+    onset,
     paper_criterion,
     paper_margin,
     peaks,
@@ -111,7 +112,9 @@ class VehicleStability:
     """Overshoot of the response to a unit step of the speed ahead."""
     peak: Peak
     crossover: RadiansPerSecond | None
-    """ω_c: lower frequencies are amplified; None where none is."""
+    """ω_c: the highest frequency that is amplified; None where none is."""
+    onset: RadiansPerSecond
+    """The lowest one; 0 where all below ω_c are."""
     damping_ratio: float | None
     """Damping ratio ζ; None where α = 0, and with a lag or a delay."""
     poles: tuple[complex, ...]
@@ -212,6 +215,7 @@ def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
         overshoot=float(metrics.overshoot),
         peak=peak,
         crossover=crossover if crossover > 0 else None,
+        onset=onset(vehicle),
         damping_ratio=_damping_ratio(vehicle),
         poles=poles(vehicle),
         smallest_tau=headways,

@@ -66,7 +66,7 @@ from accpinn.stability.lagged import (
     rational,
     step_gain,
 )
-from accpinn.units import FloatArray, PerSecond
+from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
 
 if TYPE_CHECKING:
     from control import TransferFunction
@@ -296,11 +296,18 @@ def peaks(parameters: Parameters) -> Peak:
 
 
 def crossovers(parameters: Parameters) -> FloatArray:
-    """ω_c in rad/s, below which frequencies are amplified; nan where none is."""
+    """ω_c in rad/s, the highest that is amplified; nan where none is."""
     if is_lagged(parameters):
         return _each(parameters, lagged_stability(parameters.flat).crossover)
     kappa = l2_criterion(parameters)
     return np.sqrt(np.where((kappa < 0) & (parameters.alpha > 0), -kappa, np.nan))
+
+
+def onset(vehicle: Parameters) -> RadiansPerSecond:
+    """The ω in rad/s above which a vehicle amplifies; 0 from zero on, as without lag or delay."""
+    if not is_lagged(vehicle):
+        return 0.0
+    return float(np.nan_to_num(lagged_stability(vehicle.flat).onset[0]))
 
 
 def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex128]":

@@ -121,6 +121,8 @@ class LaggedStability:
     """(V,) the least R(x) relative to R's size; negative where a frequency is amplified."""
     crossover: FloatArray
     """(V,) the highest ω in rad/s below which a frequency is amplified; nan where none is."""
+    onset: FloatArray
+    """(V,) the lowest ω in rad/s above which one is; 0 from zero on; nan where none is."""
 
 
 def lagged_stability(parameters: Parameters) -> LaggedStability:
@@ -137,13 +139,17 @@ def lagged_stability(parameters: Parameters) -> LaggedStability:
     places = _positive(_roots(_derived(rest)))
     size = np.abs(rest[:, 0]) + parameters.alpha + parameters.beta**2
     margin = _value(rest, places).min(axis=1) / np.maximum(size, 1e-300)
-    last = np.sqrt(_positive(_roots(rest)).max(axis=1))
+    ends = np.sqrt(_positive(_roots(rest)))
+    last = ends.max(axis=1)
+    first = np.where(ends > 0, ends, np.inf).min(axis=1)
+    amplifies = (margin < -ROUNDING) & (last > 0)
     return LaggedStability(
         stable,
         peak=np.where(stable, np.sqrt(np.maximum(peak, 1.0)), np.inf),
         omega=np.where(stable & (peak > 1.0), omega, 0.0),
         margin=np.where(stable, margin, -np.inf),
-        crossover=np.where((margin < -ROUNDING) & (last > 0), last, np.nan),
+        crossover=np.where(amplifies, last, np.nan),
+        onset=np.where(amplifies, np.where(rest[:, 0] > 0, first, 0.0), np.nan),
     )
 
 

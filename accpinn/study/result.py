@@ -33,7 +33,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap, value_of
 from accpinn.recordings import Facts, GapContradictsSpeeds, Recording, ValuesOutOfRange, facts_of
-from accpinn.segment import Segment, SegmentInfo
+from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import transfer_function
@@ -132,7 +132,8 @@ class Result:
             values = [f"{name} {value_of(model, self.parameters, name)[k]:.4g}" for name in names]
             lines.append(f"{label}: {', '.join(values)} by {self.fit.method}")
         findings = [found for info in self.infos for found in info.findings]
-        unsound = [f for f in findings if isinstance(f, GapContradictsSpeeds | ValuesOutOfRange)]
+        kinds = GapContradictsSpeeds | ValuesOutOfRange | DrivenByHand
+        unsound = [found for found in findings if isinstance(found, kinds)]
         against = (*unsound, *(known.findings if known else ()))
         lines += dict.fromkeys(finding.sentence(self.info) for finding in against)
         return "\n".join([*lines, "More: .answer, .parameters, .uncertainty, .stability, .draws"])

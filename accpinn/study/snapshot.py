@@ -66,7 +66,7 @@ MANIFEST, DOCUMENT, ARRAYS, ATTRIBUTION = (
 MARKS = {
     "snapshot": MANIFEST.encode(),
     "report": b"<!doctype html",
-    "file for SUMO": b"car-following model acc as the cthp",
+    "file for SUMO": b"car-following model ",
 }
 """What stands among the first bytes of every such file, in lower case."""
 
@@ -373,9 +373,8 @@ def _check(result: Result, is_complete: bool) -> None:
     Raises:
         ValueError, AccpinnError: with what is wrong and where.
     """
-    method = result.analysis.method
-    _require(method in METHODS, f'the method "{method[:40]}" is not known')
     asked = result.analysis
+    _require(asked.method in METHODS, f'the method "{asked.method[:40]}" is not known')
     for model in (asked.model, asked.fitted or asked.model, *(f.model for f in result.fits)):
         _require(model in FOLLOWING, f'the model "{model[:40]}" is not known')
     answer = result.parts.answer

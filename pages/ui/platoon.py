@@ -21,7 +21,8 @@ from accpinn.results.figures.animation import animation, watched
 from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
-from accpinn.results.messages import stability as words
+from accpinn.results.messages import platoon as words
+from accpinn.results.messages.stability import not_acc, probabilities
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
@@ -124,14 +125,14 @@ def _show_answer(
 ) -> None:
     chosen = source.vehicles
     with st.container(border=True):
-        said = f"{words.disturbance(run, places)} {words.not_acc(chosen)}".rstrip()
+        said = f"{words.disturbance(run, places)} {not_acc(chosen)}".rstrip()
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
         details = f"{words.smallest_gap(run, places)} {words.by_linearisation(run)}".rstrip()
         if recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
         if source.uncertainty:
-            odds = words.probabilities(chosen, source.uncertainty)
+            odds = probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"

@@ -288,8 +288,6 @@ def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
 def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
     chosen, report = source.vehicles, source.report
-    if source.uncertainty:
-        st.caption(words.BY_ESTIMATES)
     texts = []
     for label, vehicle in zip(chosen.labels, report.vehicles, strict=True):
         verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)

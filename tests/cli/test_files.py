@@ -9,6 +9,7 @@ from accpinn.cli import main
 from accpinn.model.published import ASTAZERO
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid
+from accpinn.results.export import ABOUT_ACC, ABOUT_IDM
 from accpinn.stability import stability_report
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.snapshot import load, save
@@ -123,7 +124,10 @@ def test_exports_for_sumo_and_as_a_card(file: Path, tmp_path: Path, capsys: Capt
     assert 'carFollowModel="ACC"' in place.read_text()
     assert main(["export", str(file), "--sumo", str(place), "--samples", "0"]) == 0
     assert "vTypeDistribution" not in place.read_text()
-    assert capsys.readouterr().out.strip() == str(place)
+    for about in (ABOUT_ACC, ABOUT_IDM):
+        place.write_text(f"<!--{about}--><additional/>")
+        assert main(["export", str(file), "--sumo", str(place)]) == 0, "its own is replaced"
+    assert capsys.readouterr().out.split() == [str(place)] * 3
     other = tmp_path / "mine.xml"
     other.write_text("<routes/>")
     assert "not overwritten" in refused(capsys, 1, "export", file, "--sumo", other)

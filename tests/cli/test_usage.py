@@ -64,6 +64,7 @@ JUDGE = ("compare", STUDY, "--models")
         (2, "choose 1 to 100", ["starts", STUDY, "--seeds", 10**9]),
         (2, "--beta and --tau missing", ["stability", "--alpha", 1]),
         (2, "not both", ["stability", "--snapshot", "x", "--alpha", 1]),
+        (2, "--s0 or", ["stability", "--snapshot", "x", "--s0", 3]),
         (2, "2 of --alpha", ["stability", "--alpha", 1, 2, *SETS]),
         (2, "1 to 100", ["simulate", "--alpha", 1, *SETS, "--vehicles", 101]),
         (2, "not 3",

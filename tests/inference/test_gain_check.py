@@ -100,7 +100,7 @@ def windows() -> list[Segment]:
 
 def held(windows: list[Segment], answer: Parameters, taus: tuple[float, ...]) -> Trust:
     own = Parameters(np.full(4, 0.1), np.full(4, 0.3), np.array(taus))
-    return trust(windows, 2, [0], "cthp", answer, own)
+    return trust(windows, 2, [0], "cthp", answer, own, 20.0)
 
 
 def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_does_not(

@@ -25,6 +25,7 @@ from accpinn.platoon import (
     simulate_platoon,
 )
 from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.results.messages.platoon import disturbance
 from accpinn.stability.criteria import response
 from accpinn.units import FloatArray
 from tests.support.driving import motion
@@ -227,6 +228,16 @@ def test_without_gap_control_the_gap_starts_at_the_headway_given() -> None:
     still = simulate_platoon(row(Parameters(0.0, 0.0, 1.0), AUDI), Sinusoid(0.25))
     assert (still.trajectories.speeds[:, 1:] == 20).all(), "without reaction nothing moves"
     np.testing.assert_array_equal(still.amplitudes.predicted, [1, 0, 0])
+
+
+def test_what_a_vehicle_that_is_itself_unstable_does_is_no_oscillation() -> None:
+    """Nothing is predicted for it and those behind it, however short the run."""
+    platoon = Parameters([0.1, 0.1374, 0.1], [0.3, 0.106, 0.3], [1.5, 1.05, 1.5],
+                         lag=[0, 1.06, 0], delay=[0.3, 0.82, 0.3])  # fmt: skip
+    run = simulate_platoon(platoon, Sinusoid(amplitude=0.1, duration=120.0))
+    assert np.isfinite(run.amplitudes.predicted).tolist() == [True, True, False, False]
+    assert np.isfinite(run.amplitudes.settled).tolist() == [True, True, False, False]
+    assert "without limit" in disturbance(run)
 
 
 def test_without_damping_it_never_settles() -> None:

@@ -29,6 +29,7 @@ from accpinn.results import checks as of_fit
 from accpinn.results import database as on_batch
 from accpinn.results.checks import MEANING, Check, checks
 from accpinn.results.messages import answer as on_answer
+from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.stability import headline, reason
@@ -133,11 +134,11 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
     (lambda: on_stability.grown(1.00002), ["less than 0.5 %"]),
     (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4-fold (2.0 or more)"]),
-    (lambda: on_stability.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
+    (lambda: on_platoon.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
-    (lambda: on_stability.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
+    (lambda: on_platoon.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
      [AFTER_COLLISION]),
-    (lambda: on_stability.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
+    (lambda: on_platoon.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
      ["58.2 m", "follower 1 at 251 s"]),
     (lambda: on_stability.criteria_differ(KnownVehicles(named(TESLA, CALM))),
      ["V1 meets"]),

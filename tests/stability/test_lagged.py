@@ -8,6 +8,7 @@ from scipy.integrate import trapezoid
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import Parameters
+from accpinn.results.messages.stability import reason
 from accpinn.stability import stability_report
 from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
 from accpinn.stability.head_to_tail import head_to_tail_gains
@@ -67,6 +68,20 @@ def test_the_peak_is_the_largest_gain_and_the_crossover_has_gain_one() -> None:
     at = stability.crossover[amplified]
     gains = np.abs(response(vehicles[amplified], at)).diagonal()
     np.testing.assert_allclose(gains, 1.0, atol=1e-7)
+
+
+def test_a_vehicle_may_amplify_a_band_alone() -> None:
+    """Lower frequencies are damped; without lag or delay all below the crossover are amplified."""
+    band, wide = Parameters([0.1, 0.1], [0.6, 0.2], [2.0, 1.0], delay=[0.8, 0.3])
+    report = stability_report(Parameters.of(np.array([band.complete, wide.complete])))
+    one, other = report.vehicles
+    assert (one.onset, one.crossover) == pytest.approx((0.749, 1.063), abs=4e-3)
+    assert other.onset == 0.0 < other.crossover
+    around = np.array([0.3, one.onset - 0.01, one.onset + 0.01, 1.0, one.crossover + 0.01])
+    gains = np.abs(response(band[None], around))[0]
+    assert (gains > 1).tolist() == [False, False, True, True, False]
+    assert "between" in reason(one.l2, one)
+    assert "between" not in reason(other.l2, other)
 
 
 def variation_under_delay(vehicle: Parameters, step: float = 0.005, end: float = 120.0) -> float:

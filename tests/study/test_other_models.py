@@ -20,7 +20,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.recordings.files import read
 from accpinn.results.figures.platoon import cast_of, profiles
-from accpinn.results.messages.stability import by_linearisation
+from accpinn.results.messages.platoon import by_linearisation
 from accpinn.results.report import training_pictures
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import Segment

@@ -206,16 +206,18 @@ def _bands(
 
 
 def _draw_peaks(chart: style.Chart, vehicles: ParameterSet, report: StabilityReport) -> None:
-    """Draw a diamond on the peak and a ring on the crossover of each vehicle that amplifies."""
+    """Draw a diamond on the peak of each vehicle that amplifies, and rings where that ends."""
     shown = [k for k, vehicle in enumerate(report.vehicles) if vehicle.crossover]
     amplifying, paints = [report.vehicles[k] for k in shown], colours(vehicles)
     peaks = [v.peak.omega for v in amplifying], [min(v.peak.db, CEILING) for v in amplifying]
+    ring = {"symbol": "circle-open", "size": 9, "line": {"width": 2}}
+    onsets = [v.onset or np.nan for v in amplifying], [0.0] * len(shown)
     crossovers = [v.crossover for v in amplifying], [0.0] * len(shown)
     for name, (x, y), look, words in (
         ("peak", peaks, {"symbol": "diamond", "size": 10}, "Peak %{y:.2f} dB at"),
-        ("crossover", crossovers, {"symbol": "circle-open", "size": 9, "line": {"width": 2}},
-         "Amplified below"),
-    ):  # fmt: skip
+        ("onset", onsets, ring, "Amplified above"),
+        ("crossover", crossovers, ring, "Amplified below"),
+    ):
         chart.dots(
             x, y, name, hover=f"{words} %{{x:.3f}} rad/s<extra>%{{text}}</extra>",
             marker=look | {"color": [paints[k] for k in shown]}, customdata=shown,

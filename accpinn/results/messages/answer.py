@@ -12,6 +12,7 @@ from accpinn.inference.answer import (
     HeterogeneousFollowers,
     HeterogeneousWindows,
 )
+from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.identifiability import WIDE
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
@@ -85,7 +86,8 @@ def _card(
     trusts = [answer.trust[k] for k in followers]
     labels = [who(trust.vehicle, info) for trust in trusts]
     against = _against(info, answer, subject, followers[0])
-    by = " by the model" if _contradiction(subject, followers[0]) else ""
+    check = _check_of(subject, followers[0])
+    by = " by the model" if check and check.contradiction else ""
     are_several = len(trusts) > 1 or trusts[0].vehicle == 0
     lead = (
         _headline(labels, are_several, answer, followers),
@@ -152,11 +154,12 @@ def differing_windows(info: SegmentInfo, answer: Answer) -> str:
     most = max(finding.probability for finding in findings)
     unit = 10.0 ** floor(log10(max(most, 0.001)))
     level = "p < 0.001" if most < 0.001 else f"p ≤ {ceil(most / unit) * unit:.1g}"
-    spread = max(finding.spread for finding in findings)
+    spreads = [finding.spread for finding in findings if finding.spread is not None]
+    gaps = f", their time gaps by up to {max(spreads):.2f} s" if spreads else ""
     return (
         f"The {findings[0].windows} windows of {named[0].lower() + named[1:]} differ by more than"
-        f" sampling error explains ({level}), their time gaps by up to {spread:.2f} s: a further"
-        " window may differ as much, as the last column says."
+        f" sampling error explains ({level}){gaps}: a further window may differ as much, as the"
+        " last column says."
     )
 
 
@@ -285,8 +288,12 @@ def _against(
     said += [found.sentence(info) for found in unlike]
     if not answer.is_driven(speed, follower):
         said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
-    if short := _contradiction(subject, follower):
-        said.append(f"The measured gain contradicts the model ({short}).")
+    check = _check_of(subject, follower)
+    if check and check.contradiction:
+        said.append(f"The measured gain contradicts the model ({check.short}).")
+    elif check and check.is_underrated:
+        over = check.peak - check.model_peak
+        said.append(f"The measured gain peaks {over:.1f} dB above the model's.")
     return tuple(said)
 
 
@@ -301,7 +308,7 @@ def _unsound(infos: Sequence[SegmentInfo], numbers: Sequence[int]) -> Iterator[s
         yield "Do not trust it: measured values are too large; check their units."
 
 
-def _contradiction(subject: KnownVehicles, follower: int) -> str:
-    """What the measured gain has against the model's verdict; empty where it has nothing."""
+def _check_of(subject: KnownVehicles, follower: int) -> GainCheck | None:
+    """A follower's answer held against its measured gain; None where it was not."""
     number = subject.vehicles.vehicles[follower + 1]
-    return next((check.short for check in subject.checks if check.vehicle == number), "")
+    return next((check for check in subject.checks if check.vehicle == number), None)

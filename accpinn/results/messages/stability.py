@@ -1,18 +1,14 @@
-"""String stability and simulated platoons in sentences: the verdict, its probability and reason."""
+"""String stability in sentences: the verdict, its probability and reason."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import isinf, isnan
-
-import numpy as np
 
 from accpinn.findings import Labelled, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
-from accpinn.platoon import AFTER_COLLISION, PlatoonRun
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import ALL_OF_IT, KnownVehicles
 from accpinn.stability import (
     Assessment,
     Behaviour,
@@ -58,18 +54,11 @@ _ASSESSED: Mapping[Assessment, tuple[str, str]] = {
     "not determined": ("is not determined by the data", "are not determined by the data"),
 }
 """Verb for one vehicle, and for several."""
-_MAY_AMPLIFY = (
+MAY_AMPLIFY = (
     "a car whose actuator lags or whose controller responds with a delay may amplify more."
 )
-GIVEN_PARAMETERS = f"The verdict is that of the CTHP with these parameters; {_MAY_AMPLIFY}"
+GIVEN_PARAMETERS = f"The verdict is that of the CTHP with these parameters; {MAY_AMPLIFY}"
 """What a verdict on parameters without a recording assumes."""
-GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {_MAY_AMPLIFY}"
-"""What a simulation with such parameters assumes."""
-BY_ESTIMATES = (
-    "The verdicts here are those of the estimates; the probability of string stability says how"
-    " certain they are."
-)
-"""The caption of verdicts on an estimate whose posterior is known."""
 MEASURED = (
     "Points: the gain measured from the recorded speeds alone by Welch's method, |Ĝ| = |S_uv|/S_uu;"
     " bars: |Ĝ| exp(±t ε) with ε² = (1 - γ²)/(2(n - 1)γ²), at the bands' level (Bendat and Piersol,"
@@ -85,14 +74,12 @@ CRITERIA = (
 """What the criteria along the platoon are."""
 FOLD, LEAST_GROWTH = 2.0, 0.005
 """Gain from which growth is said as a multiple, not in percent, and the least that is said."""
-SAME_AMPLITUDE = 0.005
-"""Relative difference up to which an amplitude is called as large as the leader's."""
 
 
 def about_bode(uncertainty: Uncertainty | None) -> str:
     """What is drawn over the Bode magnitudes."""
     band = f" Shaded: {100 * uncertainty.level:.0f} % bands." if uncertainty else ""
-    return f"Diamonds: peaks. Rings: below that frequency the vehicle amplifies.{band}"
+    return f"Diamonds: peaks. Rings: where the amplified frequencies end.{band}"
 
 
 def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
@@ -142,13 +129,19 @@ def _l2(vehicle: VehicleStability) -> str:
         return f"{_UNDAMPED}: a disturbance at {three(peak.omega)} rad/s grows without limit."
     if vehicle.crossover is None or isinf(peak.gain):
         return _UNSTABLE
-    low = f"Disturbances below {three(vehicle.crossover)} rad/s are amplified"
+    low = f"Disturbances {band_of(vehicle)} rad/s are amplified"
     if verdict.marginal:
         return f"{low}, but by one part in 10⁹ at most, so the verdict is marginal."
     return (
         f"{low}, most at {three(peak.omega)} rad/s: they grow {grown(peak.gain)}"
         f" ({peak.db:.2f} dB)."
     )
+
+
+def band_of(vehicle: VehicleStability) -> str:
+    """The frequencies that an amplifying vehicle amplifies, as "below 0.43"."""
+    last = three(vehicle.crossover or 0.0)
+    return f"between {three(vehicle.onset)} and {last}" if vehicle.onset else f"below {last}"
 
 
 def _linf_paper(vehicle: VehicleStability) -> str:
@@ -205,9 +198,11 @@ def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> 
         return f"No follower amplifies {what}."
     extent = grown(verdict.value)
     if len(amplifying) == 1:
-        return f"{_capital(amplifying[0])} amplifies {what} {extent}."
+        return f"{capital(amplifying[0])} amplifies {what} {extent}."
+    if len(set(gains.values())) == 1:
+        return f"{capital(joined(amplifying))} amplify {what} {extent}."
     worst = max(gains, key=lambda name: gains[name])
-    return f"{_capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
+    return f"{capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
 
 
 def _weak(verdict: Verdict, report: StabilityReport) -> str:
@@ -284,15 +279,16 @@ def _amplification(subject: KnownVehicles) -> str:
         growing = any(not vehicle.linf_exact.stable for vehicle in report.vehicles)
         peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
         if total == 1:
-            return f"{_capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
+            return f"{capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
         return f"None of the vehicles amplifies any frequency.{peaks}"
     name, most = _most(subject, amplifying)
     if total == 1:
-        return f"{_capital(name)} amplifies disturbances {most}."
+        return f"{capital(name)} amplifies disturbances {most}."
     if count == 1:
         return f"One of {spelled(total)} vehicles amplifies disturbances: {name}, {most}."
-    start = f"All {spelled(total)}" if count == total else f"{spelled(count)} of {spelled(total)}"
-    return f"{_capital(start)} vehicles amplify disturbances, {name} the most: {most}."
+    every = "both" if total == 2 else f"all {spelled(total)}"
+    start = every if count == total else f"{spelled(count)} of {spelled(total)}"
+    return f"{capital(start)} vehicles amplify disturbances, {name} the most: {most}."
 
 
 def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
@@ -318,13 +314,15 @@ def headline(subject: KnownVehicles) -> str:
 
 
 def not_acc(chosen: ParameterSet) -> str:
-    """The vehicles that a driver controls; empty where none does."""
-    labels = [label for label, by in zip(chosen.labels, chosen.drivers, strict=False) if by]
-    if not labels:
-        return ""
-    if len(labels) == len(chosen):
+    """The vehicles that a driver controls, and how long; empty where none does."""
+    pairs = [*zip(chosen.labels, chosen.by_hand, strict=False)]
+    whole = [label for label, share in pairs if share > ALL_OF_IT]
+    parts = [f"{label} for {percent(share)}" for label, share in pairs if 0 < share <= ALL_OF_IT]
+    if len(whole) == len(chosen):
         return "Driven by hand, not by ACC."
-    return f"Driven by hand, not by ACC: {', '.join(labels)}."
+    said = [f"Driven by hand, not by ACC: {', '.join(whole)}."] if whole else []
+    said += [f"Driven by hand {joined(parts)} of the time."] if parts else []
+    return " ".join(said)
 
 
 def _verdict(subject: KnownVehicles, stable: FloatArray) -> str:
@@ -337,13 +335,16 @@ def _verdict(subject: KnownVehicles, stable: FloatArray) -> str:
     name, most = _most(subject, amplifying) if amplifying else ("", "")
     if len(chosen) == 1:
         extent = f" {most}" if most else ""
-        return f"{_capital(chosen.spoken[0])} {_ASSESSED[assessed[0]][0]}{extent}{end}"
+        return f"{capital(chosen.spoken[0])} {_ASSESSED[assessed[0]][0]}{extent}{end}"
     counts = Counter(assessed)
     total = spelled(len(chosen))
-    worst = f" {_capital(name)} amplifies the most: {most}." if most else ""
+    every = "Both" if total == "two" else f"All {total}"
+    worst = f" {capital(name)} amplifies the most: {most}." if most else ""
+    if len({peak.gain for peak in (row.peak for row in subject.report.vehicles)}) == 1 and most:
+        worst = f" Each by the same: {most}."
     if len(counts) == 1:
         (only,) = counts
-        return f"All {total} vehicles {_ASSESSED[only][1]}{end}{worst}"
+        return f"{every} vehicles {_ASSESSED[only][1]}{end}{worst}"
     parts = [
         f"{spelled(counts[kind])} {verbs[counts[kind] > 1]}"
         for kind, verbs in _ASSESSED.items()
@@ -404,7 +405,7 @@ def criteria_differ(subject: KnownVehicles) -> str:
     is_late = any(vehicle.damping_ratio is None for vehicle in differing.values())
     limit = "ignores lag and delay" if is_late else "is necessary but not sufficient"
     return (
-        f"{_capital(joined([*differing]))} {'meets' if len(differing) == 1 else 'meet'} the paper's"
+        f"{capital(joined([*differing]))} {'meets' if len(differing) == 1 else 'meet'} the paper's"
         f" L∞ criterion, which {limit}: by the exact criterion peaks grow."
     )
 
@@ -416,85 +417,6 @@ def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     return f"Probability of L₂ string stability: {', '.join(parts)}."
 
 
-def _capital(words: str) -> str:
+def capital(words: str) -> str:
+    """The words with a capital at the beginning."""
     return words[:1].upper() + words[1:]
-
-
-@dataclass(frozen=True)
-class Places:
-    """Names the vehicles of a platoon by their place, 0 for the leader."""
-
-    names: tuple[str, ...] = ()
-    """(M,) names of the followers within a sentence; by default their places."""
-    source: str = "platoon"
-
-    def label(self, number: int) -> str:
-        """The name at the beginning of a sentence."""
-        return _capital(self.spoken(number))
-
-    def spoken(self, number: int) -> str:
-        """The name within a sentence."""
-        if not number:
-            return "the leader"
-        return self.names[number - 1] if self.names else f"follower {number}"
-
-
-PLACES = Places()
-"""The vehicles of a `PlatoonRun` whose names are not known."""
-
-
-def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
-    """The growth of the disturbance up to the last follower; ``places`` name the vehicles."""
-    wave, moved = run.amplitudes, run.largest_deviation
-    what = "oscillation" if wave else "largest speed deviation"
-    if run.collisions:
-        first, *others = run.contacts
-        hit = f"{places.label(first.follower)} collides at {first.time:.0f} s"
-        if others:
-            later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
-            hit += f", then {joined(later)}"
-        worst = int(moved.argmax())
-        if not (worst and moved[0] > 0):
-            return f"{hit}."
-        is_ended = worst >= min(contact.follower for contact in run.contacts)
-        extent = "at least" if is_ended else "up to"
-        most = f"{extent} {three(moved[worst] / moved[0])} times as much as the leader's"
-        return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
-    sizes = wave.measured if wave and wave.periods else moved
-    if not sizes[0] > 0:
-        return "The leader's speed is constant, so there is no disturbance."
-    ratio, size = sizes[-1] / sizes[0], f"{three(sizes[-1])} m/s against {three(sizes[0])} m/s"
-    if abs(ratio - 1) < SAME_AMPLITUDE:
-        return f"The last follower's {what} is as large as the leader's: {size}."
-    verb = "grows" if ratio > 1 else "fades"
-    largest = int(np.argmax(sizes))
-    last = f"{verb} to {three(ratio)} times the leader's at the last follower: {size}."
-    if not 0 < largest < len(sizes) - 1:
-        return f"The {what} {last}"
-    most = f"grows to {three(sizes[largest] / sizes[0])} times the leader's"
-    last = f"is {three(ratio)} times at the last follower: {size}."
-    return f"The {what} {most} at {places.spoken(largest)}, and {last}"
-
-
-def by_linearisation(run: PlatoonRun) -> str:
-    """What the linearisation predicts for the last follower; empty for a linear model."""
-    if run.linear is None:
-        return ""
-    moved = np.abs(run.linear.speeds - run.leader.speed).max(axis=0)
-    size = run.amplitudes.predicted[-1] if run.amplitudes else moved[-1]
-    return (
-        f"The linearisation at {3.6 * run.leader.speed:.0f} km/h, which holds for small"
-        f" disturbances, predicts {three(float(size))} m/s for the last follower."
-    )
-
-
-def smallest_gap(run: PlatoonRun, places: Places = PLACES) -> str:
-    """The smallest gap of a run, or that a collision ends it; ``places`` name the vehicles."""
-    if run.collisions:
-        return AFTER_COLLISION
-    k = int(run.minimum_gap.argmin())
-    gap = round(run.minimum_gap[k], 1) + 0.0
-    return (
-        f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
-        f" {run.minimum_gap_time[k]:.0f} s."
-    )

@@ -40,6 +40,7 @@ from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import messages
+from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as sentences
 from accpinn.results.messages import summary as words
 from accpinn.results.reproduction import verification_table
@@ -144,7 +145,7 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
     info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
     vehicles, motion = known_vehicles(snapshot).vehicles, motion_picture(snapshot)
-    places = sentences.Places(vehicles.spoken if len(vehicles) > 1 else ())
+    places = on_platoon.Places(vehicles.spoken if len(vehicles) > 1 else ())
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
     training = [*training_pictures(snapshot)]
@@ -164,13 +165,13 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
         "forms": messages(adequacy.findings if adequacy else (), info),
         "label": on_answer.papers_estimate(fit),
         "name": tables.name_of(fit),
-        "by_estimates": sentences.BY_ESTIMATES,
+        "assumption": on_answer.assumption(known) if (known := snapshot.known_answer) else "",
         "reasons": _reasons(snapshot),
         "measured": sentences.against_measured(snapshot.gain_checks, info),
         "run": run,
         "run_warnings": messages(run.findings, places) if run else (),
         "repeated": repeated,
-        "linear": sentences.by_linearisation(run) if run else "",
+        "linear": on_platoon.by_linearisation(run) if run else "",
         "models": [
             (each, messages(each.findings, info), sheets[f"models_{each.info.vehicles[1]}"])
             for each in snapshot.parts.judgements or ()

@@ -26,7 +26,7 @@ from accpinn.results.tables import (
     estimate_cells,
     percent_cells,
 )
-from accpinn.results.vehicles import drivers, where
+from accpinn.results.vehicles import ALL_OF_IT, by_hand, where
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Verdict, stability_at
 from accpinn.study import differences
@@ -68,10 +68,14 @@ def name_of(fit: Fit) -> str:
     return f"{method.title} ({', '.join(said)})" if said else method.title
 
 
-def driver_cells(who: Sequence[str]) -> Iterator[Filled]:
+def driver_cells(shares: Sequence[float]) -> Iterator[Filled]:
     """Who drives each follower in place of ACC, as a column; none where nobody does."""
-    if who:
-        yield Column(DRIVER), [name or None for name in who]
+    if shares:
+        yield Column(DRIVER), [_driver(share) if share else None for share in shares]
+
+
+def _driver(share: float) -> str:
+    return "Human" if share > ALL_OF_IT else f"Human {100 * share:.0f} %"
 
 
 def parameter_table(result: Result, with_intervals: bool = True) -> Table:
@@ -89,7 +93,7 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
         estimates = _estimate_cells(fit.parameters, known, model=fit.model)
         estimated = [*estimates, *probability_cells(known)]
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
-        (followers, driver_cells(drivers(info))),
+        (followers, driver_cells(by_hand(info))),
         (parameter_rows(info, fit.case), estimated),
         (followers, [(Column("Mean time gap", "s", 2), result.mean_time_gaps.tolist())]),
     ]

@@ -30,6 +30,7 @@ from accpinn.units import FloatArray
 L2, LINF = "L₂ string stability", "L∞ string stability"
 PEAK = Column("Peak", "dB", MAGNITUDE.digits, L2)
 PEAK_AT = Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2)
+ABOVE = Column("Amplified above", FREQUENCY.unit, FREQUENCY.digits, L2)
 BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
 STABLE, EXACT = "Stable", Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
@@ -60,17 +61,19 @@ def stability_table(
     headways = [vehicle.smallest_tau for vehicle in assessed]
     parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
+    bands = [v.onset for v in assessed]  # of few vehicles
     gains, answer = [v.linf_gain for v in assessed], estimates.answer
     return Table.of(
         f"String stability, {vehicles.title}",
         [
             (Column("Vehicle"), vehicles.labels),
-            *estimates.driver_cells(vehicles.drivers),
+            *estimates.driver_cells(vehicles.by_hand),
             *_parameter_cells(parameters, known),
             *_posterior(L2, known.probability_l2 if known else None, against),
             (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
+            *([(ABOVE, [v.onset or None for v in assessed])] if any(bands) else []),
             (BELOW, _with_ends(crossovers, known.crossover if known else None)),
             *_posterior(LINF, known.probability_linf if known else None),
             (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
@@ -96,7 +99,7 @@ def known_table(subject: KnownVehicles) -> Table:
 def verdict_table(subject: KnownVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
     certain = [STABLE, EXACT.title] if subject.uncertainty else []
-    aside, table = [BELOW.title, "Paper's criterion", *certain], known_table(subject)
+    aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
 

@@ -148,7 +148,7 @@ def parameters_from(
         known = of_first(known) if known else None
         vehicles = ParameterSet(
             vehicles.title, (EVERY_FOLLOWER,), vehicles.parameters[:1],
-            (result.info.vehicles[0], 0), drivers=tuple(filter(None, vehicles.drivers))[:1],
+            (result.info.vehicles[0], 0), by_hand=tuple(filter(None, vehicles.by_hand))[:1],
             model=vehicles.model,
         )  # fmt: skip
     origin = f"{SOURCES[source]}: {vehicles.title}"

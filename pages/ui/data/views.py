@@ -28,8 +28,8 @@ from pages.ui.session.workspace import Workspace
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""
 REGIMES = {
-    "catching up": "The time gap, space-gap over speed, is above 1.3 times its median, and above"
-    " 2 s: the vehicle catches up or drives freely.",
+    "catching up": "The time gap, space-gap over speed, is above 1.3 times its median (2 s at"
+    " least, 3.5 s at most): the vehicle catches up or drives freely.",
     "manual": "A driver controls the vehicle, according to the file.",
     "standstill": "The vehicle moves at 1 m/s or less.",
 }

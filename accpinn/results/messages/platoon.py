@@ -1,0 +1,98 @@
+"""A simulated platoon in sentences: how the disturbance grows, and the smallest gap."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accpinn.findings import joined
+from accpinn.platoon import AFTER_COLLISION, PlatoonRun
+from accpinn.results.messages.stability import MAY_AMPLIFY, capital, three
+
+GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
+"""What a simulation with such parameters assumes."""
+SAME_AMPLITUDE = 0.005
+"""Relative difference up to which an amplitude is called as large as the leader's."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Names the vehicles of a platoon by their place, 0 for the leader."""
+
+    names: tuple[str, ...] = ()
+    """(M,) names of the followers within a sentence; by default their places."""
+    source: str = "platoon"
+
+    def label(self, number: int) -> str:
+        """The name at the beginning of a sentence."""
+        return capital(self.spoken(number))
+
+    def spoken(self, number: int) -> str:
+        """The name within a sentence."""
+        if not number:
+            return "the leader"
+        return self.names[number - 1] if self.names else f"follower {number}"
+
+
+PLACES = Places()
+"""The vehicles of a `PlatoonRun` whose names are not known."""
+
+
+def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
+    """The growth of the disturbance up to the last follower; ``places`` name the vehicles."""
+    wave, moved = run.amplitudes, run.largest_deviation
+    measured = wave.measured if wave and wave.periods else None
+    what = "largest speed deviation" if measured is None else "oscillation"
+    if run.collisions:
+        first, *others = run.contacts
+        hit = f"{places.label(first.follower)} collides at {first.time:.0f} s"
+        if others:
+            later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
+            hit += f", then {joined(later)}"
+        worst = int(moved.argmax())
+        if not (worst and moved[0] > 0):
+            return f"{hit}."
+        is_ended = worst >= min(contact.follower for contact in run.contacts)
+        extent = "at least" if is_ended else "up to"
+        most = f"{extent} {three(moved[worst] / moved[0])} times as much as the leader's"
+        return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
+    if wave and not np.isfinite(wave.predicted).all():
+        vehicle = places.spoken(int(np.isinf(wave.predicted).argmax()))
+        return f"The oscillation of {vehicle} grows without limit."
+    sizes = moved if measured is None else measured
+    if not sizes[0] > 0:
+        return "The leader's speed is constant, so there is no disturbance."
+    ratio, size = sizes[-1] / sizes[0], f"{three(sizes[-1])} m/s against {three(sizes[0])} m/s"
+    if abs(ratio - 1) < SAME_AMPLITUDE:
+        return f"The last follower's {what} is as large as the leader's: {size}."
+    verb = "grows" if ratio > 1 else "fades"
+    largest = int(np.argmax(sizes))
+    last = f"{verb} to {three(ratio)} times the leader's at the last follower: {size}."
+    if not 0 < largest < len(sizes) - 1:
+        return f"The {what} {last}"
+    most = f"grows to {three(sizes[largest] / sizes[0])} times the leader's"
+    last = f"is {three(ratio)} times at the last follower: {size}."
+    return f"The {what} {most} at {places.spoken(largest)}, and {last}"
+
+
+def by_linearisation(run: PlatoonRun) -> str:
+    """What the linearisation predicts for the last follower; empty for a linear model."""
+    if run.linear is None:
+        return ""
+    moved = np.abs(run.linear.speeds - run.leader.speed).max(axis=0)
+    size = run.amplitudes.predicted[-1] if run.amplitudes else moved[-1]
+    return (
+        f"The linearisation at {3.6 * run.leader.speed:.0f} km/h, which holds for small"
+        f" disturbances, predicts {three(float(size))} m/s for the last follower."
+    )
+
+
+def smallest_gap(run: PlatoonRun, places: Places = PLACES) -> str:
+    """The smallest gap of a run, or that a collision ends it; ``places`` name the vehicles."""
+    if run.collisions:
+        return AFTER_COLLISION
+    k = int(run.minimum_gap.argmin())
+    gap = round(run.minimum_gap[k], 1) + 0.0
+    return (
+        f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
+        f" {run.minimum_gap_time[k]:.0f} s."
+    )
