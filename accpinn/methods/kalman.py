@@ -8,7 +8,8 @@ as their noise is independent (e and s are innovation and its variance):
 
 A missing sample is not taken in. Once P no longer changes and nothing is missing, neither do the
 gains, and what is left is one linear recursion. Sets of parameters, followers and windows lie on
-the last axis, so that a step in time is one operation for all that miss the same samples.
+the last axis, so that a step in time is one operation for all that miss the same samples. P does
+not depend on the measurements, so that complete windows of one model share it.
 
 Source: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., 2012, chapters
 4 (filter, smoother) and 6.4 (one measurement at a time).
@@ -32,6 +33,7 @@ STRETCH = 30_000
 BLOCK = 7
 """Instants whose innovations are found at once with constant gains; more and fewer are slower."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,31 +61,34 @@ class Innovations:
         return np.where(self.known, density, 0.0)
 
 
-def log_likelihood(model: StateSpace, measured: FloatArray) -> FloatArray:
-    """Log L of each of B models.
+def log_likelihood(model: StateSpace, measured: FloatArray, of: Places | None = None) -> FloatArray:
+    """Log L of each of B series of measurements.
 
     Args:
-        model: B of them.
+        model: U of them.
         measured: (N, 3, B) p, v, u; nan where missing.
+        of: (B,) the place of each one's model; by default its own.
 
     Returns:
         (B,).
     """
     total = np.zeros(measured.shape[2])
-    for columns, _, steps in _by_columns(model, measured, ~np.isnan(measured)):
+    for columns, _, steps in _by_columns(model, measured, ~np.isnan(measured), of):
         for step in steps:
             total[columns] = step.added_to(total[columns])
     return -0.5 * total
 
 
-def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, Innovations]:
+def innovations(
+    model: StateSpace, measured: FloatArray, of: Places | None = None
+) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
     known: Mask = np.asarray(~np.isnan(measured))
     errors, total = np.zeros(known.shape), np.zeros(measured.shape[2])
     steps = []
     changes = np.zeros(len(measured), bool)
     changes[:1] = True
-    for columns, end, each in _by_columns(model, measured, known):
+    for columns, end, each in _by_columns(model, measured, known, of):
         for step in each:
             total[columns] = step.added_to(total[columns])
             for k, row in enumerate(step.rows):
@@ -101,20 +106,30 @@ def innovations(model: StateSpace, measured: FloatArray) -> tuple[FloatArray, In
 
 
 def _by_columns(
-    model: StateSpace, measured: FloatArray, known: Mask
+    model: StateSpace, measured: FloatArray, known: Mask, of: Places | None
 ) -> Iterator[tuple[Columns, int, "Iterator[_Step]"]]:
     """Columns that are filtered together, how many instants they have, and the filter over these.
 
     Args:
-        model: B of them.
+        model: U of them.
         measured: (N, 3, B)
         known: (N, 3, B) whether a sample is there.
+        of: (B,) the place of each one's model; None for its own.
     """
+    of = np.arange(measured.shape[2]) if of is None else of
     for columns in _alike(known):
         part = known[:, :, columns]
         instants = np.flatnonzero(part.any(axis=(1, 2)))
         end = int(instants[-1]) + 1 if len(instants) else 0
-        yield columns, end, _filtered(model.of(columns), measured[:end, :, columns], part[:end])
+        present, places = part[:end], of[columns]
+        shared, which = np.unique(places, return_inverse=True)
+        steps = (
+            _filtered(model.of(places), measured[:end, :, columns], present,
+                      model.of(shared), which)
+            if len(shared) < len(places) and present.all()
+            else _filtered(model.of(places), measured[:end, :, columns], present)
+        )  # fmt: skip
+        yield columns, end, steps
 
 
 def _alike(known: Mask) -> Iterator[Columns]:
@@ -156,7 +171,7 @@ class _Step(NamedTuple):
     state: FloatArray
     """(n, B): predicted for the first instant."""
     covariance: FloatArray
-    """(B, n, n): predicted."""
+    """(B, n, n): predicted; (U, n, n) where models are shared."""
     errors: FloatArray
     """(K, r, B)"""
     variances: FloatArray
@@ -190,8 +205,18 @@ class _Step(NamedTuple):
         return np.asarray(total + added.sum(axis=0))
 
 
-def _filtered(model: StateSpace, measured: FloatArray, known: Mask) -> Iterator[_Step]:
-    """The filter over measurements (N, 3, B), and whether each is there."""
+def _filtered(
+    model: StateSpace,
+    measured: FloatArray,
+    known: Mask,
+    shared: StateSpace | None = None,
+    which: Columns = slice(None),
+) -> Iterator[_Step]:
+    """The filter over measurements (N, 3, B), and whether each is there.
+
+    Where all are there, the models may be those that are ``shared`` (U), each column ``which``.
+    """
+    shared = shared or model
     if model.shift.any():
         measured = measured.copy()
         measured[:, OBSERVED[0]] -= model.shift
@@ -200,32 +225,37 @@ def _filtered(model: StateSpace, measured: FloatArray, known: Mask) -> Iterator[
     whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
     state = model.first
+    distinct = shared.first.shape[1]
     # Products of many small matrices are fastest with the models on the first axis.
     transition, process, covariance = (
         np.ascontiguousarray(part.transpose(2, 0, 1))
-        for part in (model.transition, model.process, model.first_covariance)
+        for part in (shared.transition, shared.process, shared.first_covariance)
     )
     back = np.ascontiguousarray(transition.transpose(0, 2, 1))
     k = 0
     while k < samples:
         before, predicted = covariance, state
         rows = tuple(np.flatnonzero(somewhere[k]).tolist())
-        errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), count))
-        gains, taken = np.empty((2, len(rows), *state.shape))
+        errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), distinct))
+        gains, taken = np.empty((2, len(rows), len(state), distinct))
         for row, number in enumerate(rows):
             i = OBSERVED[number]
             taken[row] = covariance[:, i].T
             for gain, other in zip(gains[:row], taken[:row], strict=True):
                 taken[row] -= gain[i] * other
-            variance = np.add(taken[row, i], model.noise[number], out=variances[row])
-            error = np.subtract(measured[k, number], state[i], out=errors[0, row])
+            variance = np.add(taken[row, i], shared.noise[number], out=variances[row])
             if not everywhere[k, number]:
-                variance[~known[k, number]], error[~known[k, number]] = np.inf, 0.0
-            gain = np.divide(taken[row], variance, out=gains[row])
-            state = state + gain * error
+                variance[~known[k, number]] = np.inf
+            np.divide(taken[row], variance, out=gains[row])
         if rows:
             left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
             covariance = covariance - np.ascontiguousarray(left) @ np.ascontiguousarray(right)
+        gains, variances = gains[..., which], variances[..., which]
+        for row, number in enumerate(rows):
+            error = np.subtract(measured[k, number], state[OBSERVED[number]], out=errors[0, row])
+            if not everywhere[k, number]:
+                error[~known[k, number]] = 0.0
+            state = state + gains[row] * error
         present = measured[k : k + 1]
         step = _Step(k, present, rows, predicted, before, errors, variances, gains)
         yield step

@@ -170,8 +170,9 @@ class Criterion:
         most = max(1, min(AT_ONCE, LARGEST_BATCH // len(self.series.measured)))
         for part in np.array_split(pairs, range(most, len(pairs), most)):
             which, series = part.T
-            part_total = log_likelihood(self.model(z[which]), self.series.measured[:, :, series])
-            np.add.at(total, which, part_total)
+            rows, of = np.unique(which, return_inverse=True)
+            measured = self.series.measured[:, :, series]
+            np.add.at(total, which, log_likelihood(self.model(z[rows]), measured, of))
         return total
 
     def score(
@@ -188,9 +189,9 @@ class Criterion:
         around = np.stack([z, *(z + move for move in DIFFERENCE * np.eye(size))], axis=1)
         pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
         which, series = np.array(pairs).T
-        model = self.model(around[which].reshape(-1, size))
         measured = np.repeat(self.series.measured[:, :, series], size + 1, axis=2)
-        total, predicted = innovations(model, measured)
+        of = (which[:, None] * (size + 1) + np.arange(size + 1)).ravel()
+        total, predicted = innovations(self.model(around.reshape(-1, size)), measured, of)
         total = total.reshape(len(pairs), -1)
         errors = predicted.errors.reshape(-1, len(pairs), size + 1)
         variances = predicted.distinct.reshape(-1, 3, len(pairs), size + 1)

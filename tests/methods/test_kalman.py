@@ -103,6 +103,23 @@ def test_many_models_at_once_are_as_each_alone():
         )
 
 
+def test_windows_that_share_a_model_are_as_each_with_its_own():
+    """Complete ones share its covariances; beside them a shorter one and one with a hole."""
+    rng = np.random.default_rng(5)
+    parts = [disturbed(SETS[[0]], seed, Disturbance(), duration=120.0) for seed in (1, 2, 3, 4)]
+    measured = series_of(parts, "II").measured[:, :, [0, 1, 2, 3, 0, 1]].copy()
+    measured[150:, :, 2] = np.nan
+    measured[90:95, 0, 3] = np.nan
+    of = np.array([1, 1, 1, 1, 0, 0])
+    model = state_space("cthp-s0-delay", random_values("cthp-s0-delay", 2, rng), 0.5)
+    found, innovation = innovations(model, measured, of)
+    expected, own = innovations(model.of(of), measured)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    np.testing.assert_allclose(log_likelihood(model, measured, of), expected, rtol=1e-12)
+    np.testing.assert_allclose(innovation.errors, own.errors, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(innovation.variances, own.variances, rtol=1e-12)
+
+
 @pytest.mark.parametrize("missing", [with_holes, shorter])
 @pytest.mark.parametrize("form", CTHPS)
 def test_likelihood_and_smoothed_states_agree_with_statsmodels(form, missing):
