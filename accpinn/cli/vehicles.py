@@ -17,7 +17,7 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.platoon import Places, disturbance, smallest_gap
 from accpinn.results.messages.stability import TITLES, against_measured, headline, reason
-from accpinn.results.tables.estimates import answer
+from accpinn.results.tables.estimates import yes_or_no
 from accpinn.results.tables.stability import amplitude_table, known_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability import StabilityReport, VehicleStability, Verdict
@@ -169,7 +169,7 @@ def _report_text(subject: KnownVehicles) -> str:
     for name in PLATOON if len(labels) > 1 else ():
         verdict = getattr(report.platoon, name)
         title, why = TITLES[verdict.criterion], reason(verdict, report, vehicles.spoken)
-        lines.append(f"Platoon, {title}: {answer(verdict)}. {why}")
+        lines.append(f"Platoon, {title}: {yes_or_no(verdict)}. {why}")
     return "\n".join(lines)
 
 

@@ -37,7 +37,15 @@ from accpinn.study.cluster import connected, run_all, sentence_of
 from accpinn.study.plan import LEAST, Sources, files_of, left_out, plan
 from accpinn.study.rows import rows_of
 from accpinn.study.run import estimate
-from accpinn.study.studies import Answer, KnownFile, Request, Study, StudyError, read_rows, written
+from accpinn.study.studies import (
+    Computed,
+    KnownFile,
+    Request,
+    Study,
+    StudyError,
+    read_rows,
+    written,
+)
 from accpinn.units import Seconds
 
 PUBLISHED_EVERY: Seconds = 60.0
@@ -174,22 +182,22 @@ class WindowJob:
     """Its share of what is left to do of its file."""
 
 
-def answer_all(job: WindowJob) -> list[Answer]:
+def answer_all(job: WindowJob) -> list[Computed]:
     """Answer the analyses of one window; one that fails does not stop the others."""
     segment = replace(job.segment)  # arrays of its own: those received may lie anyhow in memory
     return [_answer(job, segment, analysis) for analysis in job.analyses]
 
 
-def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Answer:
+def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Computed:
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
         posterior = window_posterior(segment, analysis.case, analysis.model)
         rows = rows_of(result, posterior, job.recording, job.modes)
-        return Answer(analysis, rows, posterior.drawn)
+        return Computed(analysis, rows, posterior.drawn)
     except AccpinnError as fault:
-        return Answer(analysis, reason=str(fault))
+        return Computed(analysis, reason=str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time
-        return Answer(analysis, reason=sentence_of(fault), is_final=False)
+        return Computed(analysis, reason=sentence_of(fault), is_final=False)
 
 
 # In the caller's process
@@ -371,13 +379,13 @@ class _Batch:
         now.rows += sum(numbers)
         now.failed += numbers.count(0)
 
-    def _finish(self, job: WindowJob, answers: list[Answer] | Exception) -> None:
+    def _finish(self, job: WindowJob, answers: list[Computed] | Exception) -> None:
         """Keep what came of a window."""
         self._computed += self._advance(job.file, job.fraction)
         self._now.finished += 1
         if isinstance(answers, Exception):
             reason = sentence_of(answers)
-            answers = [Answer(asked, reason=reason, is_final=False) for asked in job.analyses]
+            answers = [Computed(asked, reason=reason, is_final=False) for asked in job.analyses]
         for answer in answers:
             self._study.add(job.file.name, answer)
             self._now.rows += len(answer.rows)

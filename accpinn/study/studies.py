@@ -88,7 +88,7 @@ class KnownFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Computed:
     """What came of one analysis."""
 
     analysis: Analysis
@@ -181,20 +181,20 @@ class Study:
             row = database.execute(asked, (*_place(analysis), analysis.key)).fetchone()
             return int(row[0]) if row else None
 
-    def add(self, file: str, answer: Answer) -> None:
-        """Keep an answer, in place of one by an earlier version of its method.
+    def add(self, file: str, computed: Computed) -> None:
+        """Keep what came of an analysis, in place of one by an earlier version of its method.
 
         Args:
             file: name of the recording's file, by which rows are ordered.
-            answer: what came of the analysis.
+            computed: what came of the analysis.
         """
-        analysis, place = answer.analysis, _place(answer.analysis)
+        analysis, place = computed.analysis, _place(computed.analysis)
         _, *followers = analysis.vehicles
         alone = followers[0] if len(followers) == 1 else None
-        rows = json.dumps(list(answer.rows), ensure_ascii=False, allow_nan=False)
-        reason = f"{analysis.method}: {answer.reason}" if answer.reason else None
-        values = (*place, analysis.key, file, alone, rows, reason, answer.is_final)
-        drawn = () if answer.posteriors is None else answer.posteriors.astype("<f8")
+        rows = json.dumps(list(computed.rows), ensure_ascii=False, allow_nan=False)
+        reason = f"{analysis.method}: {computed.reason}" if computed.reason else None
+        values = (*place, analysis.key, file, alone, rows, reason, computed.is_final)
+        drawn = () if computed.posteriors is None else computed.posteriors.astype("<f8")
         with self._writing() as database:
             places = ", ".join("?" * len(values))
             database.execute(f"insert or replace into answers values ({places})", values)

@@ -22,7 +22,7 @@ from accpinn.study.studies import (
     FAILURES,
     FILE,
     RESULTS,
-    Answer,
+    Computed,
     Failure,
     KnownFile,
     read_failures,
@@ -42,10 +42,10 @@ def test_answers_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_plac
 ) -> None:
     with written(tmp_path, REQUEST) as study:
         states = [state_of(tmp_path)]
-        study.add("a.csv", Answer(analysis(), [row("A", alpha=0.3)]))
+        study.add("a.csv", Computed(analysis(), [row("A", alpha=0.3)]))
         states.append(state_of(tmp_path))
-        study.add("a.csv", Answer(analysis(60.0), reason="broken"))
-        study.add("a.csv", Answer(analysis(120.0), reason="a worker died", is_final=False))
+        study.add("a.csv", Computed(analysis(60.0), reason="broken"))
+        study.add("a.csv", Computed(analysis(120.0), reason="a worker died", is_final=False))
         [kept] = read_rows(tmp_path)
         assert (kept["alpha"], kept["make"], kept["file"]) == (0.3, "A", None)
         failure = Failure("a.csv", 60.0, 2, "least-squares: broken")
@@ -53,7 +53,7 @@ def test_answers_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_plac
         known = [study.rows_of(analysis(start)) for start in (0.0, 60.0, 120.0, 180.0)]
         assert known == [1, 0, None, None]
         for start in (60.0, 120.0):
-            study.add("a.csv", Answer(analysis(start), [row("A")]))
+            study.add("a.csv", Computed(analysis(start), [row("A")]))
         assert study.rows_of(analysis(60.0)) == 1
         assert read_failures(tmp_path) == ()
         assert len({*states, state_of(tmp_path)}) == 3
@@ -62,7 +62,7 @@ def test_answers_can_be_read_while_a_batch_runs_and_a_newer_one_takes_their_plac
         later_version = analysis()
         monkeypatch.setitem(vars(later_version), "key", "another")
         assert study.rows_of(later_version) is None
-        study.add("a.csv", Answer(later_version, [row("B")]))
+        study.add("a.csv", Computed(later_version, [row("B")]))
     assert [cells["make"] for cells in read_rows(tmp_path)] == ["B", "A", "A"]
     assert [path.name for path in tmp_path.glob(f"{FILE}*")] == [FILE], "one plain file is left"
 
@@ -77,8 +77,8 @@ def test_rows_have_one_order_whatever_ended_first(tmp_path: Path) -> None:
             for k in np.random.default_rng(seed).permutation(len(places)).tolist():
                 start, file, method = places[k]
                 cells = row("A", file=file, start=start, method=method)
-                study.add(file, Answer(analysis(*places[k]), [cells]))
-                study.add(file, Answer(analysis(start + 30, file, method), reason="broken"))
+                study.add(file, Computed(analysis(*places[k]), [cells]))
+                study.add(file, Computed(analysis(start + 30, file, method), reason="broken"))
         contents.append([(folder / name).read_bytes() for name in (FAILURES, RESULTS)])
         order = [(cells["start"], cells["file"], cells["method"]) for cells in read_rows(folder)]
         assert order == places

@@ -11,7 +11,7 @@ from accpinn.recordings import Window
 from accpinn.study import Analysis, Source
 from accpinn.study.groups import POSTERIOR
 from accpinn.study.rows import COLUMNS
-from accpinn.study.studies import Answer, Request, written
+from accpinn.study.studies import Computed, Request, written
 from accpinn.units import FloatArray
 
 REQUEST = Request(("runs",), ("least-squares",), 300.0)
@@ -70,5 +70,5 @@ def write_study(folder: Path, *given: dict[str, Any]) -> Path:
             asked = analysis(**place, **own, method=cells["method"] or "least-squares")
             drawn = posterior(cells)
             posteriors = None if drawn is None else drawn[None]
-            study.add(cells["file"] or "", Answer(asked, [cells | place], posteriors))
+            study.add(cells["file"] or "", Computed(asked, [cells | place], posteriors))
     return folder

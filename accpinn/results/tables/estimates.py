@@ -458,7 +458,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
                 Column("Peak", "dB", MAGNITUDE.digits, at),
                 [v.peak.db if v else None for v in vehicles],
             ),
-            (Column("L₂ stable", group=at), [answer(v.l2) if v else None for v in vehicles]),
+            (Column("L₂ stable", group=at), [yes_or_no(v.l2) if v else None for v in vehicles]),
             (
                 Column.of(LINF_GAIN, at, key="linf_gain"),
                 [v.linf_gain if v else None for v in vehicles],
@@ -488,7 +488,7 @@ def model_parameters_table(judged: Judgement) -> Table:
     )
 
 
-def answer(verdict: Verdict) -> str:
+def yes_or_no(verdict: Verdict) -> str:
     """YES or NO as the paper prints it; marginal cases are named."""
     word = "YES" if verdict.stable else "NO"
     return f"{word}, marginal" if verdict.marginal else word

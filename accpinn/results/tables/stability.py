@@ -62,7 +62,7 @@ def stability_table(
     parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
     bands = [v.onset for v in assessed]  # of few vehicles
-    gains, answer = [v.linf_gain for v in assessed], estimates.answer
+    gains, yes_or_no = [v.linf_gain for v in assessed], estimates.yes_or_no
     return Table.of(
         f"String stability, {vehicles.title}",
         [
@@ -70,14 +70,14 @@ def stability_table(
             *estimates.driver_cells(vehicles.by_hand),
             *_parameter_cells(parameters, known),
             *_posterior(L2, known.probability_l2 if known else None, against),
-            (Column(STABLE, group=L2), [answer(v.l2) for v in assessed]),
+            (Column(STABLE, group=L2), [yes_or_no(v.l2) for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *([(ABOVE, [v.onset or None for v in assessed])] if any(bands) else []),
             (BELOW, _with_ends(crossovers, known.crossover if known else None)),
             *_posterior(LINF, known.probability_linf if known else None),
-            (Column("Paper's criterion", group=LINF), [answer(v.linf_paper) for v in assessed]),
-            (EXACT, [answer(v.linf_exact) for v in assessed]),
+            (Column("Paper's criterion", group=LINF), [yes_or_no(v.linf_paper) for v in assessed]),
+            (EXACT, [yes_or_no(v.linf_exact) for v in assessed]),
             (GAIN, _with_ends(gains, known.linf_gain if known else None)),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),

@@ -15,7 +15,7 @@ from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome, headway_findings
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import CTHPS, TITLES, has_terms_of
+from accpinn.model.registry import CTHPS, has_terms_of
 from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
@@ -153,8 +153,7 @@ def _choose_windows(workspace: Workspace) -> None:
 
 def _about_estimates(result: Result) -> str:
     """What the method's own estimates are, and their intervals if the training is finished."""
-    name, model = escape_markdown(name_of(result.fit)), result.fit.model
-    said = f"The {'CTHP' if model in CTHPS else TITLES[model]}'s parameters by {name}"
+    said = f"Parameters by {escape_markdown(name_of(result.fit))}"
     if label := on_answer.papers_estimate(result.fit):
         said += f": **{escape_markdown(label)}**"
     if not result.is_finished:
