@@ -25,7 +25,7 @@ from accpinn.study.result import Result
 from accpinn.study.snapshot import load, save
 from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
-from accpinn.study.studies import Answer, read_rows, written
+from accpinn.study.studies import Computed, read_rows, written
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher
 from tests.support.snapshots import numbered, small, small_bytes
@@ -141,7 +141,7 @@ class TestFullDisk:
         def work() -> None:
             with written(tmp_path, REQUEST) as study:
                 for k in range(100):
-                    study.add("a.csv", Answer(analysis(60.0 * k), [row("x" * 200)]))
+                    study.add("a.csv", Computed(analysis(60.0 * k), [row("x" * 200)]))
 
         status, said = child(work, disk=50_000)
         assert status == 1

@@ -39,7 +39,7 @@ from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
 from accpinn.study.rows import COLUMNS
 from accpinn.study.snapshot import load, named, to_bytes
-from accpinn.study.studies import FILE, Answer, KnownFile, read_failures, read_request, written
+from accpinn.study.studies import FILE, Computed, KnownFile, read_failures, read_request, written
 from accpinn.study.verification import QUICK, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
 from tests.support.command import strict
@@ -293,7 +293,7 @@ def study_file() -> bytes:
         with written(folder, REQUEST) as study:
             for k in range(3):
                 rows = [cells | {"start": 300.0 * k}]
-                study.add("a.csv", Answer(analysis(300.0 * k), rows))
+                study.add("a.csv", Computed(analysis(300.0 * k), rows))
             study.add_file("r", KnownFile(None, 1, 0, (analysis(),)))
             study.refuse(Path("b.csv"), ["no reason"])
         return (folder / FILE).read_bytes()

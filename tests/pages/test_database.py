@@ -17,7 +17,7 @@ from accpinn.recordings.files import read
 from accpinn.results.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study
-from accpinn.study.studies import FILE, Answer, Request, written
+from accpinn.study.studies import FILE, Computed, Request, written
 from accpinn.tasks import Status, batches
 from pages.ui.data.sources import ASK
 from pages.ui.database import page as database_page
@@ -120,7 +120,7 @@ def test_every_tab_and_the_failures(study: Path) -> None:
     with written(study, REQUEST) as kept:
         said = "it <b>cannot</b> be read"
         kept.refuse(Path("bad0.csv"), [said])
-        kept.add("bad1.csv", Answer(analysis(), reason=said))
+        kept.add("bad1.csv", Computed(analysis(), reason=said))
     page = opened()
     assert "1 file without a window and 1 estimate failed" in page.plain()
     page.open_tab("database_tabs", "Failures")
@@ -180,7 +180,7 @@ def test_a_batch_is_started_stopped_and_continued(
         asked.append((folder, request))
         is_first = len(asked) == 1
         with written(folder, request) as kept:
-            kept.add("x.csv", Answer(analysis(), [made("x.csv")]))
+            kept.add("x.csv", Computed(analysis(), [made("x.csv")]))
             note(BatchProgress(4, 1.0, finished=1, rows=1, seconds_left=30.0, share=0.25))
             if is_first:
                 until(should_stop)
