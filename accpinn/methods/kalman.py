@@ -61,34 +61,52 @@ class Innovations:
         return np.where(self.known, density, 0.0)
 
 
-def log_likelihood(model: StateSpace, measured: FloatArray, of: Places | None = None) -> FloatArray:
-    """Log L of each of B series of measurements.
+class Pairs(NamedTuple):
+    """Which models meet which measurements."""
+
+    models: Places
+    """(B,) of U models."""
+    series: Places
+    """(B,) of S series of measurements."""
+
+    @classmethod
+    def each(cls, count: int) -> "Pairs":
+        """Every model with measurements of its own."""
+        return cls(np.arange(count), np.arange(count))
+
+
+def log_likelihood(
+    model: StateSpace, measured: FloatArray, pairs: Pairs | None = None
+) -> FloatArray:
+    """Log L of each of B pairs of a model and measurements.
 
     Args:
         model: U of them.
-        measured: (N, 3, B) p, v, u; nan where missing.
-        of: (B,) the place of each one's model; by default its own.
+        measured: (N, 3, S) p, v, u; nan where missing.
+        pairs: by default of each model and its own measurements.
 
     Returns:
         (B,).
     """
-    total = np.zeros(measured.shape[2])
-    for columns, _, steps in _by_columns(model, measured, ~np.isnan(measured), of):
+    pairs = pairs or Pairs.each(measured.shape[2])
+    total = np.zeros(len(pairs.series))
+    for columns, _, steps in _by_columns(model, measured, pairs):
         for step in steps:
             total[columns] = step.added_to(total[columns])
     return -0.5 * total
 
 
 def innovations(
-    model: StateSpace, measured: FloatArray, of: Places | None = None
+    model: StateSpace, measured: FloatArray, pairs: Pairs | None = None
 ) -> tuple[FloatArray, Innovations]:
     """Log L (B,), and the innovations it is made of; arguments as for `log_likelihood`."""
-    known: Mask = np.asarray(~np.isnan(measured))
-    errors, total = np.zeros(known.shape), np.zeros(measured.shape[2])
+    pairs = pairs or Pairs.each(measured.shape[2])
+    known: Mask = np.asarray(~np.isnan(measured))[:, :, pairs.series]
+    errors, total = np.zeros(known.shape), np.zeros(known.shape[2])
     steps = []
     changes = np.zeros(len(measured), bool)
     changes[:1] = True
-    for columns, end, each in _by_columns(model, measured, known, of):
+    for columns, end, each in _by_columns(model, measured, pairs):
         for step in each:
             total[columns] = step.added_to(total[columns])
             for k, row in enumerate(step.rows):
@@ -106,29 +124,26 @@ def innovations(
 
 
 def _by_columns(
-    model: StateSpace, measured: FloatArray, known: Mask, of: Places | None
-) -> Iterator[tuple[Columns, int, "Iterator[_Step]"]]:
-    """Columns that are filtered together, how many instants they have, and the filter over these.
+    model: StateSpace, measured: FloatArray, pairs: Pairs
+) -> Iterator[tuple[Places, int, "Iterator[_Step]"]]:
+    """Pairs that are filtered together, how many instants they have, and the filter over these.
 
-    Args:
-        model: U of them.
-        measured: (N, 3, B)
-        known: (N, 3, B) whether a sample is there.
-        of: (B,) the place of each one's model; None for its own.
+    The arguments are those of `log_likelihood`.
     """
-    of = np.arange(measured.shape[2]) if of is None else of
-    for columns in _alike(known):
-        part = known[:, :, columns]
+    known = ~np.isnan(measured)
+    for alike in _alike(known):
+        part = known[:, :, alike]
         instants = np.flatnonzero(part.any(axis=(1, 2)))
         end = int(instants[-1]) + 1 if len(instants) else 0
-        present, places = part[:end], of[columns]
+        member = np.full(measured.shape[2], -1)
+        member[alike] = np.arange(part.shape[2])
+        columns = np.flatnonzero(member[pairs.series] >= 0)
+        places, series = pairs.models[columns], pairs.series[columns]
+        values = measured[:end, :, series]
         shared, which = np.unique(places, return_inverse=True)
-        steps = (
-            _filtered(model.of(places), measured[:end, :, columns], present,
-                      model.of(shared), which)
-            if len(shared) < len(places) and present.all()
-            else _filtered(model.of(places), measured[:end, :, columns], present)
-        )  # fmt: skip
+        are_shared = len(shared) < len(places) and bool(part[:end].all())
+        sharing = (model.of(shared), which) if are_shared else ()
+        steps = _filtered(model.of(places), values, part[:end], member[series], *sharing)
         yield columns, end, steps
 
 
@@ -209,10 +224,11 @@ def _filtered(
     model: StateSpace,
     measured: FloatArray,
     known: Mask,
+    series: Columns,
     shared: StateSpace | None = None,
     which: Columns = slice(None),
 ) -> Iterator[_Step]:
-    """The filter over measurements (N, 3, B), and whether each is there.
+    """The filter over measurements (N, 3, B), ``known`` (N, 3, S) of the ``series`` of each column.
 
     Where all are there, the models may be those that are ``shared`` (U), each column ``which``.
     """
@@ -245,7 +261,7 @@ def _filtered(
                 taken[row] -= gain[i] * other
             variance = np.add(taken[row, i], shared.noise[number], out=variances[row])
             if not everywhere[k, number]:
-                variance[~known[k, number]] = np.inf
+                variance[~known[k, number, series]] = np.inf
             np.divide(taken[row], variance, out=gains[row])
         if rows:
             left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
@@ -254,10 +270,10 @@ def _filtered(
         for row, number in enumerate(rows):
             error = np.subtract(measured[k, number], state[OBSERVED[number]], out=errors[0, row])
             if not everywhere[k, number]:
-                error[~known[k, number]] = 0.0
+                error[~known[k, number, series]] = 0.0
             state = state + gains[row] * error
-        present = measured[k : k + 1]
-        step = _Step(k, present, rows, predicted, before, errors, variances, gains)
+        taken_in = measured[k : k + 1]
+        step = _Step(k, taken_in, rows, predicted, before, errors, variances, gains)
         yield step
         state = _times(model.transition, state)
         covariance = transition @ covariance @ back + process
@@ -268,13 +284,13 @@ def _filtered(
             constant = _ConstantGain.of(model, step)
             while k < end:
                 blocks = max(1, min((end - k) // BLOCK, STRETCH // (BLOCK * count)))
-                present = measured[k : min(end, k + blocks * BLOCK)]
-                errors, after = constant.over(present, state)
+                taken_in = measured[k : min(end, k + blocks * BLOCK)]
+                errors, after = constant.over(taken_in, state)
                 yield _Step(
-                    k, present, step.rows, state, covariance, errors, variances, gains, constant
+                    k, taken_in, step.rows, state, covariance, errors, variances, gains, constant
                 )
                 state = after
-                k += len(present)
+                k += len(taken_in)
 
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -450,7 +466,7 @@ def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
     known = ~np.isnan(measured)
     for columns in _alike(known):
         part = model.of(columns)
-        steps = _filtered(part, measured[:, :, columns], known[:, :, columns])
+        steps = _filtered(part, measured[:, :, columns], known[:, :, columns], slice(None))
         for step, information in _backward(part, steps):
             pulled: FloatArray = np.einsum("bij,kjb->kib", step.covariance, information)
             means[step.at, :, columns] = step.states + pulled

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods.kalman import innovations, log_likelihood
+from accpinn.methods.kalman import Pairs, innovations, log_likelihood
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import (
     COMMON,
@@ -170,9 +170,10 @@ class Criterion:
         most = max(1, min(AT_ONCE, LARGEST_BATCH // len(self.series.measured)))
         for part in np.array_split(pairs, range(most, len(pairs), most)):
             which, series = part.T
-            rows, of = np.unique(which, return_inverse=True)
-            measured = self.series.measured[:, :, series]
-            np.add.at(total, which, log_likelihood(self.model(z[rows]), measured, of))
+            rows, models = np.unique(which, return_inverse=True)
+            own = Pairs(models, series)
+            part_total = log_likelihood(self.model(z[rows]), self.series.measured, own)
+            np.add.at(total, which, part_total)
         return total
 
     def score(
@@ -189,9 +190,12 @@ class Criterion:
         around = np.stack([z, *(z + move for move in DIFFERENCE * np.eye(size))], axis=1)
         pairs = [(k, j) for k, g in enumerate(groups) for j in self._members[g]]
         which, series = np.array(pairs).T
-        measured = np.repeat(self.series.measured[:, :, series], size + 1, axis=2)
-        of = (which[:, None] * (size + 1) + np.arange(size + 1)).ravel()
-        total, predicted = innovations(self.model(around.reshape(-1, size)), measured, of)
+        models = (which[:, None] * (size + 1) + np.arange(size + 1)).ravel()
+        total, predicted = innovations(
+            self.model(around.reshape(-1, size)),
+            self.series.measured,
+            Pairs(models, np.repeat(series, size + 1)),
+        )
         total = total.reshape(len(pairs), -1)
         errors = predicted.errors.reshape(-1, len(pairs), size + 1)
         variances = predicted.distinct.reshape(-1, 3, len(pairs), size + 1)

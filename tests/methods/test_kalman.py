@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
-from accpinn.methods.kalman import innovations, log_likelihood, smooth
+from accpinn.methods.kalman import Pairs, innovations, log_likelihood, smooth
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import (
     OBSERVED,
@@ -107,15 +107,16 @@ def test_windows_that_share_a_model_are_as_each_with_its_own():
     """Complete ones share its covariances; beside them a shorter one and one with a hole."""
     rng = np.random.default_rng(5)
     parts = [disturbed(SETS[[0]], seed, Disturbance(), duration=120.0) for seed in (1, 2, 3, 4)]
-    measured = series_of(parts, "II").measured[:, :, [0, 1, 2, 3, 0, 1]].copy()
+    measured = series_of(parts, "II").measured.copy()
     measured[150:, :, 2] = np.nan
     measured[90:95, 0, 3] = np.nan
     of = np.array([1, 1, 1, 1, 0, 0])
+    pairs = Pairs(of, np.array([0, 1, 2, 3, 0, 1]))
     model = state_space("cthp-s0-delay", random_values("cthp-s0-delay", 2, rng), 0.5)
-    found, innovation = innovations(model, measured, of)
-    expected, own = innovations(model.of(of), measured)
+    found, innovation = innovations(model, measured, pairs)
+    expected, own = innovations(model.of(of), measured[:, :, pairs.series])
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-    np.testing.assert_allclose(log_likelihood(model, measured, of), expected, rtol=1e-12)
+    np.testing.assert_allclose(log_likelihood(model, measured, pairs), expected, rtol=1e-12)
     np.testing.assert_allclose(innovation.errors, own.errors, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(innovation.variances, own.variances, rtol=1e-12)
 
