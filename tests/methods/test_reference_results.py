@@ -77,7 +77,9 @@ def test_the_likelihood_of_standing_vehicles_has_the_larger_maximum(openacc_dir:
         ((5, 6), single_window(0.0, 60.0), 157.3),
         ((4, 5), single_window(20.7, 214.3), 34.1),
     ):
-        analysis = Analysis.of(recording, window, vehicles, method="maximum-likelihood")
+        analysis = Analysis.of(
+            recording, window, vehicles, model="cthp", method="maximum-likelihood"
+        )
         result = run(analysis, recording)
         assert result.fit.loss["log_likelihood"] == pytest.approx(likelihood, abs=0.1)
         assert result.uncertainty.inside.all()

@@ -425,7 +425,7 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
     assert all(card.lead in shown and card.trust in shown for card in said)
     table = answer_table(result.info, answered)
     assert page.shows(table, len(table.rows))
-    assert shown.index(" km/h, each") < shown.index("The CTHP's parameters by Least squares")
+    assert shown.index(" km/h, each") < shown.index("Parameters by Least squares")
     page.open_tab("train_tabs", "Windows")
     assert page.shows(own_windows_table(result.infos, answered, 0))
 
@@ -448,8 +448,8 @@ def test_a_training_of_another_model_shows_its_own_parameters() -> None:
     page.sound()
     assert session.result.fit.model == "idm"
     shown = page.plain()
-    assert "IDM's parameters by PiNN" in shown
-    assert "the paper's estimate" not in shown.partition("IDM's parameters")[2]
+    assert "Parameters by PiNN (fast preset, own options, IDM)" in shown
+    assert "the paper's estimate" not in shown.partition("Parameters by")[2]
     figures = page.open_tab("train_tabs", "Training").figures()
     titles = [figure["layout"]["yaxis"]["title"]["text"] for figure in figures]
     assert titles[-5:] == [f"{p.symbol} [{p.unit}]" for p in registry.FOLLOWING["idm"].parameters]

@@ -57,13 +57,13 @@ TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
 
-def name_of(fit: Fit) -> str:
+def name_of(fit: Fit, with_model: bool = True) -> str:
     """The title of a fit's method, and in brackets what distinguishes it from others of it."""
     method = METHODS.get(fit.method)
     if method is None:
         return fit.method
     said = [method.variant(fit.config)] if method.variant else []
-    said += [FOLLOWING[fit.model].title] if fit.model != PAPER else []
+    said += [FOLLOWING[fit.model].title] if with_model and fit.model != PAPER else []
     said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
     return f"{method.title} ({', '.join(said)})" if said else method.title
 

@@ -74,7 +74,8 @@ def show_result(
         _show_answer(result, truth)
     _show_outcome(fit.outcome, has_answer)
     with st.container(horizontal=True, vertical_alignment="center"):
-        st.markdown(f"**{escape_markdown(name_of(fit))}: the method's own estimate**")
+        name = name_of(fit, with_model=not has_answer)  # else the caption says it
+        st.markdown(f"**{escape_markdown(name)}: the method's own estimate**")
         _show_checks(result)
         follower = pick_follower(info.labels[1:], f"{page}_follower")
     if has_answer:
