@@ -24,7 +24,7 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import cards, hardly_known, papers_estimate
-from accpinn.results.messages.summary import about_curves, agreement, conditional, outside_intervals
+from accpinn.results.messages.summary import about_curves, agreement, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.results.vehicles import known_vehicles
@@ -69,15 +69,14 @@ class _Shown:
         self.vehicle = vehicles[self.follower + 1]
         self.colour = vehicle_colours(vehicles)[self.follower + 1]
 
-    @cached_property
-    def row(self) -> Result:
-        """The first method that estimates the paper's model, whose intervals all such have."""
-        return next((row for row in self.rows if row.fit.model == PAPER), self.rows[0])
+    def row_of(self, model: str) -> Result:
+        """The first method that estimates a model, whose intervals all such have; else any."""
+        return next((row for row in self.rows if row.fit.model == model), self.rows[0])
 
     @cached_property
     def answered(self) -> Result:
-        """The training's; before one, that row with the windows a training would take."""
-        workspace, row = self.workspace, self.row
+        """The training's; before one, a row with the windows a training would take."""
+        workspace, row = self.workspace, self.rows[0]
         if result := workspace.result:
             return result
         asked = workspace.training_analysis(CALIBRATED) or row.analysis
@@ -209,7 +208,6 @@ def _show_summary(shown: _Shown) -> None:
     """Where the estimates lie, each method's errors, and the intervals."""
     segment, rows = shown.segment, shown.rows
     _show_estimates(shown)
-    st.markdown(escape_markdown(outside_intervals(rows, shown.follower)))
     drive = simulated(segment, shown.answer.model, shown.answer.parameters)
     error = float(tracking_errors(segment, drive).gap_mae[shown.follower]) if drive else None
     answered = shown.answer.parameters[shown.follower], error
@@ -218,10 +216,10 @@ def _show_summary(shown: _Shown) -> None:
     st.caption(_about_errors(shown))
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
-    adequacy = conditional(shown.row, shown.workspace.adequacy)
-    show_intervals(shown.row, adequacy)
+    row = shown.row_of(shown.answer.model)
+    show_intervals(row, conditional(row, shown.workspace.adequacy))
     # Which estimates lie outside is said above.
-    found = (f for f in shown.row.uncertainty.findings if not isinstance(f, OutsideInterval))
+    found = (f for f in row.uncertainty.findings if not isinstance(f, OutsideInterval))
     show.messages(messages(found, segment))
 
 
@@ -270,8 +268,9 @@ def _about_errors(shown: _Shown) -> str:
 
 
 def _show_estimates(shown: _Shown) -> None:
-    follower, answer, uncertainty = shown.follower, shown.answer, shown.row.uncertainty
-    speed, model = float(answer.speeds[follower]), shown.row.fit.model
+    follower, answer = shown.follower, shown.answer
+    speed, row = float(answer.speeds[follower]), shown.row_of(answer.model)
+    uncertainty, model = row.uncertainty, row.fit.model
     earlier = _choose_earlier(shown, speed)
     dots = [
         figures.NamedEstimate(name_of(f), gains_and_gap(f.model, f.parameters[follower], speed))
@@ -350,10 +349,11 @@ def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) ->
 
 def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
-    segment, follower, uncertainty = shown.segment, shown.follower, shown.row.uncertainty
+    segment, follower, row = shown.segment, shown.follower, shown.row_of(PAPER)
+    uncertainty = row.uncertainty
     case, adequacy = shown.workspace.case, shown.workspace.adequacy
-    st.markdown(f"**{escape_markdown(registry.TITLES[shown.row.fit.model])} in this window**")
-    quality, duration = shown.row.quality, shown.row.facts.get("duration")
+    st.markdown(f"**{escape_markdown(registry.TITLES[row.fit.model])} in this window**")
+    quality, duration = row.quality, row.facts.get("duration")
     warnings = identifiability(segment.info, quality, uncertainty, case, duration)
     show.messages(messages(warnings, segment), "warning")
     if not warnings:
@@ -393,11 +393,12 @@ def _show_identifiability(shown: _Shown) -> None:
 def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
-    adequacy = shown.workspace.adequacy or shown.row.adequacy
+    row = shown.row_of(PAPER)
+    adequacy = shown.workspace.adequacy or row.adequacy
     if not adequacy.forms:
         st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return
-    st.caption(conditional(shown.row, adequacy))
+    st.caption(conditional(row, adequacy))
     show.messages(messages(adequacy.findings, segment), icon="lightbulb")
     table = tables.model_form_table(segment.info, adequacy.forms, shown.follower)
     show.table(table)

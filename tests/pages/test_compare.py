@@ -14,7 +14,7 @@ from accpinn.methods.registry import METHODS
 from accpinn.recordings import Window
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import time_gap_in_words
-from accpinn.results.messages.summary import outside_intervals
+from accpinn.results.messages.summary import agreement
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.result import Result
 from accpinn.tasks import Status, Task
@@ -71,7 +71,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     shown = page.everything()
     assert headline(session.compared[0].answer) in page.plain()
     assert "Maximum likelihood (90 % interval)" in shown
-    assert outside_intervals(session.compared, 0) in page.plain()
+    assert agreement(session.compared, session.compared[0].answer) in page.plain()
     assert "Outside the window" in shown
     assert "Collides at" in page.plain()
     assert len(page.figures()) == 1, "only the open tab is drawn"

@@ -36,7 +36,6 @@ from accpinn.results.messages.stability import headline, reason
 from accpinn.results.recording import driver_summary, suggestion_reasons
 from accpinn.results.tables import Marked
 from accpinn.results.tables.answer import answer_table
-from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability import StabilityReport, assessment, stability_report
@@ -305,23 +304,6 @@ def test_the_papers_presets_say_so() -> None:
     presets = [replace(fit, method="pinn", config=c.to_json()) for c in (FAST, PAPER, CALIBRATED)]
     said = map(on_answer.papers_estimate, (*presets, replace(presets[0], model="idm"), fit))
     assert [*map(bool, said)] == [True, True, False, False, False]
-
-
-def test_methods_outside_the_intervals_are_named_by_parameter() -> None:
-    first, second = whole().compared
-    name, ones = name_of(first.fit), np.ones_like(first.uncertainty.inside)
-
-    def judged(which: list[int], **changes: object) -> str:
-        inside = ones.copy()
-        inside[0, which] = False
-        row = altered(first, uncertainty=replace(first.uncertainty, inside=inside, **changes))
-        other = altered(second, uncertainty=replace(row.uncertainty, inside=ones))
-        return on_result.outside_intervals((row, other), 0)
-
-    assert f"α of {name}; β of {name}." in judged([0, 1])
-    assert name not in judged([])
-    nothing = Parameters.of(np.full((4, 3), np.nan))
-    assert name not in judged([0], lower=nothing, upper=nothing)
 
 
 def test_facts_of_the_data_are_terms_and_descriptions() -> None:

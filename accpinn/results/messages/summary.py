@@ -191,29 +191,6 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     return f"{alike} with the answer {within}{other}.{size}"
 
 
-def outside_intervals(rows: Sequence[Result], follower: int) -> str:
-    """The methods whose estimates for a follower (0 for the first) lie outside the intervals."""
-    uncertainty = rows[0].uncertainty
-    if np.isnan(uncertainty.lower[follower].values).all():
-        return "These data determine none of α, β and τ, so the methods cannot be compared."
-    outside = [
-        f"{symbol} of {joined(names)}"
-        for which, symbol in enumerate("αβτ")
-        if (names := [name_of(row.fit) for row in rows if _is_outside(row, follower, which)])
-    ]
-    label = rows[0].info.labels[1 + follower]
-    intervals = f"the {percent(uncertainty.level)} intervals"
-    if not outside:
-        return f"{label}: all estimates lie within {intervals}."
-    return f"{label}: these estimates lie outside {intervals}: {'; '.join(outside)}."
-
-
-def _is_outside(row: Result, follower: int, which: int) -> bool:
-    """Whether an estimate is known and lies outside its interval."""
-    is_known = np.isfinite(row.fit.parameters.values[follower, which])
-    return bool(is_known and not row.uncertainty.inside[follower, which])
-
-
 def about_curves(result: Result, follower: int, band: GapBand | None = None) -> tuple[str, ...]:
     """The coverage of a follower's band (0 for the first), and the size of its disturbance."""
     info, fit = result.info, result.fit

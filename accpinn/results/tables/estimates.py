@@ -63,9 +63,16 @@ def name_of(fit: Fit, with_model: bool = True) -> str:
     if method is None:
         return fit.method
     said = [method.variant(fit.config)] if method.variant else []
-    said += [FOLLOWING[fit.model].title] if with_model and fit.model != PAPER else []
+    said += [_brief(fit.model)] if with_model and fit.model != PAPER else []
     said += ["stopped"] if fit.outcome is Outcome.STOPPED else []
     return f"{method.title} ({', '.join(said)})" if said else method.title
+
+
+def _brief(key: str) -> str:
+    """A model as a few words beside a method's name: a CTHP by the terms that it has beside."""
+    model = FOLLOWING[key]
+    beside = [parameter.symbol for parameter in model.parameters if parameter.name in model.terms]
+    return f"with {joined(beside)}" if model.is_cthp else model.title
 
 
 def driver_cells(shares: Sequence[float]) -> Iterator[Filled]:
