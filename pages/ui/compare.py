@@ -187,10 +187,9 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
 def _about_methods(rows: Sequence[Result]) -> str:
     """What the methods estimate, and which of them is the paper's."""
     window, asked = rows[0].info.window, rows[0].analysis
-    titles = dict.fromkeys(registry.TITLES[row.fit.model] for row in rows)
     said = (
-        f"Each method below estimates α, β and τ in the window {window}, under the"
-        f" {' or the '.join(titles)}."
+        f"Each method below estimates α, β and τ in the window {window}: under the CTHP, or with"
+        " the further terms that its name tells."
     )
     if asked.model != PAPER:
         said += (
