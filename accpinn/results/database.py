@@ -173,9 +173,7 @@ def spread_table(grouped: Groups) -> Table:
             factor = 100 if name in relative else 1
             cells = [_spread(spreads(group).get(name), factor) for group in grouped.groups]
             columns.append((replace(scaled, group=title, key=""), cells))
-    return Table.of(
-        f"Deviations within which two thirds lie, with {100 * grouped.level:g} % intervals", columns
-    )
+    return Table.of(f"Standard deviations, with {100 * grouped.level:g} % intervals", columns)
 
 
 def _heads(grouped: Groups) -> list[Filled]:

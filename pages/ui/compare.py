@@ -174,7 +174,7 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
         show_cards(cards(segment.info, *known, together=True))
         if said := agreement(rows, shown.answer):
             st.markdown(f"**{escape_markdown(said)}**")
-        st.caption(_about_methods(rows))
+        st.caption(_about_methods(shown))
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
         "Curves": lambda: _show_course(shown),
@@ -184,19 +184,20 @@ def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
     })  # fmt: skip
 
 
-def _about_methods(rows: Sequence[Result]) -> str:
+def _about_methods(shown: _Shown) -> str:
     """What the methods estimate, and which of them is the paper's."""
-    window, asked = rows[0].info.window, rows[0].analysis
+    rows, window, model = shown.rows, shown.segment.window, shown.answer.model
     said = (
         f"Each method below estimates α, β and τ in the window {window}: under the CTHP, or with"
         " the further terms that its name tells."
     )
-    if asked.model != PAPER:
-        said += (
-            f" The answer's model, {registry.TITLES[asked.model]}, predicts further drives of real"
-            " cars better. On data that obey the CTHP alone, as some samples do, it is less certain"
-            " and drawn towards other cars, as it counts how much windows of these differ."
-        )
+    if model != PAPER:
+        said += f" The {registry.TITLES[model]} predicts further drives of real cars better."
+        if shown.truth and registry.has_terms_of(PAPER, shown.truth):
+            said += (
+                " This sample obeys the CTHP alone, so the answer is less certain and drawn towards"
+                " other cars, as it counts how much windows of these differ."
+            )
     papers = [
         f"{name_of(row.fit)}: {label}." for row in rows if (label := papers_estimate(row.fit))
     ]
@@ -209,8 +210,8 @@ def _show_summary(shown: _Shown) -> None:
     _show_estimates(shown)
     drive = simulated(segment, shown.answer.model, shown.answer.parameters)
     error = float(tracking_errors(segment, drive).gap_mae[shown.follower]) if drive else None
-    answered = shown.answer.parameters[shown.follower], error
-    table = tables.methods_table(segment.info, rows, shown.follower, answered)
+    answered, model = (shown.answer.parameters[shown.follower], error), shown.answer.model
+    table = tables.methods_table(segment.info, rows, shown.follower, answered, model)
     show.table(table)
     st.caption(_about_errors(shown))
     show.downloads(table, f"{shown.stem}_methods", "compare")
@@ -463,7 +464,7 @@ def _show_starts(shown: _Shown) -> None:
                 workspace.train_starts(PRESETS[preset or "fast"])
                 st.rerun()
         st.caption(
-            "Trains the network from five initial values of α, β and τ, as the paper's Table I."
+            "Trains the network from five initial values of α, β and τ, as in the paper's Table I."
             " The paper preset takes minutes a start."
         )
     if task is None:

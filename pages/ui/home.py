@@ -123,7 +123,7 @@ def _ways_in(workspace: Workspace) -> None:
             help="Opens the first sample below and trains on its windows in car-following by the"
             " calibrated preset, which disturbances do not bias.",
         )  # fmt: skip
-        st.caption("Three synthetic followers on a motorway; the result comes within seconds.")
+        st.caption("Motorway cars: three synthetic followers; the result comes within seconds.")
         _button(
             workspace, "Other ways to open a recording", frame.DATA, "own", width="stretch",
             icon="upload_file", act=lambda: st.session_state.update({OPENING: True}),

@@ -138,7 +138,7 @@ def _show_answer(
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
         if source.result and source.result is workspace.result and st.button(
-            "Next: which model describes this car?", key="platoon_next",
+            "Next: which model describes these cars?", key="platoon_next",
             icon=":material/arrow_forward:", type="tertiary",
         ):  # fmt: skip
             workspace.choices["compare_view"] = "models"

@@ -31,7 +31,7 @@ from pages.ui.session.workspace import MODEL, Workspace
 from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
-    "calibrated": "Some seconds: the parameters of greatest evidence, unbiased if the model holds.",
+    "calibrated": "Seconds: the most probable parameters; unbiased if the model holds.",
     "fast": "Seconds: minimum of the paper's loss, solved exactly; biased if disturbances last.",
     "paper": "Many minutes: the paper's training by gradient; biased if disturbances last.",
 }
@@ -197,8 +197,8 @@ def _show_validation(workspace: Workspace) -> None:
     """What the learned parameters do in another window, once the user chose one."""
     if workspace.validation is None:
         st.caption(
-            "Choose a second window, or another recording of the same vehicles, on page Data: the"
-            " learned parameters are then simulated there."
+            "Choose a window that was not trained on, or another recording of the same vehicles, on"
+            " page Data: the learned parameters are then simulated there."
         )
         frame.link(frame.DATA, "Choose it on Data", workspace)
         return

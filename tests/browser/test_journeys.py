@@ -212,7 +212,7 @@ def test_a_real_recording_is_dropped_trained_on_and_its_window_moved(
     page.get_by_text(re.compile("windows in car-following")).click()
     page.get_by_role("button", name="Train on this window").click()
     leader, follower = rows(page, ESTIMATES)
-    checks = page.get_by_role("button", name=re.compile("Not met:|All checks passed"))
+    checks = page.get_by_role("button", name=re.compile("not passed:|All checks passed"))
     expect(checks).to_be_visible()
     assert page.evaluate("window.clicks") <= 3, "to parameters and their checks, and the drop"
     assert [leader[0], follower[0]] == ["1 Rexton", "2 Hyundai"]

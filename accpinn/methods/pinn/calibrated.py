@@ -44,7 +44,7 @@ from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import Form, complete
-from accpinn.model.cthp import Case
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import PAPER
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, frozen
@@ -112,7 +112,11 @@ class CalibratedTraining(Training):
         z = self._at.coordinates
         self._solution = solution_of(z, self.followers, self._form)
         deviations = np.array([log_errors(each) for each in self._at.information])
-        parameters, evidence = self._solution.parameters, float(self._at.value.sum())
+        unknowns = natural(self._form, z)
+        unknowns[:, :3] = vanishing(self._form, z)
+        values = complete(self._form, unknowns)
+        parameters = Parameters.of(np.broadcast_to(values, (self.followers, values.shape[1])))
+        evidence = float(self._at.value.sum())
         if is_last:
             self._drawn = self.drawn(self.segment)
             loss = self._drawn.loss

@@ -36,6 +36,10 @@ LONG = 100
 GAP_ERROR = replace(GAP, name="Gap error")
 HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 """Relative heights of the panels over time, by their number."""
+TITLES = {parameter.key: parameter.name for parameter in PARAMETERS} | {
+    "s0": "Intercept", "lag": "Lag", "delay": "Delay",
+}  # fmt: skip
+"""Of the charts of a CTHP's parameters; those of another model name it."""
 BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
 
@@ -110,7 +114,8 @@ def parameter_history(
     if sets < segment.followers:
         names, colours = (EVERY_FOLLOWER,), [style.SHARED]
     ends = _interval(history, which)
-    title = f"{column.group}: {column.title}" if column.group else PARAMETERS[which].name
+    is_cthp = not column.group
+    title = TITLES[column.key] if is_cthp else f"{column.group}: {column.title}"
     chart = _over_iterations(history, title, f"parameter-{which}")
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
@@ -127,9 +132,9 @@ def parameter_history(
 
 
 def _curves(model: str) -> list[tuple[int, Column]]:
-    """α, β and τ of a CTHP; another model's own parameters."""
+    """α, β, τ and the further terms of a CTHP; another model's own parameters."""
     every = [*columns_of(model)]
-    return every[:3] if model in CTHPS else every[3:]
+    return every if model in CTHPS else every[3:]
 
 
 def _line(
@@ -145,7 +150,7 @@ def _line(
 
 def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:
     """Ends (K, P) of the 90 % interval that the training states; None where it states none."""
-    if history.deviations is None:
+    if history.deviations is None or which >= history.deviations.shape[2]:
         return None
     spread = np.exp(NORMAL_90 * np.nan_to_num(history.deviations[:, :, which]))
     values = history.parameters.values[:, :, which]

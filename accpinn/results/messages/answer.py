@@ -110,10 +110,10 @@ def about_answer(answer: Answer) -> str:
     return (
         f"{equation}, with gap p, speed v, and Δv = speed ahead − v."
         f" Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
-        f" {percent(answer.level)} interval of the vehicle's typical value; further window: that"
-        " of one more window of it. Both count how much windows differ, here and in many other"
-        " cars, so they are wider than what these windows alone say, and the fewer windows there"
-        " are, the more the answer is drawn towards those cars."
+        f" {percent(answer.level)} interval of the vehicle's typical value; last column: where the"
+        " time gap of one more window lies. Both count how much windows of a car differ, here and"
+        " in many other cars, so they are wider than what these windows alone say; with few windows"
+        " the values are drawn towards those cars."
     )
 
 

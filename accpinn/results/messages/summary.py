@@ -181,7 +181,13 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     alike = some if differing else "Every method agrees"
     within = f"within the {percent(answer.level)} intervals of α, β and time gap"
     within += " for every follower" if len(followers) > 1 else ""
-    other = f"; {joined(differing)} {'does' if len(differing) == 1 else 'do'} not"
+    models = {row.fit.model for row, agrees in zip(rows, inside, strict=True) if not agrees}
+    named = joined(differing)
+    if len(differing) > 1 and models == {PAPER} != {answer.model}:
+        alone = [row for row in rows if row.fit.model == PAPER]
+        if len(alone) == len(differing):
+            named = f"the {spelled(len(alone))} that estimate the CTHP alone"
+    other = f"; {named} {'does' if len(differing) == 1 else 'do'} not"
     other = other if differing and count else ""
     off = np.abs(found - value)[:, :, followers] / np.where(value > 0, value, np.nan)[:, followers]
     pairs = zip(off.max(axis=(0, 2)).tolist(), ("α", "β", "time gap"), strict=True)

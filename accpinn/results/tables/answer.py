@@ -98,8 +98,7 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
         (gap_column(speed), [*alone, answer.time_gap(speed, follower)]),
     ]
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
-    how = "Maximum likelihood" if answer.model in CTHPS else "Closed-loop simulation"
-    group = f"{how} ({100 * answer.level:.0f} % interval)"
+    group = f"Estimate ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
         alone = estimate_cells(*(answer.values(part, name)[:, follower] for part in parts))
         marked = [marked_at_least(answer.model, name, cell) for cell in alone]

@@ -51,8 +51,7 @@ DRIVER = "Driver"
 PROBABILITY = "Probability of string stability"
 AGAINST = "Difference from the CTHP"
 LEAST = "the least value that is sought: it may be less"
-MODEL = Column("Model", key="model")
-LEFT_OUT = "In windows left out"
+MODEL, LEFT_OUT = Column("Model", key="model"), "In windows left out"
 TITLES = {key: method.title for key, method in METHODS.items()}
 """The name of a method wherever people read it."""
 
@@ -72,7 +71,7 @@ def _brief(key: str) -> str:
     """A model as a few words beside a method's name: a CTHP by the terms that it has beside."""
     model = FOLLOWING[key]
     beside = [parameter.symbol for parameter in model.parameters if parameter.name in model.terms]
-    return f"with {joined(beside)}" if model.is_cthp else model.title
+    return f"with {joined(beside)}" if beside and model.is_cthp else model.title
 
 
 def driver_cells(shares: Sequence[float]) -> Iterator[Filled]:
@@ -147,12 +146,8 @@ def columns_of(model: str) -> Iterator[tuple[int, Column]]:
         return
     following = FOLLOWING[model]
     for at, own in enumerate(following.parameters, 6):
-        yield (
-            at,
-            Column(
-                own.symbol, own.unit, OWN_DIGITS, following.title, key=own.name, may_be_held=True
-            ),
-        )
+        about = (own.symbol, own.unit, OWN_DIGITS, following.title)
+        yield at, Column(*about, key=own.name, may_be_held=True)
 
 
 def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[int, Column]]:
@@ -269,6 +264,7 @@ def methods_table(
     results: Sequence[Result],
     follower: int,
     answered: tuple[Parameters, float | None] | None = None,
+    model: str = PAPER,
 ) -> Table:
     """One row a method, for one follower (0 for the first).
 
@@ -278,25 +274,28 @@ def methods_table(
         follower: 0 for the first.
         answered: the answer's parameters of that follower and the mean absolute error of its
             space-gap in closed loop, which are the first row.
+        model: key of the answer's.
     """
     sets = [result.fit.parameters[follower] for result in results]
     kinds = (SURROGATE, CLOSED_LOOP, *UNSEEN)
     errors = [*_error_cells(results, follower, *kinds)]
     collisions = [result.evaluation.collision_times(info.vehicles)[follower] for result in results]
     filled: list[Filled] = [
-        (Column("Method"), [name_of(result.fit) for result in results]),
+        (Column("Method"), [name_of(result.fit, with_model=False) for result in results]),
+        (MODEL, [_brief(result.fit.model) for result in results]),
         *errors,
         (Column("Collides at", "s", 1), collisions),
         (Column("Time", "s", 2, least=True), [result.fit.seconds for result in results]),
     ]
     if answered:
         own, error = answered
-        first = ("Answer", *(error if kind is CLOSED_LOOP else None for kind in kinds), None, None)
+        beside = (error if kind is CLOSED_LOOP else None for kind in kinds)
+        first = ("Answer", _brief(model), *beside, None, None)
         filled = [
             (column, [cell, *cells]) for cell, (column, cells) in zip(first, filled, strict=True)
         ]
         sets.insert(0, own)
-    filled[1:1] = parameter_cells(Parameters.stack(sets))
+    filled[2:2] = parameter_cells(Parameters.stack(sets))
     return Table.of(f"{info.labels[follower + 1]}, {where(info)}", filled)
 
 

@@ -95,7 +95,7 @@ def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
     """Which tasks are ahead of a queued one, for how long, and how to stop one's own."""
     ahead, seconds = task_queue().ahead_of(task), task_queue().wait_for(task)
     if not ahead:
-        show.messages("It starts now.", icon="hourglass_top")
+        show.messages("Starting …", icon="hourglass_top")
         return
     earlier = next((other for other in ahead if other.owner == task.owner), None)
     if earlier is None:

@@ -128,7 +128,7 @@ def _show_windows(workspace: Workspace, result: Result, follower: int) -> None:
     _choose_windows(workspace)
     show.table(own_windows_table(result.infos, result.answer, follower))
     st.caption(
-        "What a window says by itself, and the answer: the vehicle's typical value over windows. It"
+        "Each window alone, and the answer: the vehicle's typical value over windows. It"
         " also takes into account how windows of many other cars differ. The fewer windows there"
         " are, the wider it is and the more it is drawn towards those cars."
     )
@@ -188,7 +188,7 @@ def _show_checks(result: Result) -> None:
     found = checks(result)
     failing = [QUESTIONS[check.name].lower() for check in found if check.passed is False]
     colour, icon = MARKS[False if failing else True]
-    failed = f"Not met: {', '.join(failing)}"
+    failed = f"{len(failing)} of {len(found)} checks not passed: {', '.join(failing)}"
     said = failed if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for check in found:
@@ -331,7 +331,7 @@ def _show_export(result: Result, table: Table, page: str, snapshot: Callable[[],
             " corner.",
         )  # fmt: skip
         st.download_button(
-            "Draws (.nc)", result.to_netcdf, f"{stem}_draws.nc", "application/x-netcdf",
+            "Posterior samples (.nc)", result.to_netcdf, f"{stem}_draws.nc", "application/x-netcdf",
             key=f"{page}_draws", on_click="ignore", icon=":material/scatter_plot:",
             disabled=not has_xarray(),
             help="The answer's posterior draws for xarray and ArviZ: typical value, further window"

@@ -325,7 +325,7 @@ def _show_spread(selected: ShownRows, name: str) -> None:
     st.caption(
         "Standard deviations beyond the sampling error of each window: two thirds of the windows,"
         " or of the vehicles, lie within them. Those of α, β and the time gap are relative. With"
-        " few windows or vehicles they are mostly what cars in general have taught."
+        " few windows or vehicles they are mostly those of cars in general."
     )
     show.downloads(table, name, "database_spread")
 
