@@ -43,7 +43,7 @@ def extent(whole: Group, makes: int, recordings: int) -> str:
     """The number of windows, vehicles, makes and recordings that are shown."""
     return (
         f"{counted(whole.windows, 'follower window')} of {counted(whole.vehicles, 'vehicle')},"
-        f" {counted(makes, 'make')}, {counted(recordings, 'recording')}."
+        f" {counted(makes, 'make')}, in {counted(recordings, 'recording')}."
     )
 
 
@@ -91,7 +91,7 @@ def summary_line(summary: BatchProgress) -> str:
     counts = (
         f"{counted(summary.files, 'file')}, {counted(summary.recordings, 'recording')},"
         f" {counted(summary.windows, 'window')}, {counted(summary.followers, 'follower window')},"
-        f" {counted(summary.rows, 'row')}"
+        f" {counted(summary.rows, 'row')} (one a follower window and method)"
     )
     reused = f", {summary.reused:,} of them known before" if summary.reused else ""
     return f"Done: {counts}{reused}."

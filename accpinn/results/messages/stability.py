@@ -310,7 +310,18 @@ def headline(subject: KnownVehicles) -> str:
     """
     known = subject.uncertainty
     said = _verdict(subject, known.probability_l2) if known else _amplification(subject)
-    return f"{said} {not_acc(subject.vehicles)}".rstrip()
+    return " ".join(filter(None, (said, _understated(subject), not_acc(subject.vehicles))))
+
+
+def _understated(subject: KnownVehicles) -> str:
+    """The vehicles whose measured peak is far above the model's; empty where none is."""
+    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
+    over = [
+        f"{names[check.vehicle]} by {check.peak - check.model_peak:.1f} dB"
+        for check in subject.checks
+        if check.is_underrated and not check.contradiction and check.vehicle in names
+    ]
+    return f"The measured gain peaks above the model's: {joined(over)}." if over else ""
 
 
 def not_acc(chosen: ParameterSet) -> str:
