@@ -97,8 +97,8 @@ def fit(
             and the preset "calibrated".
         case: "I" for one parameter set, "II" for one per follower.
         model: of `result.answer`, and of the fit where its method can estimate it; by default
-            "cthp-s0-delay", and "cthp" for a fit by the presets "fast" and "paper" or by a method
-            that knows no other. Others are "cthp-s0", "idm" and "fvdm".
+            "cthp-s0-delay", which "maximum-likelihood", "simulation" and the preset "calibrated"
+            fit, all others "cthp". Others are "cthp-s0", "idm" and "fvdm".
         hold: terms of that model that keep their values, as {"s0": 4.0}.
         method: a key of `METHODS`, by default "pinn", or "simulation" for a model that the preset
             cannot estimate; with "maximum-likelihood" samples may be missing.

@@ -58,7 +58,8 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", choices=list(FOLLOWING), metavar="NAME",
         help=f"of the answer and of the fit where its method can estimate it; by default {BEST},"
-        f" and {PAPER} for the presets fast and paper: {', '.join(FOLLOWING)}",
+        f" which maximum-likelihood, simulation and the preset calibrated fit, all others {PAPER}:"
+        f" {', '.join(FOLLOWING)}",
     )  # fmt: skip
     parser.add_argument(
         "--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",

@@ -279,7 +279,9 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
             raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
         least, most = ranges[name]
         if not least <= value <= most:
-            allowed = f"{least:g} to {most:g}" + ", or a model without it" * (value == 0)
+            allowed = f"{least:g} to {most:g}"
+            if value == 0 and (model in CTHPS or name in ("lag", "delay")):
+                allowed += ", or a model without it"
             raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")
     return tuple(sorted((name, float(value)) for name, value in held.items()))
 

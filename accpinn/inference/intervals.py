@@ -330,6 +330,8 @@ def from_draws(
     known = ~np.isnan(draws.alpha[0])
     lower, upper = interval_ends(draws.everything, level)
     lower = np.where(centre.everything == 0.0, 0.0, lower)
+    # A lag or a delay at its least value is an end of its interval.
+    lower[..., 4:6] = np.fmin(lower[..., 4:6], centre.complete[..., 4:6])
     gains = step_metrics(draws).gain
     is_linf = exact_margin(draws, gains) >= 0
     return Uncertainty(

@@ -130,16 +130,17 @@ def _by_columns(
 
     The arguments are those of `log_likelihood`.
     """
-    known = ~np.isnan(measured)
+    used, own_series = np.unique(pairs.series, return_inverse=True)
+    known = ~np.isnan(measured[:, :, used])
     for alike in _alike(known):
         part = known[:, :, alike]
         instants = np.flatnonzero(part.any(axis=(1, 2)))
         end = int(instants[-1]) + 1 if len(instants) else 0
-        member = np.full(measured.shape[2], -1)
+        member = np.full(len(used), -1)
         member[alike] = np.arange(part.shape[2])
-        columns = np.flatnonzero(member[pairs.series] >= 0)
-        places, series = pairs.models[columns], pairs.series[columns]
-        values = measured[:end, :, series]
+        columns = np.flatnonzero(member[own_series] >= 0)
+        places, series = pairs.models[columns], own_series[columns]
+        values = measured[:end, :, used[series]]
         shared, which = np.unique(places, return_inverse=True)
         are_shared = len(shared) < len(places) and bool(part[:end].all())
         sharing = (model.of(shared), which) if are_shared else ()

@@ -200,7 +200,7 @@ def starts(
         seeds: by default that of the analysis alone.
     """
     config: PinnConfig = analysis.config
-    if analysis.fitted not in CTHPS:
+    if analysis.law.model not in CTHPS:
         analysis = replace(analysis, fitted=PAPER)
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:

@@ -14,7 +14,7 @@ from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS
 from accpinn.methods.series import series_of, stride_of
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, following_model
+from accpinn.model.registry import BEST, CTHPS
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import SLACK
@@ -93,11 +93,13 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", model: str | Non
         model: a CTHP, by default "cthp-s0-delay".
 
     Raises:
-        ConfigError: for fewer than two segments, or an unknown model.
+        ConfigError: for fewer than two segments, or a model that is none.
         SegmentError: when segments overlap or do not match, or one is too short.
     """
     if len(segments) < 2:
         raise ConfigError("windows: one is no comparison; give at least two, or use fit for one.")
+    if model and model not in CTHPS:
+        raise ConfigError(f"model: {model[:40]} is not allowed; choose {', '.join(CTHPS)}.")
     first = segments[0].info
     data = sha256(" ".join(segment.info.digest for segment in segments).encode())
     analysis = Analysis(
@@ -106,7 +108,7 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", model: str | Non
         tuple(segment.window for segment in segments),
         case,
         first.excluded_regimes,
-        model=following_model(model or BEST).key,
+        model=model or BEST,
         fitted=model or "",
         method=KEY,
     )

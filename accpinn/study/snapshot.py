@@ -66,7 +66,7 @@ MANIFEST, DOCUMENT, ARRAYS, ATTRIBUTION = (
 MARKS = {
     "snapshot": MANIFEST.encode(),
     "report": b"<!doctype html",
-    "file for SUMO": b"car-following model ",
+    "file for SUMO": b"<!-- car-following model ",
 }
 """What stands among the first bytes of every such file, in lower case."""
 

@@ -57,8 +57,8 @@ START_HELP = (
 
 MODEL_HELP = (
     "The answer has the parameters of this model, whichever preset is chosen. The presets fast and"
-    " paper train with the residual of any model, calibrated with that of the CTHP with or without"
-    " the intercept s₀; of other models it estimates α, β and τ of the CTHP."
+    " paper train with the residual of any model, calibrated with that of any CTHP; where IDM or"
+    " FVDM is chosen it estimates the CTHP with s₀ and a delay."
     " In the answer IDM and FVDM are estimated by simulation. Of the CTHPs, the one with s₀ and a"
     " delay d predicts the gaps of other windows and the measured gain best."
 )

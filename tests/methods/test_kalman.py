@@ -119,6 +119,9 @@ def test_windows_that_share_a_model_are_as_each_with_its_own():
     np.testing.assert_allclose(log_likelihood(model, measured, pairs), expected, rtol=1e-12)
     np.testing.assert_allclose(innovation.errors, own.errors, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(innovation.variances, own.variances, rtol=1e-12)
+    for asked in ([0, 1], [2], [3, 2]):  # series that no pair has do not matter
+        some = Pairs(pairs.models[asked], pairs.series[asked])
+        np.testing.assert_allclose(log_likelihood(model, measured, some), expected[asked])
 
 
 @pytest.mark.parametrize("missing", [with_holes, shorter])

@@ -10,7 +10,7 @@ would lower Ψ by some percent and move no parameter. Standard errors of the par
 the filter's expected information.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -81,7 +81,7 @@ class CalibratedTraining(Training):
         self._form = law.model
         self._evidence = Evidence(series_of(together, case), self._form, law.held)
         self._iteration, self._drawn = 0, None
-        # The evidence has the same maxima as the filter, which takes less time to compare them.
+        # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
         start = joint_maxima(together, case, self._form, held=law.held)
         z = np.array([maximum.coordinates for maximum in start])
         self._search = ascend(self._evidence, z, np.arange(len(z)))
@@ -188,15 +188,19 @@ def drawn(
     order = 2 if lags.any() else 1
     projection = Projection(network, segment.time, measured, mask, order)
     hidden = projection.hidden()
-    sums, late = projection.sums(hidden), list[FloatArray]()
-    if lags.any() or delays.any():
-        late = [projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True)]
-        sums = sums.with_late(late, mask)
+    sums, is_late = projection.sums(hidden), bool(lags.any() or delays.any())
+
+    def late() -> Iterator[FloatArray]:
+        """One follower after the other, as each takes as much memory as the network."""
+        return (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
+
+    if is_late:
+        sums = sums.with_late(late(), mask)
     weights = solve_output(sums, solution.theta, config)
     motion = Motion(*projection.surrogate(hidden, weights)[:2])
     kept = None if mask is None else mask.astype(float)
-    if late:
-        residual = late_residual(late, weights, solution.theta)
+    if is_late:
+        residual = late_residual(late(), weights, solution.theta)
         loss = weighted_terms(motion, residual, measured, config, kept)
     else:
         loss = loss_terms(motion, measured, solution.theta, config, kept)
@@ -217,7 +221,7 @@ def drawn(
     )
 
 
-def late_residual(late: Sequence[FloatArray], weights: FloatArray, theta: FloatArray) -> FloatArray:
+def late_residual(late: Iterable[FloatArray], weights: FloatArray, theta: FloatArray) -> FloatArray:
     """(N, M) the residual of dv/dt of a surrogate behind a lag or a delay.
 
     Args:
@@ -227,7 +231,7 @@ def late_residual(late: Sequence[FloatArray], weights: FloatArray, theta: FloatA
     """
     columns = []
     for seen, (alpha, alpha_tau, beta), places in zip(
-        late, theta, np.transpose(command_columns(len(late))), strict=True
+        late, theta, np.transpose(command_columns(len(theta))), strict=True
     ):
         gap, own, ahead = (seen[:, 0] @ weights[:, places]).T
         command = alpha * gap - alpha_tau * own + beta * (ahead - own)

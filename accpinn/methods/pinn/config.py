@@ -1,4 +1,4 @@
-"""Every setting of the PiNN, and its presets: `paper`, `fast` (the default) and `calibrated`."""
+"""Every setting of the PiNN, and its presets: `paper`, `fast` and `calibrated`, the default."""
 
 from dataclasses import dataclass, replace
 from math import isfinite

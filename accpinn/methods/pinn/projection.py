@@ -18,7 +18,7 @@ speed ahead.
     [ C_iᵀ  D_i ] [ w_i-1 ] = [ .   ]      C_i 2K x K couples to v_{i-1}
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -91,11 +91,13 @@ class NormalEquations:
             first=np.concatenate([self.first, new.first]),
         )
 
-    def with_late(self, late: Sequence[FloatArray], mask: Mask | None) -> Self:
+    def with_late(self, late: Iterable[FloatArray], mask: Mask | None) -> Self:
         """The same for accelerations that see (M,) of (N, 2, K), as `Projection.late` gives it."""
-        counts = [slice(None)] * len(late) if mask is None else mask.T
-        parts = ((seen[kept], len(seen)) for seen, kept in zip(late, counts, strict=True))
-        return replace(self, dynamic_grams=tuple(_products(part, part, n) for part, n in parts))
+        grams = []
+        for follower, seen in enumerate(late):
+            part = seen if mask is None else seen[mask[:, follower]]
+            grams.append(_products(part, part, len(seen)))
+        return replace(self, dynamic_grams=tuple(grams))
 
     @property
     def value_value(self) -> FloatArray:

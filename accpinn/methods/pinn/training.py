@@ -55,7 +55,7 @@ CHECKPOINT_EVERY = 5.0
 """Seconds between checkpoints: what a killed process can lose."""
 TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
     "fast": (0.4, 0.25, FAST.iterations),
-    "calibrated": (0.6, 0.8, CALIBRATED.iterations),
+    "calibrated": (0.9, 0.7, CALIBRATED.iterations),
     "paper": (450.0, 0.44, PAPER.iterations),
 }
 """Seconds on 300 s of one follower, the share that each further one adds, and the iterations of
@@ -68,6 +68,8 @@ _OTHER_MODEL = (115, 22)
 """The same for a model whose derivatives differ from instant to instant."""
 _LATE_MODEL = (130, 72)
 """The same with a lag or a delay."""
+_LATE_CALIBRATED = (130, 8)
+"""The same of `calibrated`, which takes one follower at a time."""
 _PER_INSTANT, _LATE_INSTANT = 15_000, 25_000
 """Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
 MOST_FEATURES = 20_000
@@ -200,7 +202,7 @@ def _together(
         )
     _threads(config.preset, context)
     for segment in segments:
-        require_memory(segment, config)
+        require_memory(segment, config, law.model)
     begin = partial(CalibratedTraining, segments[0], case, config, law, segments)
     training, first = _driven(begin, context)
     fits = [first]
@@ -297,6 +299,8 @@ def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODE
         common, own = _PER_FEATURE if segment.mask is None else _MASKED
         if config.preset == "fast" and model != PAPER_MODEL:
             common, own = _LATE_MODEL if FOLLOWING[model].is_late else _OTHER_MODEL
+        elif FOLLOWING[model].is_late:
+            common, own = _LATE_CALIBRATED
         each = common + own * segment.followers
         features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
         needed = each * segment.samples * features

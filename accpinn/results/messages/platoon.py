@@ -55,7 +55,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         extent = "at least" if is_ended else "up to"
         most = f"{extent} {three(moved[worst] / moved[0])} times as much as the leader's"
         return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
-    if wave and not np.isfinite(wave.predicted).all():
+    if wave and run.linear is None and not np.isfinite(wave.predicted).all():
         vehicle = places.spoken(int(np.isinf(wave.predicted).argmax()))
         return f"The oscillation of {vehicle} grows without limit."
     sizes = moved if measured is None else measured
@@ -80,9 +80,12 @@ def by_linearisation(run: PlatoonRun) -> str:
         return ""
     moved = np.abs(run.linear.speeds - run.leader.speed).max(axis=0)
     size = run.amplitudes.predicted[-1] if run.amplitudes else moved[-1]
+    what = f"predicts {three(float(size))} m/s for the last follower"
+    if not np.isfinite(size):
+        what = "has a vehicle whose own motion grows without limit"
     return (
         f"The linearisation at {3.6 * run.leader.speed:.0f} km/h, which holds for small"
-        f" disturbances, predicts {three(float(size))} m/s for the last follower."
+        f" disturbances, {what}."
     )
 
 

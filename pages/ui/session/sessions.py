@@ -302,7 +302,8 @@ def resume(workspace: Workspace, document: bytes) -> None:
         asked = shown.analysis
         with suppress(SnapshotError):
             found = result_of(shown.result or asked.fit_key)
-            same = replace(found.analysis, model=asked.model, held=asked.held)
+            held = found.analysis.held if asked.model == found.analysis.model else asked.held
+            same = replace(found.analysis, model=asked.model, held=held)
             workspace.restore(found.under(same))
         workspace.take_settings(asked)
         workspace.awaited = asked
