@@ -150,7 +150,7 @@ def test_a_result_of_a_hostile_name_is_saved_opened_by_link_on_every_page_and_se
     assert rows(page, ESTIMATES)[1] == learned
     look(page)
     open_tab(page, "Training")
-    expect(page.locator(".js-plotly-plot")).to_have_count(5)
+    expect(page.locator(".js-plotly-plot")).to_have_count(7)
     page.get_by_role("button", name="Next: string stability in detail").click()
     expect(page.get_by_text("All four vehicles amplify disturbances")).to_be_visible()
     expect(page.locator("table.figures").first).to_contain_text("Tesla (Model3-like)")
