@@ -182,7 +182,7 @@ class Result:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Intervals of the parameters, and of what follows from them, if the CTHP holds."""
+        """Intervals of the fit's parameters, and of what follows from them, if its model holds."""
         return self._part("uncertainty", self._intervals)
 
     def _intervals(self) -> Uncertainty:

@@ -67,7 +67,7 @@ disturbance has short memory, with 0.25 s up to 0.08."""
 OUTPUTS = 3
 """p, v, u, which are measured; q stands behind them."""
 COMMAND_NOISE = 1e-5
-"""Intensity q_q in m²/s³: a ten-thousandth of what the usual disturbance has."""
+"""Intensity q_q in m²/s³; the usual disturbance has 2 s² T = .5."""
 DIFFERENCE = 4e-3
 """Difference of a coordinate for a slope: small against its deviation, large against rounding."""
 METRES = 25.0
