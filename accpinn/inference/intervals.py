@@ -22,7 +22,6 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.inference.posterior import STAGES
 from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
 from accpinn.methods import Law, one_thread
 from accpinn.methods.fit import Fit, Outcome
@@ -358,7 +357,7 @@ def _sample(
     """The estimate (M,), and draws (count, M); the same for all followers in Case I."""
     centre = np.full((segments[0].followers, 6), np.nan)
     drawn = np.full((count, *centre.shape), np.nan)
-    for row, maximum, posterior in sampled(segments, case, model, held, STAGES):
+    for row, maximum, posterior in sampled(segments, case, model, held):
         centre[row] = maximum.complete
         drawn[:, row] = complete(model, natural(model, posterior.all_evenly(count)))[:, None]
     return Parameters.of(centre), Parameters.of(drawn)

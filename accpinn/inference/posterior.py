@@ -49,12 +49,12 @@ AT_SPEED: MetresPerSecond = 100 / 3.6
 """Speed at which the time gap τ + s₀/v has its prior."""
 LEAST_GAP: Seconds = 0.05
 """Least such time gap; draws below it are none of a car's."""
-STAGES = (200, 200, 1000)
+STAGES = (150, 150, 150, 300)
 """Number of draws in each stage."""
-FURTHER = 3
-"""Largest number of further stages, for groups with few effective draws."""
-ENOUGH = 0.2
-"""Effective draws per draw above which no further stage is needed."""
+FURTHER = 4
+"""Largest number of further stages, as large as the last one."""
+ENOUGH = 200
+"""Effective draws at which a group needs no further stage."""
 GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
 """Lags or delays in s of the parts of the first proposal, and the gain in log density that is worth
 no further round in the search for a part's maximum."""
@@ -154,7 +154,6 @@ def sample(
     seed: int = 0,
     *,
     held: Held = (),
-    stages: Sequence[int] = STAGES,
 ) -> tuple[Posterior, ...]:
     """Sample the posterior of each group.
 
@@ -164,7 +163,6 @@ def sample(
         form: the form of the model.
         seed: the seed of the draws.
         held: terms of the form that keep their values.
-        stages: number of draws in each stage.
     """
     criterion = Criterion(series, form, held)
     rng = np.random.default_rng(seed)
@@ -180,7 +178,7 @@ def sample(
         first_proposal = Proposal.at([_by_time_gap(part, speed) for part in inside], *ends)
         samplings.append(_Sampling(first_proposal, criterion.size))
     wanted = list(range(len(maxima)))
-    for stage, count in enumerate((*stages, *[stages[-1]] * FURTHER)):
+    for stage, count in enumerate((*STAGES, *[STAGES[-1]] * FURTHER)):
         drawn = [samplings[g].proposal.draw(count, rng) for g in wanted]
         for w in drawn:
             w[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
@@ -193,8 +191,8 @@ def sample(
         for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
             target = likelihoods + priors + w[:, 1] - z[:, 1]  # the last two are ln |dz/dw|
             samplings[g].add(w, z, target, likelihoods)
-        if stage >= len(stages) - 1:
-            wanted = [g for g in wanted if samplings[g].posterior.effective < ENOUGH * count]
+        if stage >= len(STAGES) - 1:
+            wanted = [g for g in wanted if samplings[g].posterior.effective < ENOUGH]
         if not wanted:
             break
     return tuple(sampling.posterior for sampling in samplings)

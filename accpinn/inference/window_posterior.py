@@ -10,7 +10,7 @@ priors, z of `model.following`; what follows from such a model is that of its li
 vehicle's median speed.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -27,8 +27,6 @@ from accpinn.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.units import FloatArray, Mask
 
-STAGES = (150, 150, 500)
-"""Draws in each stage of a window's posterior."""
 DRAWS = 400
 """Draws of equal weight that stand for a window's posterior."""
 STABILITY_DRAWS = 200
@@ -70,26 +68,28 @@ def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) 
     estimates = np.full((followers, 6), np.nan)
     drawn = np.full((followers, DRAWS, count_of(model)), np.nan)
     log_likelihood = np.full((followers, DRAWS), np.nan)
-    for row, maximum, posterior in sampled((segment,), case, form, held, STAGES):
+    for row, maximum, posterior in sampled((segment,), case, form, held):
         estimates[row] = maximum.complete
         drawn[row] = features(form, posterior.all_evenly(DRAWS))
         log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
     return WindowPosterior(estimates, drawn, log_likelihood, model, median_speeds((segment,)))
 
 
+@lru_cache(maxsize=64)
 def sampled(
-    segments: tuple[Segment, ...], case: Case, model: str, held: Held, stages: Sequence[int]
-) -> Iterator[tuple[list[int], Maximum, Posterior]]:
-    """The determined followers, each or in Case I all, with their maximum and posterior."""
+    segments: tuple[Segment, ...], case: Case, model: str, held: Held
+) -> Sequence[tuple[list[int], Maximum, Posterior]]:
+    """The determined followers, each or in Case I all, with their maximum and posterior.
+
+    An answer from one window and the intervals of a fit to it have the same draws.
+    """
     known = determined_followers(segments, case)
     if not known:
-        return
+        return ()
     maxima = joint_maxima(segments, case, model, known, held)
-    series = series_of(segments, case, known)
+    posteriors = sample(series_of(segments, case, known), maxima, model, held=held)
     rows = [list(known)] if case == "I" else [[k] for k in known]
-    yield from zip(
-        rows, maxima, sample(series, maxima, model, held=held, stages=stages), strict=True
-    )
+    return tuple(zip(rows, maxima, posteriors, strict=True))
 
 
 def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> WindowPosterior:

@@ -17,23 +17,18 @@ Source: Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.methods.gains import BLOCK, ConstantGain, Covariance, Places, times
 from accpinn.methods.state_space import OBSERVED, Columns, StateSpace
 from accpinn.units import FloatArray, Mask
 
-SETTLED = 1e-11
-"""Largest change of the covariance in a step, in units of its deviations, taken for none."""
 STRETCH = 30_000
 """Instants times models that a step of constant gains covers, so that they fit the cache."""
-BLOCK = 7
-"""Instants whose innovations are found at once with constant gains; more and fewer are slower."""
 LOG_TWO_PI = float(np.log(2 * np.pi))
-Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +189,7 @@ class _Step(NamedTuple):
     """(r, B); infinite where a sample is missing."""
     gains: FloatArray
     """(r, n, B)"""
-    constant: "_ConstantGain | None" = None
+    constant: ConstantGain | None = None
     """The maps that the instants share; None for a single instant."""
 
     @property
@@ -241,216 +236,41 @@ def _filtered(
     everywhere: Mask = np.asarray(known.all(axis=2))
     whole: Mask = np.asarray(everywhere.all(axis=1))
     samples, _, count = measured.shape
-    state = model.first
-    distinct = shared.first.shape[1]
-    # Products of many small matrices are fastest with the models on the first axis.
-    transition, process, covariance = (
-        np.ascontiguousarray(part.transpose(2, 0, 1))
-        for part in (shared.transition, shared.process, shared.first_covariance)
-    )
-    back = np.ascontiguousarray(transition.transpose(0, 2, 1))
+    state, covariance = model.first, Covariance(shared)
     k = 0
     while k < samples:
-        before, predicted = covariance, state
+        predicted, before = state, covariance.predicted
         rows = tuple(np.flatnonzero(somewhere[k]).tolist())
-        errors, variances = np.empty((1, len(rows), count)), np.empty((len(rows), distinct))
-        gains, taken = np.empty((2, len(rows), len(state), distinct))
-        for row, number in enumerate(rows):
-            i = OBSERVED[number]
-            taken[row] = covariance[:, i].T
-            for gain, other in zip(gains[:row], taken[:row], strict=True):
-                taken[row] -= gain[i] * other
-            variance = np.add(taken[row, i], shared.noise[number], out=variances[row])
-            if not everywhere[k, number]:
-                variance[~known[k, number, series]] = np.inf
-            np.divide(taken[row], variance, out=gains[row])
-        if rows:
-            left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
-            covariance = covariance - np.ascontiguousarray(left) @ np.ascontiguousarray(right)
-        gains, variances = gains[..., which], variances[..., which]
+        missing = {
+            number: ~known[k, number, series] for number in rows if not everywhere[k, number]
+        }
+        variances, gains = (part[..., which] for part in covariance.taken_in(rows, missing))
+        errors = np.empty((1, len(rows), count))
         for row, number in enumerate(rows):
             error = np.subtract(measured[k, number], state[OBSERVED[number]], out=errors[0, row])
-            if not everywhere[k, number]:
-                error[~known[k, number, series]] = 0.0
+            if number in missing:
+                error[missing[number]] = 0.0
             state = state + gains[row] * error
         taken_in = measured[k : k + 1]
         step = _Step(k, taken_in, rows, predicted, before, errors, variances, gains)
         yield step
-        state = _times(model.transition, state)
-        covariance = transition @ covariance @ back + process
-        covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+        state = times(model.transition, state)
         k += 1
-        if k < samples and whole[k - 1] and whole[k] and _is_settled(before, covariance):
+        covariance.go_on(is_whole=bool(k < samples and whole[k - 1] and whole[k]))
+        if covariance.has_settled:
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
-            constant = _ConstantGain.of(model, step)
+            constant = ConstantGain.of(model, variances, gains)
+            before = covariance.predicted
             while k < end:
                 blocks = max(1, min((end - k) // BLOCK, STRETCH // (BLOCK * count)))
                 taken_in = measured[k : min(end, k + blocks * BLOCK)]
                 errors, after = constant.over(taken_in, state)
                 yield _Step(
-                    k, taken_in, step.rows, state, covariance, errors, variances, gains, constant
+                    k, taken_in, step.rows, state, before, errors, variances, gains, constant
                 )
                 state = after
                 k += len(taken_in)
-
-
-def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    result: FloatArray = np.einsum("ijb,jb->ib", matrix, vector)
-    return result
-
-
-def _is_settled(before: FloatArray, after: FloatArray) -> bool:
-    if np.abs(after[:, 0, 0] - before[:, 0, 0]).max() > SETTLED * after[:, 0, 0].max():
-        return False
-    deviation = np.sqrt(np.maximum(np.einsum("bii->bi", after), 1e-30))
-    change = np.abs(after - before) / (deviation[:, :, None] * deviation[:, None])
-    return bool(change.max() < SETTLED)
-
-
-@dataclass(frozen=True, eq=False)
-class _ConstantGain:
-    """A step of the filter once its covariance has settled, as linear maps.
-
-    Over a block of instants, innovations and next state are one linear map of the state at its
-    start and of all its measurements.
-    """
-
-    transition: FloatArray
-    """(n, n, B): of the predicted state, the measurements' share taken out."""
-    drive: FloatArray
-    """(n, 3, B): what the measurements add to the next predicted state."""
-    whitening: FloatArray
-    """(3, 3, B): from y minus the predicted p, v, u to the innovations."""
-    variances: FloatArray
-    """(3, B)."""
-
-    @classmethod
-    def of(cls, model: StateSpace, step: _Step) -> "_ConstantGain":
-        """Those of a step after which the covariance has settled."""
-        size, count = model.first.shape
-        whitening, total = np.zeros((3, 3, count)), np.zeros((size, 3, count))
-        for row, (i, gain) in enumerate(zip(OBSERVED, step.gains, strict=True)):
-            whitening[row, row] = 1.0
-            whitening[row] -= total[i]
-            total = total + gain[:, None] * whitening[row]
-        drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
-        transition = model.transition.copy()
-        transition[:, OBSERVED] -= drive
-        return cls(transition, drive, whitening, step.variances)
-
-    @cached_property
-    def _block(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Over L = `BLOCK` instants, the first three with the models on the first axis.
-
-        (B, n, 3 L): from measurements to the state after them; (B, 3 L, n): from the state before
-        to the innovations; (B, 3 L, 3 L): from measurements to the innovations; (n, n, B): from the
-        state before to the one after.
-        """
-        transition, drive, whitening = (
-            np.ascontiguousarray(part.transpose(2, 0, 1))
-            for part in (self.transition, self.drive, self.whitening)
-        )
-        count, size, width = drive.shape
-        pushes = np.empty((count, size, BLOCK, width))
-        free = np.empty((count, BLOCK, width, size))
-        direct = np.zeros((count, BLOCK, width, BLOCK, width))
-        predicted = -whitening @ np.eye(width, size)
-        reached = predicted
-        for k in range(BLOCK):
-            free[:, k], direct[:, k, :, k], pushes[:, :, BLOCK - 1 - k] = reached, whitening, drive
-            answered = predicted @ drive
-            for start in range(BLOCK - 1 - k):
-                direct[:, start + k + 1, :, start] = answered
-            reached, drive = reached @ transition, transition @ drive
-        rows = BLOCK * width
-        return (
-            pushes.reshape(count, size, rows),
-            free.reshape(count, rows, size),
-            direct.reshape(count, rows, rows),
-            self._power(BLOCK),
-        )
-
-    def _power(self, instants: int) -> FloatArray:
-        """(n, n, B): the transition over some instants."""
-        power = np.linalg.matrix_power(self.transition.transpose(2, 0, 1), instants)
-        return np.ascontiguousarray(power.transpose(1, 2, 0))
-
-    def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Innovations (K, 3, B) of measurements (K, 3, B), and the state predicted after them.
-
-        Args:
-            measured: a whole number of blocks, or less than one.
-            state: (n, B) predicted for the first instant.
-        """
-        pushes, free, direct, power = self._block
-        samples, width, count = measured.shape
-        length = min(samples, BLOCK)
-        rows, blocks = length * width, samples // length
-        inputs = np.ascontiguousarray(measured.reshape(blocks, rows, count).transpose(2, 1, 0))
-        pushed = (pushes[:, :, -rows:] @ inputs).transpose(2, 1, 0)
-        if length < BLOCK:
-            power = self._power(length)
-        states = np.empty((blocks + 1, *state.shape))
-        states[0] = state
-        for k, push in enumerate(pushed):
-            np.add(_times(power, states[k]), push, out=states[k + 1])
-        starts = np.ascontiguousarray(states[:-1].transpose(2, 1, 0))
-        errors = direct[:, :rows, :rows] @ inputs + free[:, :rows] @ starts
-        return errors.transpose(2, 1, 0).reshape(measured.shape), states[-1]
-
-    def states(self, measured: FloatArray, state: FloatArray) -> FloatArray:
-        """(K, n, B) predicted under measurements (K, 3, B), from (n, B) for the first instant."""
-        driven = np.einsum("ijb,kjb->kib", self.drive, measured)
-        return recursion(self.transition, driven, state)[:-1]
-
-    def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
-        """See `_backward`: r (K, n, B) from that after the K instants."""
-        back = np.ascontiguousarray(self.transition.transpose(1, 0, 2))
-        pushes = np.zeros((len(errors), *information.shape))
-        weighted = errors[::-1] / self.variances
-        pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self.whitening, weighted)
-        return recursion(back, pushes, information)[:0:-1]
-
-
-def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
-    """The linear recursion x_{k+1} = F x_k + d_k of B systems.
-
-    It goes on in blocks of time, all blocks together: first from zero, which gives the state at
-    each block's start, then from there.
-
-    Args:
-        transition: (n, n, B) F.
-        driven: (K, n, B) d.
-        state: (n, B) x_0.
-
-    Returns:
-        (K+1, n, B).
-    """
-    samples, size, count = driven.shape
-    blocks = max(1, int(samples**0.5))
-    length = samples // blocks + 1
-    pushes = np.zeros((blocks * length, size, count))
-    pushes[:samples] = driven
-    pushes = np.ascontiguousarray(pushes.reshape(blocks, length, size, count).transpose(1, 2, 0, 3))
-
-    def onward(states: FloatArray, push: FloatArray) -> FloatArray:
-        moved: FloatArray = np.einsum("ijb,jcb->icb", transition, states)
-        moved += push
-        return moved
-
-    now = np.empty((size, blocks, count))
-    now[:, 0] = state
-    reached = np.zeros((size, blocks, count))
-    for push in pushes:
-        reached = onward(reached, push)
-    power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
-    for k in range(1, blocks):
-        now[:, k] = _times(power, now[:, k - 1]) + reached[:, k - 1]
-    states = np.empty((length, size, blocks, count))
-    for k, push in enumerate(pushes):
-        states[k] = now
-        now = onward(now, push)
-    return states.transpose(2, 0, 1, 3).reshape(-1, size, count)[: samples + 1]
+            covariance.wake()
 
 
 def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
@@ -487,7 +307,7 @@ def _backward(model: StateSpace, steps: Iterator[_Step]) -> Iterator[tuple[_Step
             information = every[0]
             yield step, every
             continue
-        information = _times(back, information)
+        information = times(back, information)
         for row in range(len(step.rows) - 1, -1, -1):
             i, gain, variance = OBSERVED[step.rows[row]], step.gains[row], step.variances[row]
             information[i] += step.errors[0, row] / variance - np.einsum(

@@ -102,7 +102,7 @@ def test_the_end_of_the_ridge_is_sampled(openacc_dir: Path) -> None:
     series, model = series_of((segment,), "II"), "cthp-s0-delay"
     maxima = joint_maxima((segment,), "II", model)
     for seed in (0, 1):
-        (found,) = sample(series, maxima, model, seed, stages=(150, 150, 500))
+        (found,) = sample(series, maxima, model, seed)
         assert found.effective > 80
 
 

@@ -9,7 +9,7 @@ from scipy.stats import kstest
 from accpinn.inference import model_adequacy
 from accpinn.inference.innovation_tests import InnovationTests, score_test
 from accpinn.inference.model_adequacy import FORMS, BetterForm, Inadequate, ModelForm, model_forms
-from accpinn.inference.posterior import STAGES, sample
+from accpinn.inference.posterior import sample
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.cthp import Parameters
@@ -85,7 +85,7 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     ends = []
     for seed in (2, 3):
         (found,) = sample(series, maxima, "cthp-lag", seed)
-        assert found.effective > 0.1 * STAGES[-1]
+        assert found.effective > 100
         ends.append(np.quantile(found.all_evenly(1000)[:, [0, -1]], (0.05, 0.95), axis=0))
     assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()
 

@@ -289,6 +289,7 @@ def same() -> Result:
 
 
 class TestJointFit:
+    @pytest.mark.usefixtures("all_draws")
     def test_windows_together_say_more_than_one_alone(self, same: Result) -> None:
         def off(parameters: Parameters) -> float:
             return float(np.abs(np.log(parameters[0].values / TRUTH[0].values)).mean())

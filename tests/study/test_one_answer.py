@@ -11,6 +11,7 @@ from pyarrow import parquet
 
 import accpinn
 from accpinn.errors import ConfigError
+from accpinn.inference.window_posterior import sampled
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
@@ -48,6 +49,13 @@ def test_every_place_gives_the_same_answer_to_six_digits(capsys: Capture, tmp_pa
     assert gap.lower < gap.value < gap.upper
     assert gap.further_lower < gap.lower < gap.upper < gap.further_upper
     assert f"{gap.value:.2f}" in answer_table(result.info, result.answer).to_text()
+
+
+def test_an_answer_from_one_window_and_the_intervals_of_its_fit_are_of_the_same_draws() -> None:
+    result = accpinn.fit(STUDY, start=20, duration=60, method="maximum-likelihood")
+    before = sampled.cache_info().misses
+    assert result.answer.uncertainty.level == result.uncertainty.level
+    assert sampled.cache_info().misses == before + 1
 
 
 def test_the_table_of_a_database_gives_it_too(

@@ -7,11 +7,9 @@ from contextlib import contextmanager
 from accpinn.inference import answer, intervals, population, posterior, window_posterior
 from accpinn.methods.pinn import training
 
-Draws = tuple[tuple[int, ...], int, tuple[int, ...], int, int]
-USERS: Draws = (
-    posterior.STAGES, posterior.FURTHER, window_posterior.STAGES, population.BURN, population.KEPT
-)  # fmt: skip
-FEW: Draws = ((60, 60, 200), 0, (60, 60, 100), 8, 20)
+Draws = tuple[tuple[int, ...], int, int, int]
+USERS: Draws = (posterior.STAGES, posterior.FURTHER, population.BURN, population.KEPT)
+FEW: Draws = ((60, 60, 100), 0, 8, 20)
 PRELOAD = "DASK_DISTRIBUTED__WORKER__PRELOAD"
 """The variable that names a module whose `dask_setup` the workers of a batch call first."""
 
@@ -23,10 +21,11 @@ def take(draws: Draws) -> Draws:
     """From now on, in place of those returned; what was kept of another number counts no more."""
     global taken
     before, taken = taken, draws
-    posterior.STAGES, posterior.FURTHER, window_posterior.STAGES, population.BURN, kept = draws
+    posterior.STAGES, posterior.FURTHER, population.BURN, kept = draws
     population.KEPT = answer.KEPT = kept
     os.environ[PRELOAD] = "tests.support.draws" if draws == FEW else ""
-    for known in (intervals.shared, window_posterior.window_posterior, answer._answer):
+    of_windows = window_posterior.window_posterior, window_posterior.sampled
+    for known in (intervals.shared, *of_windows, answer._answer):
         known.cache_clear()
     return before
 

@@ -1,0 +1,284 @@
+"""The part of a Kalman filter that does not depend on the measurements, for many models at once.
+
+Covariance and gains follow the Riccati equation, each measurement of an instant by itself:
+
+    s = P_ii + R_i,   K = P_·i / s,   P -= K P_i·;   then P = F P Fᵀ + Q
+
+Once P no longer changes, neither do the gains, and the filter is one linear recursion, which goes
+on in blocks of instants. Source: see `kalman`.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accpinn.methods.state_space import OBSERVED, StateSpace
+from accpinn.units import FloatArray, Mask
+
+SETTLED = 1e-11
+"""Largest change of the covariance in a step, in units of its deviations, taken for none."""
+FEWEST = 64
+"""Least number of models that rest: leaving fewer out saves nothing."""
+BLOCK = 7
+"""Instants whose innovations are found at once with constant gains; more and fewer are slower."""
+Places = NDArray[np.intp]
+
+
+def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """The products (n, B) of matrices (n, n, B) and vectors (n, B)."""
+    result: FloatArray = np.einsum("ijb,jb->ib", matrix, vector)
+    return result
+
+
+class Covariance:
+    """Covariance and gains of U models, instant by instant.
+
+    A model whose covariance has settled rests until a sample is missing.
+    """
+
+    _variances: FloatArray
+    _gains: FloatArray
+
+    def __init__(self, model: StateSpace) -> None:
+        """Before the first instant."""
+        # Products of many small matrices are fastest with the models on the first axis.
+        transition, process, self.predicted = (
+            np.ascontiguousarray(part.transpose(2, 0, 1))
+            for part in (model.transition, model.process, model.first_covariance)
+        )
+        """(U, n, n), predicted for the present instant."""
+        back = np.ascontiguousarray(transition.transpose(0, 2, 1))
+        noise = np.ascontiguousarray(model.noise.T)
+        self._every: tuple[FloatArray, ...] = transition, back, process, noise
+        self.wake()
+
+    def wake(self) -> None:
+        """Go on with all models."""
+        self._moving = np.arange(len(self.predicted))
+        self._own, self._covariance = self._every, self.predicted
+        self.has_settled = False
+
+    def taken_in(
+        self, rows: tuple[int, ...], missing: dict[int, Mask]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Variances (r, U) and gains (r, n, U) of an instant's measurements.
+
+        Args:
+            rows: those of p, v, u that are there.
+            missing: (U,) where a row's sample is not.
+        """
+        covariance, noise = self._covariance, self._own[-1]
+        count, size, _ = covariance.shape
+        variances = np.empty((len(rows), count))
+        gains, taken = np.empty((2, len(rows), size, count))
+        for row, number in enumerate(rows):
+            i = OBSERVED[number]
+            taken[row] = covariance[:, i].T
+            for gain, other in zip(gains[:row], taken[:row], strict=True):
+                taken[row] -= gain[i] * other
+            variance = np.add(taken[row, i], noise[:, number], out=variances[row])
+            if number in missing:
+                variance[missing[number]] = np.inf
+            np.divide(taken[row], variance, out=gains[row])
+        self._updated = covariance
+        if rows:
+            left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
+            product = np.ascontiguousarray(left) @ np.ascontiguousarray(right)
+            self._updated = covariance - product
+        if count < len(self.predicted):
+            variances = _replaced(self._variances, self._moving, variances)
+            gains = _replaced(self._gains, self._moving, gains)
+        self._variances, self._gains = variances, gains
+        return variances, gains
+
+    def go_on(self, is_whole: bool) -> None:
+        """To the next instant; models may rest where no sample of this and that one is missing."""
+        transition, back, process, _ = self._own
+        after = transition @ self._updated @ back + process
+        after = (after + after.transpose(0, 2, 1)) / 2
+        before, self._covariance = self._covariance, after
+        if len(self._moving) < len(self.predicted):
+            self.predicted = self.predicted.copy()
+            self.predicted[self._moving] = after
+        else:
+            self.predicted = after
+        if not is_whole:
+            self.wake()
+            return
+        settled = _settled(before, after)
+        self.has_settled = bool(settled.all())
+        if _are_enough(settled):
+            self._moving, self._covariance = self._moving[~settled], after[~settled]
+            self._own = tuple(part[~settled] for part in self._own)
+
+
+def _replaced(known: FloatArray, places: Places, part: FloatArray) -> FloatArray:
+    """An array (.., U) with another part (.., P) at some places."""
+    known = known.copy()
+    known[..., places] = part
+    return known
+
+
+def _are_enough(settled: Mask) -> bool:
+    """Whether that many models rest: all, or so many that leaving them out saves time."""
+    return bool(settled.sum() >= max(FEWEST, len(settled) / 4) or settled.all())
+
+
+def _settled(before: FloatArray, after: FloatArray) -> Mask:
+    """(U,) which of the covariances (U, n, n) are the same."""
+    settled: Mask = np.abs(after[:, 0, 0] - before[:, 0, 0]) <= SETTLED * after[:, 0, 0]
+    if not _are_enough(settled):
+        return settled & False
+    deviation = np.sqrt(np.maximum(np.einsum("bii->bi", after[settled]), 1e-30))
+    change = np.abs(after[settled] - before[settled])
+    change /= deviation[:, :, None] * deviation[:, None]
+    settled[settled] = change.max(axis=(1, 2), initial=0.0) < SETTLED
+    return settled
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantGain:
+    """A step of the filter once its covariance has settled, as linear maps.
+
+    Over a block of instants, innovations and next state are one linear map of the state at its
+    start and of all its measurements.
+    """
+
+    transition: FloatArray
+    """(n, n, B): of the predicted state, the measurements' share taken out."""
+    drive: FloatArray
+    """(n, 3, B): what the measurements add to the next predicted state."""
+    whitening: FloatArray
+    """(3, 3, B): from y minus the predicted p, v, u to the innovations."""
+    variances: FloatArray
+    """(3, B)."""
+
+    @classmethod
+    def of(cls, model: StateSpace, variances: FloatArray, gains: FloatArray) -> "ConstantGain":
+        """Those of an instant after which the covariance has settled, see `Covariance.taken_in`."""
+        size, count = model.first.shape
+        whitening, total = np.zeros((3, 3, count)), np.zeros((size, 3, count))
+        for row, (i, gain) in enumerate(zip(OBSERVED, gains, strict=True)):
+            whitening[row, row] = 1.0
+            whitening[row] -= total[i]
+            total = total + gain[:, None] * whitening[row]
+        drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
+        transition = model.transition.copy()
+        transition[:, OBSERVED] -= drive
+        return cls(transition, drive, whitening, variances)
+
+    @cached_property
+    def _block(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Over L = `BLOCK` instants, the first three with the models on the first axis.
+
+        (B, n, 3 L): from measurements to the state after them; (B, 3 L, n): from the state before
+        to the innovations; (B, 3 L, 3 L): from measurements to the innovations; (n, n, B): from the
+        state before to the one after.
+        """
+        transition, drive, whitening = (
+            np.ascontiguousarray(part.transpose(2, 0, 1))
+            for part in (self.transition, self.drive, self.whitening)
+        )
+        count, size, width = drive.shape
+        pushes = np.empty((count, size, BLOCK, width))
+        free = np.empty((count, BLOCK, width, size))
+        direct = np.zeros((count, BLOCK, width, BLOCK, width))
+        predicted = -whitening @ np.eye(width, size)
+        reached = predicted
+        for k in range(BLOCK):
+            free[:, k], direct[:, k, :, k], pushes[:, :, BLOCK - 1 - k] = reached, whitening, drive
+            answered = predicted @ drive
+            for start in range(BLOCK - 1 - k):
+                direct[:, start + k + 1, :, start] = answered
+            reached, drive = reached @ transition, transition @ drive
+        rows = BLOCK * width
+        return (
+            pushes.reshape(count, size, rows),
+            free.reshape(count, rows, size),
+            direct.reshape(count, rows, rows),
+            self._power(BLOCK),
+        )
+
+    def _power(self, instants: int) -> FloatArray:
+        """(n, n, B): the transition over some instants."""
+        power = np.linalg.matrix_power(self.transition.transpose(2, 0, 1), instants)
+        return np.ascontiguousarray(power.transpose(1, 2, 0))
+
+    def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Innovations (K, 3, B) of measurements (K, 3, B), and the state predicted after them.
+
+        Args:
+            measured: a whole number of blocks, or less than one.
+            state: (n, B) predicted for the first instant.
+        """
+        pushes, free, direct, power = self._block
+        samples, width, count = measured.shape
+        length = min(samples, BLOCK)
+        rows, blocks = length * width, samples // length
+        inputs = np.ascontiguousarray(measured.reshape(blocks, rows, count).transpose(2, 1, 0))
+        pushed = (pushes[:, :, -rows:] @ inputs).transpose(2, 1, 0)
+        if length < BLOCK:
+            power = self._power(length)
+        states = np.empty((blocks + 1, *state.shape))
+        states[0] = state
+        for k, push in enumerate(pushed):
+            np.add(times(power, states[k]), push, out=states[k + 1])
+        starts = np.ascontiguousarray(states[:-1].transpose(2, 1, 0))
+        errors = direct[:, :rows, :rows] @ inputs + free[:, :rows] @ starts
+        return errors.transpose(2, 1, 0).reshape(measured.shape), states[-1]
+
+    def states(self, measured: FloatArray, state: FloatArray) -> FloatArray:
+        """(K, n, B) predicted under measurements (K, 3, B), from (n, B) for the first instant."""
+        driven = np.einsum("ijb,kjb->kib", self.drive, measured)
+        return recursion(self.transition, driven, state)[:-1]
+
+    def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
+        """The smoother's r (K, n, B) at K instants, from that after them (n, B)."""
+        back = np.ascontiguousarray(self.transition.transpose(1, 0, 2))
+        pushes = np.zeros((len(errors), *information.shape))
+        weighted = errors[::-1] / self.variances
+        pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self.whitening, weighted)
+        return recursion(back, pushes, information)[:0:-1]
+
+
+def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
+    """The linear recursion x_{k+1} = F x_k + d_k of B systems.
+
+    It goes on in blocks of time, all blocks together: first from zero, which gives the state at
+    each block's start, then from there.
+
+    Args:
+        transition: (n, n, B) F.
+        driven: (K, n, B) d.
+        state: (n, B) x_0.
+
+    Returns:
+        (K+1, n, B).
+    """
+    samples, size, count = driven.shape
+    blocks = max(1, int(samples**0.5))
+    length = samples // blocks + 1
+    pushes = np.zeros((blocks * length, size, count))
+    pushes[:samples] = driven
+    pushes = np.ascontiguousarray(pushes.reshape(blocks, length, size, count).transpose(1, 2, 0, 3))
+
+    def onward(states: FloatArray, push: FloatArray) -> FloatArray:
+        moved: FloatArray = np.einsum("ijb,jcb->icb", transition, states)
+        moved += push
+        return moved
+
+    now = np.empty((size, blocks, count))
+    now[:, 0] = state
+    reached = np.zeros((size, blocks, count))
+    for push in pushes:
+        reached = onward(reached, push)
+    power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
+    for k in range(1, blocks):
+        now[:, k] = times(power, now[:, k - 1]) + reached[:, k - 1]
+    states = np.empty((length, size, blocks, count))
+    for k, push in enumerate(pushes):
+        states[k] = now
+        now = onward(now, push)
+    return states.transpose(2, 0, 1, 3).reshape(-1, size, count)[: samples + 1]
