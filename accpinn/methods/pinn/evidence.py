@@ -68,6 +68,8 @@ OUTPUTS = 3
 """p, v, u, which are measured; q stands behind them."""
 COMMAND_NOISE = 1e-5
 """Intensity q_q in m²/s³; the usual disturbance has 2 s² T = .5."""
+NOISE = (6, 7)
+"""Where σ of the gap and of the speeds stand among the unknowns."""
 DIFFERENCE = 4e-3
 """Difference of a coordinate for a slope: small against its deviation, large against rounding."""
 METRES = 25.0
@@ -226,22 +228,30 @@ class Design:
         self.rows = [self.basis.at_samples[0][kept] for kept in known.T]
         self._grams = np.array([self.basis.padded(values, values) for values in self.rows])
         self._latest: tuple[bytes, Factors | None] = b"", None
+        self._latest_prior: tuple[bytes, FloatArray, float] = b"", np.empty(0), np.nan
 
     def factors(self, values: FloatArray) -> Factors | None:
         """At unknowns (P,) in their own units; None where Λ is singular."""
-        key, latest = values.tobytes(), self._latest
+        key, latest = self._of_physics(values) + noise_of(values).tobytes(), self._latest
         if key != latest[0]:  # one after the other asks for the same
             self._latest = latest = key, self._factors(values)
         return latest[1]
 
     def _factors(self, values: FloatArray) -> Factors | None:
-        prior = self.prior(values)
+        key = self._of_physics(values)
+        if key != self._latest_prior[0]:
+            prior = self.prior(values)
+            factor, fault = lapack.dpbtrf(prior, lower=1)
+            self._latest_prior = key, prior, np.nan if fault else np.log(factor[0]).sum()
+        _, prior, log_prior = self._latest_prior
         posterior, fault = lapack.dpbtrf(prior + self.data(values), lower=1, overwrite_ab=1)
-        factor, also = lapack.dpbtrf(prior, lower=1, overwrite_ab=1)
-        if fault or also:
+        if fault or np.isnan(log_prior):
             return None
-        halves = [float(np.log(matrix[0]).sum()) for matrix in (posterior, factor)]
-        return Factors(posterior, *halves)
+        return Factors(posterior, float(np.log(posterior[0]).sum()), float(log_prior))
+
+    def _of_physics(self, values: FloatArray) -> bytes:
+        """Those of the unknowns that Λ depends on."""
+        return np.append(np.delete(values[:9], NOISE), values[-1:] if self.late else ()).tobytes()
 
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (6 O, O K) in lower banded form; the outputs stand side by side at each function."""
@@ -276,7 +286,7 @@ def _design(samples: int, step: Seconds, known: bytes, late: str) -> Design:
 
 def noise_of(values: FloatArray) -> FloatArray:
     """(3,) σ of p, v, u among unknowns (P,)."""
-    return values[[6, 7, 7]]
+    return values[[*NOISE, NOISE[-1]]]
 
 
 class LinearEvidence:
@@ -350,9 +360,11 @@ class Evidence(Criterion):
     def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
         """For series, each with features of its own length, and one of the CTHPs."""
         super().__init__(series, form, held)
-        metres = [METRES if unknown.name == "s0" else 1.0 for unknown in coordinates(form)]
-        self.moves = np.diag(metres)
-        """(P, P) what a difference of one means for each coordinate."""
+        names = [unknown.name for unknown in coordinates(form)]
+        # First the slopes for what leaves all factors as they are, then those that leave Λ.
+        self._order = sorted(range(self.size), key=lambda at: (names[at] != "s0", at not in NOISE))
+        self._moves = DIFFERENCE * np.array([METRES if name == "s0" else 1.0 for name in names])
+        """(P,) differences of the coordinates."""
         self._terms = [
             LinearEvidence(measured, series.step, form)
             for measured in np.moveaxis(series.measured, -1, 0)
@@ -380,17 +392,20 @@ class Evidence(Criterion):
             groups: (K,) which group each row belongs to.
             present: (K,) values; the gradient of a row with a lower one is 0.
         """
-        value = self.log_likelihood(z, groups) + self.log_prior(z)
-        gradient = np.zeros(z.shape)
-        higher = np.ones(len(z), bool) if present is None else value > present - 1e-6
-        moves = DIFFERENCE * self.moves
-        around = z[higher, None] + np.concatenate([moves, -moves])
-        rows = around.reshape(-1, self.size)
-        values = self.log_likelihood(rows, np.repeat(groups[higher], around.shape[1]))
-        above, below = (values + self.log_prior(rows)).reshape(-1, 2, self.size).swapaxes(0, 1)
-        gradient[higher] = (above - below) / (2 * DIFFERENCE * np.diag(self.moves))
+        value, gradient = np.empty(len(z)), np.zeros(z.shape)
+        moves = np.diag(self._moves)[self._order]
+        for k, (row, group) in enumerate(zip(z, groups, strict=True)):
+            around = row + np.stack([moves, -moves], axis=1).reshape(-1, self.size)
+            value[k] = self._value(row[None], group).item()
+            if present is None or value[k] > present[k] - 1e-6:
+                above, below = self._value(around, group).reshape(-1, 2).T
+                gradient[k, self._order] = (above - below) / (2 * self._moves[self._order])
         *_, information = super().score(z, groups)
         return value, gradient, information
+
+    def _value(self, z: FloatArray, group: int) -> FloatArray:
+        """(K,) the criterion of a group at coordinates (K, P)."""
+        return self.log_likelihood(z, np.full(len(z), group)) + self.log_prior(z)
 
     def loss(self, z: FloatArray, config: PinnConfig) -> LossTerms:
         """Ψ of all series together, at coordinates (G, P) of the groups."""
