@@ -96,8 +96,8 @@ def joined(parts: Sequence[str]) -> str:
 
 
 def percent(share: float) -> str:
-    """A share as in a sentence: "35 %"."""
-    return f"{100 * share:.0f} %"
+    """A share as in a sentence, "35 %"; below 1 % with one significant digit."""
+    return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.1g} %"
 
 
 def probability(share: float) -> str:

@@ -15,7 +15,7 @@ from accpinn.inference.identifiability import WeakIdentification
 from accpinn.inference.intervals import ParameterInterval
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.inference.trust import Trust
-from accpinn.methods.fit import HiddenLayersGain, IterationsExhausted
+from accpinn.methods.fit import HiddenLayersGain
 from accpinn.recordings import SamplesMissing, Window
 from accpinn.segment import Bridged, DrivenByHand
 
@@ -92,7 +92,6 @@ def test_a_sentence_has_its_vehicle_and_figures(kind: type[Finding]) -> None:
         (Bridged("IVS1", 1, BLOCKS[1:]), ["1 sample of", "IVS1", "4 s"]),
         (DrivenByHand((3,), (0.5,)), ["3 Audi", "50 %"]),
         (HiddenLayersGain(1.0, 0.5), ["1.000", "0.5000", "-50.0 %"]),
-        (IterationsExhausted(3000), ["3,000"]),
         (WeakIdentification(0, (), 0.05), ["All followers", "0.05 m/s"]),
         (HeterogeneousWindows(2, 5, 0.012, 0.2), ["5 windows", "p = 0.012", "0.20 s"]),
         (HeterogeneousFollowers(4, 1e-9), ["4 followers", "p < 0.001"]),

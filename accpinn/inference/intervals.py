@@ -327,19 +327,16 @@ def from_draws(
         method: how the draws were made.
     """
     known = ~np.isnan(draws.alpha[0])
-    lower, upper = interval_ends(draws.everything, level)
-    lower = np.where(centre.everything == 0.0, 0.0, lower)
-    # A lag or a delay at its least value is an end of its interval.
-    lower[..., 4:6] = np.fmin(lower[..., 4:6], centre.complete[..., 4:6])
+    lower, upper = ends_of(centre, draws, level)
     gains = step_metrics(draws).gain
     is_linf = exact_margin(draws, gains) >= 0
     return Uncertainty(
         method=method,
         level=level,
         centre=centre,
-        lower=Parameters.of(lower),
-        upper=Parameters.of(upper),
-        inside=np.ones_like(lower, dtype=bool),
+        lower=lower,
+        upper=upper,
+        inside=np.ones_like(lower.everything, dtype=bool),
         draws=draws,
         probability_l2=np.where(known, (l2_margin(draws) >= 0).mean(axis=0), np.nan),
         probability_linf=np.where(known, is_linf.mean(axis=0), np.nan),
@@ -349,6 +346,18 @@ def from_draws(
         seconds=0.0,
         findings=(),
     )
+
+
+def ends_of(centre: Parameters, draws: Parameters, level: float) -> tuple[Parameters, Parameters]:
+    """Lower and upper ends (M,), from the likeliest values (M,) and draws (n, M).
+
+    A component that is likeliest to be zero has its lower end there; a lag or a delay at its least
+    value is an end of its interval.
+    """
+    lower, upper = interval_ends(draws.everything, level)
+    lower = np.where(centre.everything == 0.0, 0.0, lower)
+    lower[..., 4:6] = np.fmin(lower[..., 4:6], centre.complete[..., 4:6])
+    return Parameters.of(lower), Parameters.of(upper)
 
 
 def _sample(

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
-from accpinn.inference.intervals import DRAWS, LEVEL, interval_ends, shared
+from accpinn.inference.intervals import DRAWS, LEVEL, ends_of, shared
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import one_thread
 from accpinn.methods.kalman import Innovations, innovations
@@ -173,21 +173,14 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
             intervals = paper.centre, paper.lower, paper.upper
         else:  # as where windows stand alone: one question has one answer
             alone = window_posterior(segment, case, form)
-            drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds).complete
-            intervals = _intervals(alone.estimates, drawn)
+            drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds)
+            centre = Parameters.of(alone.estimates)
+            intervals = centre, *ends_of(centre, drawn, LEVEL)
         forms.append(ModelForm(form, *intervals, aic - cthp_aic, density - cthp_density))
     tested = InnovationTests(*map(spread, tests))
     subjects = [(0, 0)] if case == "I" else [(segment.vehicles[k + 1], k) for k in known]
     better, inadequate = _better(subjects, forms), _inadequate(subjects, tested)
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
-
-
-def _intervals(values: FloatArray, drawn: FloatArray) -> tuple[Parameters, Parameters, Parameters]:
-    """Complete parameters (M, 6) and the ends of their intervals, by draws (n, M, 6)."""
-    lower, upper = interval_ends(drawn, LEVEL)
-    lower = np.where(values == 0.0, 0.0, lower)
-    lower[:, 3:] = np.minimum(lower[:, 3:], values[:, 3:])  # a term at its least value
-    return Parameters.of(values), Parameters.of(lower), Parameters.of(upper)
 
 
 def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> list[BetterForm]:

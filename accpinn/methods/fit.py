@@ -1,6 +1,6 @@
 """What every estimation method returns: one `Fit`, read by pages, command line and snapshots."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.regression import Solution
-from accpinn.model.cthp import LONGEST_HEADWAY, Case, Parameters, Trajectories
+from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.registry import PAPER
 from accpinn.segment import Segment
 from accpinn.serial import NamedEnum
@@ -22,7 +22,10 @@ class Outcome(NamedEnum):
     SOLVED = "Solved: no change of the estimate improves its criterion."
     CONVERGED = "Converged: further iterations would not noticeably change the estimate."
     FILTERED = "Filtered: every instant was processed once, in the order of time."
-    FINISHED = "Finished: all planned iterations were run."
+    FINISHED = (
+        "Finished: all planned iterations were run; more of them, or other initial values, may"
+        " improve the result."
+    )
     STOPPED = (
         "Stopped by the user: the parameters are those of the last iteration; it can be continued."
     )
@@ -64,19 +67,6 @@ class BoundActiveAtTimes(Finding, frozen=True):
     """The component: α, ατ or β."""
     share: float
     """Share of the time, 0 to 1."""
-
-
-class LongHeadway(Finding, frozen=True):
-    """A time headway that no vehicle keeps: with α this small, τ is poorly determined."""
-
-    text = (
-        "{vehicle}: the window does not determine the time headway (τ = {tau:.1f} s, α ="
-        " {alpha:.4f} 1/s²), as the gain on spacing is too small."
-    )
-
-    vehicle: int
-    alpha: float
-    tau: Seconds
 
 
 class WeaklyDetermined(Finding, frozen=True):
@@ -163,17 +153,6 @@ class HiddenLayersGain(Finding, frozen=True):
         return {"change": self.after / self.before - 1}
 
 
-class IterationsExhausted(Finding, frozen=True):
-    """Ψ or a parameter still moved when the planned iterations ended."""
-
-    text = (
-        "Ψ or a parameter was still changing when the {iterations:,} planned iterations ended; more"
-        " iterations, or other initial values, may improve the result."
-    )
-
-    iterations: int
-
-
 class HoldoutLoss(Finding, frozen=True):
     """The loss at random instants that were kept out of training."""
 
@@ -198,28 +177,6 @@ class Continued(Finding, frozen=True):
     iteration: int
 
 
-class PaperEstimate(Finding, frozen=True):
-    """The training was that of the paper, or has its minimum."""
-
-    text = (
-        "The {preset} preset gives the paper's estimate, which is biased if disturbances last; the"
-        " answer takes them into account."
-    )
-
-    preset: str
-
-
-class ResidualEstimate(Finding, frozen=True):
-    """The loss was the paper's, with the residual of another model."""
-
-    text = (
-        "The {preset} preset minimises the paper's loss with the residual of another model than the"
-        " paper's: the estimate is biased if disturbances last. The answer does not depend on it."
-    )
-
-    preset: str
-
-
 class CacheProblem(Finding, frozen=True):
     """A file of the cache that could not be used, read or written."""
 
@@ -239,11 +196,8 @@ MethodFinding = (
     | SimulatedSeparately
     | SimulatedInStretches
     | HiddenLayersGain
-    | IterationsExhausted
     | HoldoutLoss
     | Continued
-    | PaperEstimate
-    | ResidualEstimate
     | CacheProblem
 )
 
@@ -448,17 +402,3 @@ class Recorder:
         """From a checkpoint."""
         self._rows = list(np.array(state["history.rows"], float))
         self._sets = int(state["history.sets"])
-
-
-def headway_findings(vehicles: Sequence[int], parameters: Parameters) -> tuple[LongHeadway, ...]:
-    """One finding for each follower whose τ exceeds `LONGEST_HEADWAY`.
-
-    Args:
-        vehicles: (M+1,) numbers in the file, leader first.
-        parameters: (M,)
-    """
-    return tuple(
-        LongHeadway(vehicle, follower.alpha, follower.tau)
-        for vehicle, follower in zip(vehicles[1:], parameters, strict=True)
-        if follower.tau > LONGEST_HEADWAY
-    )

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters, Term, Trajectories
+from accpinn.model.cthp import TERMS, Parameters, Term, Trajectories
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
 
 Acceleration = Callable[[Any, Any, Any, Any, ModuleType | Any], Any]
@@ -144,7 +144,7 @@ class FollowingModel:
         )
 
     def term(self, theta: Any, name: Term) -> Any:
-        """Lag or delay in s; 0 where the model has none."""
+        """A term beside α, β, τ, as a lag in s; 0 where the model has none."""
         return theta[self.names.index(name)] if name in self.terms else 0.0
 
     def equilibrium_gaps(self, theta: Any, speed: Any) -> FloatArray:
@@ -182,6 +182,10 @@ class FollowingModel:
             theta: (n, ..) parameters, which stand in `Parameters.own` unless the model is a CTHP.
             speed: (..) in m/s.
         """
+        if self.is_cthp:  # the same at every speed
+            shape = np.broadcast_shapes(np.shape(theta)[1:], np.shape(speed))
+            complete = *theta[:3], *(self.term(theta, name) for name in TERMS)
+            return Parameters(*(np.broadcast_to(value, shape) for value in complete))
         gap, slopes = self.equilibrium_gaps(theta, speed), []
         with np.errstate(all="ignore"):  # where there is no equilibrium
             for moved in COMPLEX_STEP * 1j * np.eye(3):
@@ -190,8 +194,7 @@ class FollowingModel:
             by_gap, by_speed, by_ahead = slopes
             tau = -(by_speed + by_ahead) / by_gap
         terms = (self.term(theta, "lag"), self.term(theta, "delay"))
-        own = () if self.is_cthp else theta
-        return Parameters(by_gap, by_ahead, tau, gap - tau * speed, *terms, *own)
+        return Parameters(by_gap, by_ahead, tau, gap - tau * speed, *terms, *theta)
 
     def linearised(self, theta: Values, speed: MetresPerSecond) -> Parameters:
         """The CTHP that one vehicle (n,) is near equilibrium at a speed; see `linearisations`.

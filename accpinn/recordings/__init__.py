@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, RECORDED, SPEED, Quantity
-from accpinn.findings import Finding, Labelled, Words
+from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
 EVEN_TOLERANCE: Seconds = 1e-6
@@ -70,11 +70,6 @@ class Window:
         return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
 
 
-def rounded_percent(share: float) -> str:
-    """A share in percent; a share below 1 % with one significant digit."""
-    return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.1g} %"
-
-
 def longest(windows: Sequence[Window]) -> tuple[Window, ...]:
     """The longest windows in order of time."""
     listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
@@ -106,7 +101,7 @@ class SamplesMissing(Finding, frozen=True):
         column, is_gap = RECORDED[self.channel].of(self.vehicle), self.channel == GAP.column
         return {
             "column": column if is_gap else f"{column} ({about.label(self.vehicle)})",
-            "part": rounded_percent(self.share),
+            "part": percent(self.share),
             "note": " although both speeds are known" if is_gap else "",
             "where": listed(self.windows, self.shorter),
         }
@@ -180,7 +175,7 @@ class ValuesOutOfRange(Finding, frozen=True):
     def _words(self, about: Labelled) -> Words:
         channel = RECORDED[self.channel]
         column = channel.of(self.vehicle)
-        part = rounded_percent(self.share)
+        part = percent(self.share)
         return {"column": column, "limit": channel.highest, "unit": channel.unit, "part": part}
 
 

@@ -12,7 +12,7 @@ from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual, Whit
 from accpinn.findings import Labelled
 from accpinn.inference.identifiability import WIDE, wide_intervals
 from accpinn.inference.intervals import Uncertainty
-from accpinn.methods.fit import Fit, IterationsExhausted, Outcome
+from accpinn.methods.fit import Outcome
 from accpinn.study.result import Result
 
 CheckName = Literal["converged", "inside", "identified", "collision-free", "explained"]
@@ -45,6 +45,7 @@ MEANING: Mapping[CheckName, str] = {
         " with a smaller residual."
     ),
 }
+CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
 _ANSWERS = {True: "yes", False: "no", None: "not known"}
 
 
@@ -85,7 +86,7 @@ def checks(result: Result) -> tuple[Check, ...]:
     is_determined = bool(np.isfinite(uncertainty.centre.alpha).all())
     colliding = [event.vehicle for event in evaluation.all_findings]
     return (
-        Check("converged", {"": _has_converged(result.fit)}),
+        Check("converged", {"": result.fit.outcome in CONVERGED}),
         _check("inside", {"": compress(vehicles, outside)}, is_determined),
         _check("identified", _unidentified(vehicles, uncertainty)),
         _check("collision-free", {"": colliding}),
@@ -98,12 +99,6 @@ def _check(name: CheckName, failing: Mapping[str, Iterable[int]], is_known: bool
     found = {symbol: tuple(sorted({*vehicles})) for symbol, vehicles in failing.items()}
     answers = {symbol: not them if is_known or them else None for symbol, them in found.items()}
     return Check(name, answers, {symbol: them for symbol, them in found.items() if them})
-
-
-def _has_converged(fit: Fit) -> bool:
-    if fit.outcome in (Outcome.STOPPED, Outcome.DIVERGED):
-        return False
-    return not any(isinstance(finding, IterationsExhausted) for finding in fit.findings)
 
 
 def _unidentified(vehicles: Sequence[int], uncertainty: Uncertainty) -> dict[str, list[int]]:

@@ -74,7 +74,7 @@ MEANING: Mapping[Question, str] = {
     "driver": "Whether ACC controls the followers, by the driver modes in the file.",
     "consistent": (
         "Whether the measured space-gaps (IVS) change as the differences of the speeds demand, by"
-        " the correlation of the two over the whole recording; sound data reach 0.8 and more."
+        " the correlation of the two; sound data reach 0.8 and more."
     ),
 }
 """Meaning of each question."""

@@ -27,7 +27,6 @@ from accpinn.recordings import (
     Window,
     listed,
     longest,
-    rounded_percent,
     vehicle_label,
 )
 from accpinn.units import FloatArray, Mask, Seconds, frozen
@@ -114,7 +113,7 @@ class BlocksMissing(Finding, frozen=True):
     """Where, in the recording's time."""
 
     def _words(self, about: Labelled) -> Words:
-        part, shown = rounded_percent(self.share), longest(self.windows)
+        part, shown = percent(self.share), longest(self.windows)
         where = listed(shown, len(self.windows) - len(shown))
         return {"are": "is" if len(self.columns) == 1 else "are", "part": part, "where": where}
 

@@ -387,9 +387,7 @@ def parse_windows(text: str) -> tuple[Window, ...]:
     for part in text.replace(" ", "").split(","):
         match = _INTERVAL.fullmatch(part)
         if not match:
-            raise SegmentError(
-                f'"{text[:40]}" names no windows; write them as 0-300,600-900 or as all.'
-            )
+            raise SegmentError(f'"{text[:40]}" names no windows; write them as 0-300,600-900.')
         window = Window(float(match[1]), float(match[2]))
         if not window.duration > 0:
             raise SegmentError(f'"{part[:40]}" ends before it starts; write the start first.')

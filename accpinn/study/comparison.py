@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods import TaskContext
@@ -29,7 +28,7 @@ from accpinn.methods.registry import METHODS, segment_for
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, PAPER
 from accpinn.recordings import Recording
-from accpinn.segment import Segment, SegmentInfo
+from accpinn.segment import Segment
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
 from accpinn.study import Analysis
 from accpinn.study.result import Result
@@ -153,26 +152,6 @@ class TrainingSpread(Finding, frozen=True):
         }
 
 
-class SpreadUndetermined(Finding, frozen=True):
-    """A parameter has no spread, as some trainings leave it undetermined."""
-
-    text = (
-        "{vehicle}: {symbol} is undetermined in {count} of {trainings} trainings, so it has no"
-        " spread."
-    )
-
-    vehicle: int
-    symbol: str
-    """Symbol of the parameter."""
-    count: int
-    """Number of trainings that leave it undetermined."""
-    trainings: int
-    """Number of all trainings."""
-
-
-SpreadFinding = TrainingSpread | SpreadUndetermined
-
-
 @dataclass(frozen=True, eq=False)
 class Spread:
     """How far apart several trainings of one segment end."""
@@ -182,7 +161,7 @@ class Spread:
 
     It is nan for one training, and where a training leaves the parameter undetermined.
     """
-    findings: tuple[SpreadFinding, ...]
+    findings: tuple[TrainingSpread, ...]
 
 
 def starts(
@@ -209,34 +188,20 @@ def starts(
 
 def spread_of(results: Sequence[Result]) -> Spread:
     """How far apart trainings of one segment end that differ in initial values and seed."""
-    info, case = results[0].info, results[0].fit.case
     if len(results) < 2:
-        return Spread(np.full((info.followers, 3), np.nan), ())
+        return Spread(np.full((results[0].info.followers, 3), np.nan), ())
     tables = np.array([result.parameters.values for result in results])
     mean = tables.mean(axis=0)
     spread = 100.0 * np.divide(
         np.ptp(tables, axis=0), mean, out=np.full_like(mean, np.nan), where=mean != 0
     )
-    findings: list[SpreadFinding] = []
     known = spread[np.isfinite(spread)]
-    if known.size:
-        unconverged = sum(result.fit.outcome is Outcome.FINISHED for result in results)
-        every = known.size == spread.size
-        findings.append(TrainingSpread(len(results), float(known.max()), every, unconverged))
-    findings += _undetermined(info, case, tables)
-    return Spread(spread, tuple(findings))
-
-
-def _undetermined(info: SegmentInfo, case: Case, tables: FloatArray) -> list[SpreadUndetermined]:
-    """Which parameter is nan in how many of the trials' tables (T, M, 3)."""
-    vehicles = (0,) if info.shares(case) else info.vehicles[1:]
-    counts = np.isnan(tables).sum(axis=0).tolist()
-    return [
-        SpreadUndetermined(vehicle, parameter.symbol, count, len(tables))
-        for vehicle, row in zip(vehicles, counts, strict=False)
-        for parameter, count in zip(PARAMETERS, row, strict=True)
-        if count
-    ]
+    if not known.size:
+        return Spread(spread, ())
+    unconverged = sum(result.fit.outcome is Outcome.FINISHED for result in results)
+    every = known.size == spread.size
+    found = TrainingSpread(len(results), float(known.max()), every, unconverged)
+    return Spread(spread, (found,))
 
 
 # Instants

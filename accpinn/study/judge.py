@@ -25,7 +25,6 @@ from scipy.special import stdtrit
 from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.gain_check import LEAST, compared
-from accpinn.methods.fit import Undetermined
 from accpinn.methods.following import BLOCK, Drives, estimate
 from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
@@ -223,30 +222,24 @@ class Judgement:
         return tuple(other for other, mean, error in pairs if -mean > least * error)
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Which model describes the follower, then what the data do not determine."""
-        findings: list[Finding] = []
-        if len(self.scores) > 1:
-            best, other = self.ranked[:2]
-            mean, error = difference([best], [other])
-            findings.append(
-                Describes(
-                    self.info.vehicles[1],
-                    best.model.title,
-                    other.model.title,
-                    len(best.rmse),
-                    best.typical_rmse,
-                    -100.0 * float(np.expm1(mean)),
-                    100.0 * error * float(np.exp(mean)),
-                    self.is_clear,
-                    tuple(score.model.title for score in self.worse),
-                )
-            )
-        for score in self.scores:
-            pairs = zip(score.model.parameters, score.determined, strict=True)
-            if symbols := tuple(parameter.symbol for parameter, known in pairs if not known):
-                findings.append(Undetermined(self.info.vehicles[1], score.model.title, symbols))
-        return tuple(findings)
+    def findings(self) -> tuple[Describes, ...]:
+        """Which model describes the follower; nothing where one was judged."""
+        if len(self.scores) < 2:
+            return ()
+        best, other = self.ranked[:2]
+        mean, error = difference([best], [other])
+        describes = Describes(
+            self.info.vehicles[1],
+            best.model.title,
+            other.model.title,
+            len(best.rmse),
+            best.typical_rmse,
+            -100.0 * float(np.expm1(mean)),
+            100.0 * error * float(np.exp(mean)),
+            self.is_clear,
+            tuple(score.model.title for score in self.worse),
+        )
+        return (describes,)
 
 
 def difference(scores: Sequence[ModelScore], others: Sequence[ModelScore]) -> tuple[float, float]:

@@ -11,11 +11,12 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated, tracking_errors
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import INCREASE, identifiability, profiles
+from accpinn.inference.identifiability import INCREASE, WIDE, identifiability, profiles
 from accpinn.inference.intervals import OutsideInterval, interval_ends
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
 from accpinn.methods.registry import METHODS
+from accpinn.methods.state_space import EXTRA
 from accpinn.model import registry
 from accpinn.model.registry import PAPER, gains_and_gap
 from accpinn.results.figures import answer as answer_figures
@@ -23,7 +24,7 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import cards, hardly_known, papers_estimate
+from accpinn.results.messages.answer import cards, papers_estimate
 from accpinn.results.messages.summary import about_curves, agreement, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
@@ -358,8 +359,8 @@ def _show_identifiability(shown: _Shown) -> None:
     show.messages(messages(warnings, segment), "warning")
     if not warnings:
         show.messages(
-            "α, β and τ are identifiable: no interval spans more than a factor of five, provided"
-            " that the model is adequate (tab Model adequacy).",
+            f"α, β and τ are identifiable: no interval spans more than a factor of {WIDE:g},"
+            " provided that the model is adequate (tab Model adequacy).",
             "info" if adequacy and adequacy.better else "success",
         )
     st.caption(
@@ -386,7 +387,6 @@ def _show_identifiability(shown: _Shown) -> None:
         st.caption(
             "Joint distribution of the answer's typical value; cross: the answer. A slanted cloud"
             " means that two parameters trade off: each alone is known less than both together."
-            + hardly_known(shown.answer, follower)
         )
 
 
@@ -409,7 +409,8 @@ def _show_adequacy(shown: _Shown) -> None:
         " shifts them into α, β and τ. The log density is that of held-out time (the last third,"
         " under the form learned from the first two): prefer a form in which both are clearly"
         " above 0. If there is none, the forms show how α, β and τ depend on the assumptions. A"
-        " lag or delay is at least 0.05 s, so the likelihood with one can be below the CTHP's."
+        f" lag or delay is at least {EXTRA['lag'].lower:g} s, so the likelihood with one can be"
+        " below the CTHP's."
     )
     _show_residual(shown)
     _show_disturbance(shown)

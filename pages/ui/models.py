@@ -1,5 +1,6 @@
 """The part of page Compare that asks which car-following model describes this car."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import streamlit as st
@@ -57,7 +58,7 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
             format_func=lambda key: FOLLOWING[key].title, placeholder="Choose models",
             **kept(workspace, "models_chosen", list(JUDGED), default="default"),
         )  # fmt: skip
-        share = sum(len(FOLLOWING[key].parameters) for key in chosen) / 17
+        share = _parameters(chosen) / _parameters(JUDGED)
         seconds = seconds_of(sum(len(one.windows) for one in subjects))
         takes = show.format_duration(share * seconds)
         if st.button(
@@ -70,6 +71,11 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
         monitor(workspace, task, lambda polled: show_judged(workspace, task.result or (), polled))
     else:
         show_judged(workspace, workspace.judgements)
+
+
+def _parameters(models: Sequence[str]) -> int:
+    """How many parameters some models have together."""
+    return sum(len(FOLLOWING[key].parameters) for key in models)
 
 
 def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: bool = False) -> None:
@@ -88,7 +94,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
         one = judged[pick_follower(labels, "models_follower")]
         speed = _choose_speed(workspace, one)
     if len(judged) > 1:
-        st.markdown(escape_markdown(" ".join(messages(one.findings[:1], one.info))))
+        st.markdown(escape_markdown(" ".join(messages(one.findings, one.info))))
     _show_follower(one, speed)
 
 
@@ -143,6 +149,5 @@ def _show_follower(one: Judgement, speed: MetresPerSecond) -> None:
     with st.expander("Parameters of each model and their uncertainty"):
         parameters = model_parameters_table(one)
         show.table(parameters)
-        show.messages(messages(one.findings[1:], one.info))
         show.downloads(parameters, f"{stem}_model_parameters", "model_parameters")
     show.downloads(table, f"{stem}_models", "models")

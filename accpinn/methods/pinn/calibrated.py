@@ -156,7 +156,6 @@ class CalibratedTraining(Training):
             outcome=self.outcome or Outcome.STOPPED,
             iterations=self.progress.iteration,
             arrays=fit.arrays | arrays,
-            findings=(*fit.findings, *self._exhausted()),
         )
 
 

@@ -196,17 +196,6 @@ def _rate(form: FloatArray, times: int = 1) -> FloatArray:
     return moved
 
 
-class Parts(NamedTuple):
-    """The parts of log p(y | z)."""
-
-    loss: float
-    """-½ Σ|y - Φŵ|²/σ² - ½ ŵᵀΛŵ - Σ log σ√(2π)."""
-    posterior: float
-    """-½ log|Λ + A|."""
-    prior: float
-    """½ log|Λ|."""
-
-
 class Factors(NamedTuple):
     """What of the evidence at given unknowns does not depend on the measured values."""
 
@@ -322,17 +311,17 @@ class LinearEvidence:
         squares[0] += intercept * (intercept * self._counts[0] - 2 * self._gaps)
         return right.ravel(), squares
 
-    def parts(self, values: FloatArray) -> Parts:
+    def log_evidence(self, values: FloatArray) -> float:
         """The evidence at unknowns (P,) in their own units; -inf where Λ is singular."""
         factors = self.design.factors(values)
         if factors is None:
-            return Parts(-np.inf, 0.0, 0.0)
+            return -np.inf
         right, own_squares = self.right(values)
         noise = noise_of(values)
         weights, _ = lapack.dpbtrs(factors.posterior, right[:, None], lower=1)
         squares = (own_squares / noise**2).sum() - right @ weights[:, 0]
         constant = 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
-        return Parts(-0.5 * float(squares + constant), -factors.log_posterior, factors.log_prior)
+        return float(factors.log_prior - factors.log_posterior - (squares + constant) / 2)
 
     def loss(self, values: FloatArray, config: PinnConfig) -> LossTerms:
         """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
@@ -374,7 +363,7 @@ class Evidence(Criterion):
         """(K,) log evidence at coordinates (K, P), each of the group (K,) named with it."""
         return np.array(
             [
-                sum(sum(self._terms[k].parts(values)) for k in self._members[group])
+                sum(self._terms[k].log_evidence(values) for k in self._members[group])
                 for values, group in zip(natural(self.form, z), groups, strict=True)
             ]
         )

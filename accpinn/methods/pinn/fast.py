@@ -255,5 +255,5 @@ class FastTraining(Training):
             loss | {"initial": now.initial, "start": start},
             network_weights=self.network.size,
             arrays=self.network.arrays(),
-            findings=[*gain, *self._exhausted()],
+            findings=gain,
         )

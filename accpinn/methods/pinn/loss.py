@@ -28,8 +28,6 @@ import numpy as np
 from accpinn.methods.fit import (
     Checkpoint,
     Fit,
-    IterationsExhausted,
-    MethodFinding,
     Outcome,
     Progress,
 )
@@ -263,10 +261,6 @@ class Training(ABC):
             iterations=self.progress.iteration,
             **others,
         )
-
-    def _exhausted(self) -> list[MethodFinding]:
-        """Whether iterations ran out."""
-        return [IterationsExhausted(self.planned)] if self.outcome is Outcome.FINISHED else []
 
     def _look(
         self,

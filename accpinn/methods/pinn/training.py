@@ -24,9 +24,7 @@ from accpinn.methods.fit import (
     Continued,
     Fit,
     Outcome,
-    PaperEstimate,
     Recorder,
-    ResidualEstimate,
 )
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
@@ -152,11 +150,7 @@ def training(
     threads = _threads(config.preset, context)
     require_memory(segment, config, law.model)
     begin = partial(_begun, segment, case, config, threads, law)
-    fit = _driven(begin, context)[1]
-    if config.preset == "calibrated":
-        return fit
-    kind = PaperEstimate if law.model == PAPER_MODEL else ResidualEstimate
-    return replace(fit, findings=(*fit.findings, kind(config.preset)))
+    return _driven(begin, context)[1]
 
 
 def _begun(segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law) -> Training:

@@ -13,7 +13,6 @@ from accpinn.inference.answer import (
     HeterogeneousWindows,
 )
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.identifiability import WIDE
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -30,7 +29,8 @@ from accpinn.units import Estimate, MetresPerSecond
 PAPERS_PRESETS = ("fast", "paper")
 """Presets that minimise the paper's loss."""
 PAPERS_ESTIMATE = "the paper's estimate, biased if disturbances last"
-"""The label of what those presets estimate."""
+PAPERS_LOSS = "the paper's loss with another model, biased if disturbances last"
+"""The labels of what those presets estimate: by the paper's model, and by any other."""
 
 
 def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
@@ -133,18 +133,6 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
     return f"True values: made with the {TITLES[model]}{none}: {'; '.join(said)}."
 
 
-def hardly_known(answer: Answer, follower: int) -> str:
-    """The answer's parameters whose interval holds 0 or spans more than `WIDE`; may be empty."""
-    symbols = [
-        parameter.symbol
-        for parameter in FOLLOWING[answer.model].parameters
-        if (span := answer.span(parameter.name, follower)).upper > WIDE * max(span.lower, 0.0)
-    ]
-    verb = "is" if len(symbols) == 1 else "are"
-    reason = f"an interval holds 0 or spans more than a factor of {WIDE:g}"
-    return f" {joined(symbols)} {verb} hardly known: {reason}." if symbols else ""
-
-
 def differing_windows(info: SegmentInfo, answer: Answer) -> str:
     """One sentence on all followers whose windows differ; empty where none do."""
     findings = [found for found in answer.findings if isinstance(found, HeterogeneousWindows)]
@@ -179,9 +167,10 @@ def drawn_to_others(info: SegmentInfo, answer: Answer) -> str:
 
 
 def papers_estimate(fit: Fit) -> str:
-    """`PAPERS_ESTIMATE` for the paper's model by one of its presets; empty for others."""
-    is_papers = fit.method == "pinn" and fit.config.get("preset") in PAPERS_PRESETS
-    return PAPERS_ESTIMATE if is_papers and fit.model == PAPER else ""
+    """The label of a fit by one of the paper's presets; empty for others."""
+    if fit.method != "pinn" or fit.config.get("preset") not in PAPERS_PRESETS:
+        return ""
+    return PAPERS_ESTIMATE if fit.model == PAPER else PAPERS_LOSS
 
 
 def time_gap_in_words(gap: Estimate, speed: MetresPerSecond, level: float | None = None) -> str:

@@ -101,7 +101,7 @@ def which_model(judgements: Sequence[Judgement]) -> tuple[str, ...]:
     """Which model describes the followers, said once for those of which the same holds."""
     groups: dict[tuple[object, ...], list[tuple[Judgement, Describes]]] = {}
     for judged in judgements:
-        if isinstance(finding := next(iter(judged.findings), None), Describes):
+        for finding in judged.findings:
             alike = finding.clear, finding.model, finding.windows
             groups.setdefault(alike, []).append((judged, finding))
     return tuple(_which_model(group, len(judgements)) for group in groups.values())

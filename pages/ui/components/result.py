@@ -12,7 +12,7 @@ from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
-from accpinn.methods.fit import History, Outcome, headway_findings
+from accpinn.methods.fit import History, Outcome
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import CTHPS, has_terms_of
@@ -181,7 +181,7 @@ def _show_checks(result: Result) -> None:
     evidence: Mapping[CheckName, Sequence[str]] = {
         "converged": (fit.outcome.value,),
         "inside": messages(uncertainty.findings, info),
-        "identified": messages(headway_findings(info.vehicles, fit.parameters), info),
+        "identified": (),
         "collision-free": messages(events, info),
         "explained": messages(residual.findings if residual else (), info),
     }
@@ -226,7 +226,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     duration = result.facts.get("duration")
     weak = identifiability(info, result.quality, uncertainty, fit.case, duration)
     show.messages(messages(weak, info), "warning")
-    show.messages(messages((*fit.findings, *headway_findings(info.vehicles, fit.parameters)), info))
+    show.messages(messages(fit.findings, info))
     band = _band(result)
     said = [words.about_band(result)] if band else []
     if said := [*said, *words.about_curves(result, follower, band)]:

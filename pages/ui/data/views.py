@@ -7,15 +7,14 @@ import streamlit as st
 from accpinn.errors import SegmentError
 from accpinn.evaluation import validate
 from accpinn.methods import least_squares
-from accpinn.methods.fit import headway_findings
 from accpinn.model.cthp import Case
-from accpinn.recordings import Recording, Window
+from accpinn.recordings import MOVING, Recording, Window
 from accpinn.recordings.files import read
 from accpinn.results import recording as tables
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import validation_table
-from accpinn.segment import DrivenByHand, Segment
+from accpinn.segment import LONGEST_TIME_GAP, USUAL, DrivenByHand, Segment
 from accpinn.segment.cut import chains, complete_windows, cut, first_window
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.study.comparison import SensitivityResult, sensitivity
@@ -28,10 +27,12 @@ from pages.ui.session.workspace import Workspace
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""
 REGIMES = {
-    "catching up": "The time gap, space-gap over speed, is above 1.3 times its median (2 s at"
-    " least, 3.5 s at most): the vehicle catches up or drives freely.",
+    "catching up": f"The time gap, space-gap over speed, is above {USUAL:g} times its median"
+    " ({:g} s at least, {:g} s at most): the vehicle catches up or drives freely.".format(
+        *LONGEST_TIME_GAP
+    ),
     "manual": "A driver controls the vehicle, according to the file.",
-    "standstill": "The vehicle moves at 1 m/s or less.",
+    "standstill": f"The vehicle moves at {MOVING:g} m/s or less.",
 }
 
 
@@ -58,8 +59,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         f" number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike"
         " that α, β and τ are hardly told apart." + excluded * bool(segment.excluded_regimes)
     )
-    headways = headway_findings(segment.vehicles, estimate.parameters)
-    findings = (*headways, *quality.findings, *estimate.findings)
+    findings = (*quality.findings, *estimate.findings)
     show.warnings(messages(findings, segment), "this window")
     show.downloads(table, f"{Path(segment.source).stem}_window", "data_window")
 

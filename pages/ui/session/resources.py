@@ -2,10 +2,9 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache, wraps
+from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
-from weakref import WeakKeyDictionary, ref
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import streamlit as st
 
@@ -86,9 +85,9 @@ def download_queue() -> TaskQueue:
 
 
 def find_recording(
-    file: str, sha256: str, trajectory: str | None, campaign: str | None
-) -> Recording:
-    """The recording with that content, from the server's folder or the samples.
+    file: str, sha256: str, trajectory: str | None = None, campaign: str | None = None
+) -> tuple[Recording, Truth | None]:
+    """The recording with that content, from the server's folder or the samples, and its truth.
 
     Several campaigns have files of the same name; that of ``campaign`` is looked at first.
 
@@ -100,7 +99,8 @@ def find_recording(
         with suppress(RecordingError):  # another file of that name
             recording = files.read(path, trajectory=trajectory)
             if recording.sha256 == sha256:
-                return recording
+                truth = truth_path(path)
+                return recording, load_truth(truth) if truth.exists() else None
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
@@ -121,12 +121,6 @@ def samples() -> list[Path]:
 def sample_title(path: Path) -> str:
     """What a sample is called."""
     return TITLES.get(path.stem, path.stem)
-
-
-def find_sample(name: str, sha256: str) -> tuple[Recording, Truth] | None:
-    """The sample of that file name and content, with its true parameters; None for none."""
-    known = (sample(path) for path in samples() if path.name == name)
-    return next((pair for pair in known if pair[0].sha256 == sha256), None)
 
 
 def recordings_folder() -> Path:
@@ -157,20 +151,16 @@ def _of_recording(
     function: Callable[Concatenate[Recording, Chosen], Known],
 ) -> Callable[Concatenate[Recording, Chosen], Known]:
     """The function with a memory, which forgets a recording that no session has open any more."""
-    kept = WeakKeyDictionary[Recording, Callable[..., Known]]()
 
     @wraps(function)
     def known(recording: Recording, /, *chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
-        if recording not in kept:
-            weak = ref(recording)
-
-            def compute(*chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
-                asked = weak()
-                assert asked  # whoever asks has it open
-                return function(asked, *chosen, **named)
-
-            kept[recording] = lru_cache(maxsize=KEPT_CHOICES)(compute)
-        return kept[recording](*chosen, **named)
+        kept: dict[Any, Known] = recording.__dict__.setdefault(f"_{function.__name__}", {})
+        asked = chosen, tuple(named.items())
+        if asked not in kept:
+            if len(kept) == KEPT_CHOICES:
+                kept.pop(next(iter(kept)), None)
+            kept[asked] = function(recording, *chosen, **named)
+        return kept[asked]
 
     return known
 

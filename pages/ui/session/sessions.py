@@ -35,7 +35,7 @@ from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Seconds
-from pages.ui.session.resources import find_recording, find_sample, library, store, task_queue
+from pages.ui.session.resources import find_recording, library, store, task_queue
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
@@ -308,10 +308,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
         workspace.take_settings(asked)
         workspace.awaited = asked
         source, campaign = asked.source, shown.campaign or None
-        if known := find_sample(source.name, source.sha256):
-            workspace.open(*known)
-        else:
-            workspace.open(find_recording(source.name, source.sha256, source.trajectory, campaign))
+        workspace.open(*find_recording(source.name, source.sha256, source.trajectory, campaign))
 
 
 def result_of(name: str) -> Result:

@@ -31,7 +31,7 @@ from accpinn.units import MetresPerSecond
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown
 from pages.ui.components.widgets import pick_follower
-from pages.ui.session.resources import find_recording, find_sample
+from pages.ui.session.resources import find_recording
 from pages.ui.session.sessions import result_of
 from pages.ui.session.workspace import Workspace
 
@@ -323,9 +323,7 @@ def restore_run(workspace: Workspace, name: str) -> None:
     with show.flashing():
         result = result_of(name)
         source = result.analysis.source
-        known = workspace.opened.get(source.sha256) or find_sample(source.name, source.sha256)
+        known = workspace.opened.get(source.sha256)
         with suppress(RecordingError):
-            known = known or (
-                find_recording(source.name, source.sha256, source.trajectory, None), None
-            )  # fmt: skip
+            known = known or find_recording(source.name, source.sha256, source.trajectory)
         workspace.restore(result, *(known or (None, None)))

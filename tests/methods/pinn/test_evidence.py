@@ -52,12 +52,12 @@ def test_windows_of_one_length_share_what_does_not_depend_on_their_data() -> Non
     windows = [series_of([recording(seed, 40.0)], "II") for seed in (1, 2)]
     one, other = (LinearEvidence(s.measured[:, :, 0], s.step) for s in windows)
     assert one.design is other.design
-    found = [term.parts(VALUES * by) for by in (1.0, 1.1, 1.0) for term in (one, other, one)]
+    found = [term.log_evidence(VALUES * by) for by in (1.0, 1.1, 1.0) for term in (one, other, one)]
     assert found[:3] == found[6:]
     assert found[0] == found[2] != found[3]
-    for term, parts in ((one, found[0]), (other, found[1])):
+    for term, value in ((one, found[0]), (other, found[1])):
         term.design = Design(0.5, ~np.isnan(term._measured))
-        assert term.parts(VALUES) == parts
+        assert term.log_evidence(VALUES) == value
 
 
 def test_the_prior_is_the_integral_of_the_squared_residuals() -> None:
@@ -120,7 +120,7 @@ def test_the_evidence_is_the_density_of_the_data_with_the_weights_integrated_out
     covariance = (features @ prior @ features.T + np.diag(noise))[np.ix_(there, there)]
     whitened = np.linalg.solve(covariance, y[there])
     determinant = np.linalg.slogdet(2 * np.pi * covariance)[1]
-    assert sum(evidence.parts(VALUES)) == pytest.approx(
+    assert evidence.log_evidence(VALUES) == pytest.approx(
         -0.5 * (y[there] @ whitened + determinant), abs=1e-3
     )
 

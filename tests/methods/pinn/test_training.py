@@ -19,7 +19,6 @@ from accpinn.methods.fit import (
     Fit,
     HiddenLayersGain,
     HoldoutLoss,
-    IterationsExhausted,
     Outcome,
     Progress,
 )
@@ -103,7 +102,6 @@ class TestResult:
         weighted = fitted(config=WEIGHTED)
         assert weighted.loss["start"] > weighted.loss["total"]
         assert HiddenLayersGain(fit.loss["start"], fit.loss["total"]) in fit.findings
-        assert not any(isinstance(found, IterationsExhausted) for found in fit.findings)
 
     def test_initial_condition_binds_the_first_instant_when_weighted(self) -> None:
         def first_error(fit: Fit) -> float:
@@ -139,7 +137,6 @@ class TestEnds:
         assert (np.diff([moment.seconds for moment in seen]) >= 0).all()
         assert {moment.iterations for moment in seen} == {13}
         assert fit.outcome is Outcome.FINISHED
-        assert (IterationsExhausted(13) in fit.findings) == (config.preset == "fast")
         other = train(noisy(), "II", replace(config, seed=1))
         assert other.parameters.values.tobytes() != fit.parameters.values.tobytes()
 
