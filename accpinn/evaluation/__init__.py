@@ -143,7 +143,7 @@ def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tupl
     return tuple(
         _block(segment, first, end, estimate)
         for first, end in pairwise(ends)
-        if simulable(part(segment, first, end))
+        if simulable(segment.part(first, end))
     )
 
 
@@ -199,15 +199,15 @@ def from_following(segment: Segment) -> Segment:
     left = segment.samples - int(close.argmax())
     if not close.any() or left * segment.sample_time < MINIMUM_DURATION:
         return segment
-    return part(segment, segment.samples - left, segment.samples)
+    return segment.part(segment.samples - left, segment.samples)
 
 
 def without(segment: Segment, first: int, end: int) -> Segment:
     """The segment without its samples ``first`` to ``end`` - 1."""
     if first == 0:
-        return part(segment, end, segment.samples)
+        return segment.part(end, segment.samples)
     if end == segment.samples:
-        return part(segment, 0, first)
+        return segment.part(0, first)
     mask = np.ones(segment.gaps.shape, dtype=bool) if segment.mask is None else segment.mask.copy()
     mask[first:end] = False
     speeds, gaps = segment.speeds.copy(), segment.gaps.copy()
@@ -215,22 +215,8 @@ def without(segment: Segment, first: int, end: int) -> Segment:
     return replace(segment, speeds=speeds, gaps=gaps, mask=mask)
 
 
-def part(segment: Segment, first: int, end: int) -> Segment:
-    """Samples ``first`` to ``end`` - 1 of a segment, as a new segment."""
-    rows = slice(first, end)
-    return replace(
-        segment,
-        time=segment.time[rows] - segment.time[first],
-        speeds=segment.speeds[rows],
-        gaps=segment.gaps[rows],
-        mask=None if segment.mask is None else segment.mask[rows],
-        missing=None if segment.missing is None else segment.missing[rows],
-        start=segment.start + float(segment.time[first]),
-    )
-
-
 def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment], Fit]) -> Block:
-    held = part(segment, first, end)
+    held = segment.part(first, end)
     try:
         fit = estimate(without(segment, first, end))
     except SegmentError:  # too little is left for this method

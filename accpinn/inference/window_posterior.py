@@ -1,7 +1,7 @@
 """What one window alone says of its vehicles under a model, as draws of equal weight.
 
 Of a CTHP they are drawn from the posterior of the exact likelihood (see `inference.posterior`), of
-any other model from the normal approximation of `methods.following`.
+any other model from the normal approximation of `methods.simulation`.
 
 They stand in coordinates φ, in which windows of a car, and cars, are compared. Of a CTHP these are
 ln α, ln β, ln of the time gap at 100 km/h and its further terms (see `features` in
@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from accpinn.inference.posterior import AT_SPEED, Posterior, features, log_prior_of_features, sample
-from accpinn.methods import Law, following, one_thread
+from accpinn.methods import Law, one_thread, simulation
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import determined_followers, series_of
@@ -98,7 +98,7 @@ def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> 
     followers, count = len(speeds), count_of(key)
     estimates = np.full((followers, 6 + count), np.nan)
     drawn = np.full((followers, DRAWS, count), np.nan)
-    for row, estimate in following.estimates(segments, case, law):
+    for row, estimate in simulation.estimates(segments, case, law):
         estimates[row] = parameters_of(key, estimate.scores, speeds[row]).everything
         for k in row:
             drawn[k] = possible(key, estimate.draws(DRAWS), speeds[k])

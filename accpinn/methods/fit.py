@@ -129,18 +129,6 @@ class SimulatedSeparately(Finding, frozen=True):
     )
 
 
-class SimulatedInStretches(Finding, frozen=True):
-    """The simulation starts anew after each masked stretch."""
-
-    text = (
-        "Excluded instants were not simulated during the fit: each stretch between them starts anew"
-        " from its measured state, and stretches shorter than {least:g} s are excluded too."
-    )
-
-    least: Seconds
-    """Shorter stretches are left out too."""
-
-
 class HiddenLayersGain(Finding, frozen=True):
     """What training the hidden layers contributed: Ψ before and after."""
 
@@ -194,7 +182,6 @@ MethodFinding = (
     | FilterUncertain
     | FilterDiverged
     | SimulatedSeparately
-    | SimulatedInStretches
     | HiddenLayersGain
     | HoldoutLoss
     | Continued

@@ -1,334 +1,480 @@
-"""Closed-loop simulation least squares: the parameters whose simulation is nearest the recording.
+"""Closed-loop simulation: the parameters of any model whose simulation is nearest the recording.
 
-The followers are simulated from their first state on, with only a speed ahead measured:
+A window is driven from its first measured state on with only the speed ahead given. With the errors
+e of gap [m] and speed [m/s] at N instants of all windows, the parameters θ of a model minimise
 
-    (θ, x_0) = argmin Σ_t Σ_i (p̂_i - p_i)² + (v̂_i - v_i)²   subject to α, ατ, β ≥ 0,
+    ½ m ln(Σ e² / N) + ½ |z|²,     m = time simulated / `MEMORY`
 
-gap errors in m and speed errors in m/s weighted equally, as in the PiNN's Ψ_D. Case II simulates
-each follower by itself behind its measured predecessor; Case I simulates the whole platoon behind
-its measured leader, with one parameter set. The first states x_0 are estimated too, within the
-receivers' errors. Unlike in the methods that compare dv/dt with the model, the recording never
-corrects the simulated motion: the model's errors accumulate over time and count in full.
+where z are the parameters in standard deviations of their priors (see `model.following`). As errors
+of a closed loop last for seconds, m and not N is the number of independent ones. The search is
+Levenberg and Marquardt's with exact derivatives of the simulation by the complex step, for many
+data sets and starts at once: all of them are one array, so that the only loop is that over time.
 
-Masked instants are not simulated: the motion starts anew after them, with a first state of its own.
-In Case I an instant counts if it does for every follower. The criterion can have several optima, so
-the search starts from several parameter sets.
+Intervals are those of the Laplace approximation, with Ĵ = ∂e/∂z, w = m / Σ e² and blocks b of
+`BLOCK` seconds, across which errors are taken as independent,
 
-The motion of K followers with one parameter set, x = (p_1, v_1, .., p_K, v_K), is a linear system
-driven by the speed u of the vehicle ahead of the first, and A, b are linear in θ = (α, ατ, β). So
-the derivatives s_j = ∂x/∂θ_j obey a linear system again, stepped exactly between the samples of u:
+    cov z = H⁻¹ (w² Σ_b g_b g_bᵀ + 1) H⁻¹,    H = w ĴᵀĴ + 1,    g_b = Σ_{t in b} Ĵᵀe
 
-    dx/dt = A(θ) x + b(θ) u,        ds_j/dt = A s_j + A_j x + b_j u,    s_j(0) = 0.
+Each stretch between excluded instants starts anew from its measured state. A parameter whose
+deviation is more than `OPEN` of its prior's is not determined by the data.
 
-Source: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 22 (2021) 6992-7003,
-who fit simulations of this model to recordings; the search is scipy's trust-region method.
+Sources: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 22 (2021) 6992-7003,
+and Punzo and Montanino, Transportation Research Part B 91 (2016) 21-33, for closed-loop simulation;
+Newey and West, Econometrica 55 (1987) 703-708, for errors that last.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from itertools import chain, pairwise
 
 import numpy as np
-from scipy.linalg import block_diag
+from numpy.typing import NDArray
+from scipy.special import ndtri
 
-from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods import (
-    PAPERS,
-    Law,
-    TaskContext,
-    best_first,
-    direct,
-    following,
-    least_squares,
-    splines,
-)
+from accpinn.errors import SegmentError
+from accpinn.methods import PAPERS, Law, TaskContext, best_first, direct, one_thread
 from accpinn.methods.fit import (
     Fit,
     MethodFinding,
     Outcome,
-    SimulatedInStretches,
     SimulatedSeparately,
+    Undetermined,
     WeaklyDetermined,
 )
-from accpinn.methods.regression import Solution
-from accpinn.model.cthp import (
-    LARGEST,
-    LARGEST_ALPHA_TAU,
-    TYPICAL,
-    Case,
-    Parameters,
-    Trajectories,
-    motion_matrix,
-    respond,
-)
-from accpinn.model.registry import FOLLOWING
-from accpinn.segment import Segment
-from accpinn.units import FloatArray, Seconds, frozen, stretches
+from accpinn.methods.series import determined_followers
+from accpinn.model.cthp import Case, Trajectories
+from accpinn.model.following import COMPLEX_STEP, FollowingModel
+from accpinn.model.registry import FOLLOWING, Held
+from accpinn.segment import Segment, median_speeds
+from accpinn.units import FloatArray, Mask, Seconds, known_mean, stretches
 
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
+KEY = "simulation"
+STEP: Seconds = 0.4
+"""Step of the integration; half of it with a lag or a delay, which may be as fast."""
+MEMORY: Seconds = 10.0
+"""Time that an independent error of a closed loop is worth."""
+BLOCK: Seconds = 30.0
+"""Blocks across which errors are taken as independent for the intervals."""
+OPEN = 0.8
+"""Posterior deviation, as a share of the prior's, from which a parameter is not determined."""
+LEAST_STRETCH = MEMORY
+"""Shortest stretch between excluded instants that is simulated."""
+LEVEL = 0.9
+"""Probability that an interval is to cover the parameter."""
+STARTS, LATE_STARTS = 2, 4
+"""Parameter sets from which each search begins, and one with a lag or a delay before a model that
+is no CTHP: the typical set and draws from the prior. They mostly end in the same maximum, see
+docs/validation.md."""
+ROUNDS = 40
+"""Most steps of a search."""
+CONVERGED = 1e-4
+"""Decrease of the objective in one step below which a search ends."""
+ALIKE = 5
+"""Rounds after which starts end that are `BEHIND` the best one."""
+BEHIND = 5.0
 
-SCALE = np.array([0.05, 0.05, 0.2])
-"""Units of the optimiser for α, ατ, β."""
-START_ERROR = (0.5, 0.15)
-"""Largest distance in m and m/s of x_0 from the first sample: three standard deviations of a
-receiver's errors. Without a limit, x_0 would absorb part of the model's error."""
-AT_ZERO = 1e-6
-"""Distance to a bound, in units of `SCALE`, that the search approaches and never reaches."""
-HIGHEST = np.array([LARGEST.alpha, LARGEST_ALPHA_TAU, LARGEST.beta])
-"""Largest α, ατ, β: where nothing but noise moves, the best simulation would repeat it with
-unbounded gains."""
-SINGULAR = 1e-8
-"""Ratio of the derivatives' singular values below which θ is not identifiable."""
-TOLERANCE = 1e-10
-LEAST_STRETCH: Seconds = 5.0
-"""Shortest simulated stretch: in less time, an unknown first state explains any motion."""
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """W windows of single followers on even instants, ready to be simulated together."""
+
+    step: Seconds
+    """Between the K+1 instants."""
+    ahead: FloatArray
+    """(2K+1, W) speed ahead at every half step, in m/s."""
+    gaps: FloatArray
+    """(K+1, W) measured, in m."""
+    speeds: FloatArray
+    """(K+1, W) measured, in m/s."""
+    counts: Mask
+    """(K+1, W) instants within the window at which all is measured and none is excluded."""
+
+    @classmethod
+    def of(cls, segments: Sequence[Segment], model: FollowingModel) -> "Drives":
+        """The windows of segments with one follower each, as the model is to be simulated.
+
+        Shorter windows are filled up with their last row, which does not count.
+        """
+        step = STEP / 2 if model.is_late else STEP
+        parts = []
+        for segment in segments:
+            count = int(segment.window.duration / step + 1e-6)
+            half = segment.time[0] + step / 2 * np.arange(2 * count + 1)
+            channels = np.column_stack([segment.speeds, segment.gaps])
+            values = np.array([np.interp(half, segment.time, part) for part in channels.T])
+            nearest = np.abs(segment.time[:, None] - half[None, ::2]).argmin(axis=0)
+            parts.append((values, segment.counts[nearest, 0]))
+        longest = max(len(counts) for _, counts in parts)
+        ahead = np.empty((2 * longest - 1, len(parts)))
+        speeds, gaps = np.empty((2, longest, len(parts)))
+        known = np.zeros(gaps.shape, bool)
+        for k, (values, counts) in enumerate(parts):
+            more = 2 * (longest - len(counts))
+            filled = np.pad(values, ((0, 0), (0, more)), "edge")
+            ahead[:, k], speeds[:, k], gaps[:, k] = filled[0], filled[1, ::2], filled[2, ::2]
+            known[: len(counts), k] = counts
+        return cls(step, ahead, gaps, speeds, known)
+
+    def __getitem__(self, index: NDArray[np.intp]) -> "Drives":
+        """The windows at an array of indices, in its shape."""
+        ahead, gaps, speeds = (part[:, index] for part in (self.ahead, self.gaps, self.speeds))
+        return Drives(self.step, ahead, gaps, speeds, np.asarray(self.counts[:, index]))
+
+    def simulated(self, model: FollowingModel, theta: FloatArray) -> FloatArray:
+        """(K+1, 2, W) gaps and speeds by θ (n, W) from the first measured state on."""
+        start = self.gaps[:1], self.speeds[:1]
+        return np.asarray(model.integrate(theta[:, None], self.ahead, *start, self.step)[:, :, 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The parameters of one follower under one model, complete and with intervals."""
+
+    model: FollowingModel
+    theta: FloatArray
+    """(n,) in the order of the model's parameters."""
+    lower: FloatArray
+    """(n,) lower ends of the intervals of `LEVEL`."""
+    upper: FloatArray
+    """(n,) upper ends."""
+    determined: Mask
+    """(n,) whether the data say more of a parameter than the prior."""
+    scores: FloatArray
+    """(n,) the parameters in standard deviations of their priors, z."""
+    covariance: FloatArray
+    """(n, n) of z."""
+    rmse: float
+    """Root mean square error of the gap in the windows it was learned from, in m."""
+    converged: bool
+    """Whether the search ended by itself."""
+
+    def draws(self, count: int) -> FloatArray:
+        """(count, n) draws of z, within the bounds of the search."""
+        free = np.flatnonzero(np.diag(self.covariance) > 0)
+        root = np.linalg.cholesky(self.covariance[np.ix_(free, free)])
+        normal = np.random.default_rng(0).standard_normal((count, len(root)))
+        drawn = np.tile(self.scores, (count, 1))
+        drawn[:, free] += normal @ root.T
+        return np.clip(drawn, *bounds_of(self.model))
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Symbols of the parameters that the data do not determine."""
+        pairs = zip(self.model.parameters, self.determined, strict=True)
+        return tuple(parameter.symbol for parameter, known in pairs if not known)
+
+
+@one_thread
+def estimate(
+    model: FollowingModel,
+    drives: Drives,
+    groups: Sequence[Sequence[int]],
+    should_stop: Callable[[], bool] | None = None,
+    *,
+    held: Held = (),
+) -> tuple[Estimate, ...]:
+    """The best parameters for each of several groups of windows, all searched at once.
+
+    Args:
+        model: what to estimate.
+        drives: the windows.
+        groups: indices of windows that share one parameter set, one or more each.
+        should_stop: asked before every round; True ends the search with what it has.
+        held: parameters that keep their values.
+
+    Returns:
+        One estimate a group.
+    """
+    search = _Search(model, drives, groups, held)
+    problems, rng = len(groups), np.random.default_rng(0)
+    count = len(model.parameters)
+    starts = starts_of(model)
+    z = np.concatenate([np.zeros((1, count)), 0.7 * rng.standard_normal((starts - 1, count))])
+    z = np.clip(np.tile(z, (problems, 1)), *search.bounds)  # (P·S, n)
+    owner = np.repeat(np.arange(problems), starts)
+    damping, active = np.full(len(z), 1e-2), np.ones(len(z), bool)
+    value, gradient, curvature = search.expanded(z, owner)
+    for turn in range(ROUNDS):
+        if not active.any() or (should_stop and should_stop()):
+            break
+        rows = np.flatnonzero(active)
+        trial = search.step(z[rows], gradient[rows], curvature[rows], damping[rows])
+        lost = ~np.isfinite(value[rows])
+        trial[lost] = 0.5 * z[rows][lost]  # a start that cannot be simulated moves to the middle
+        new, slope, bend = search.expanded(trial, owner[rows])
+        gain = np.subtract(value[rows], new, out=np.full(len(rows), np.inf), where=~lost)
+        better = np.isfinite(new) & (gain >= 0)
+        kept = rows[better]
+        z[kept], value[kept] = trial[better], new[better]
+        gradient[kept], curvature[kept] = slope[better], bend[better]
+        damping[rows] *= np.where(better, 0.2, 8.0)
+        active[rows] = ~(better & (gain < CONVERGED)) & (damping[rows] < 1e8)
+        if turn >= ALIKE:
+            best = np.full(problems, np.inf)
+            np.minimum.at(best, owner, value)
+            active &= value < best[owner] + BEHIND
+    chosen = [int(rows[np.argmin(value[rows])]) for rows in np.arange(len(z)).reshape(problems, -1)]
+    return search.estimates(z[chosen], (~active)[chosen])
+
+
+def starts_of(model: FollowingModel) -> int:
+    """The number of parameter sets from which a search of a model begins."""
+    return LATE_STARTS if model.is_late and not model.is_cthp else STARTS
+
+
+def bounds_of(model: FollowingModel, held: Held = ()) -> FloatArray:
+    """(2, n) least and largest z; the same for parameters that keep their values."""
+    ends = ("lower", "upper")
+    bounds = np.array([[p.score(getattr(p, end)) for p in model.parameters] for end in ends])
+    for name, value in held:
+        at = model.names.index(name)
+        bounds[:, at] = model.parameters[at].score(value)
+    return bounds
+
+
+def bounded_step(
+    z: FloatArray, gradient: FloatArray, system: FloatArray, bounds: FloatArray
+) -> FloatArray:
+    """(B, n) the next z within bounds (2, n); one at a bound that pushes outward stays there."""
+    lower, upper = bounds
+    usable = np.isfinite(system).all(axis=(1, 2)) & np.isfinite(gradient).all(axis=1)
+    outward = np.where(gradient > 0, z <= lower, z >= upper) & (gradient != 0)
+    fixed: Mask = np.logical_or(outward, np.reshape(~usable, (-1, 1)))
+    system = np.where(fixed[:, :, None] | fixed[:, None, :], np.eye(len(z.T)), system)
+    down = np.where(fixed, 0.0, -gradient)
+    move = np.linalg.solve(system, down[..., None])[..., 0]
+    return np.asarray(np.clip(z + np.clip(move, -2.0, 2.0), lower, upper))
+
+
+class _Search:
+    """The objective of P groups of windows, and its derivatives."""
+
+    def __init__(
+        self,
+        model: FollowingModel,
+        drives: Drives,
+        groups: Sequence[Sequence[int]],
+        held: Held,
+    ) -> None:
+        self._model, self._drives, size = model, drives, max(map(len, groups))
+        self._index = np.array([[*group] + [group[0]] * (size - len(group)) for group in groups])
+        self._used = np.array([np.arange(size) < len(group) for group in groups])
+        self.bounds = bounds_of(model, held)
+        self._free: Mask = np.asarray(self.bounds[0] < self.bounds[1])
+
+    @np.errstate(over="ignore", invalid="ignore")  # of what diverges, whose objective is infinite
+    def expanded(
+        self, z: FloatArray, owner: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Objective (B,), gradient (B, n) and Gauss-Newton curvature (B, n, n) at z (B, n)."""
+        errors, slopes, freedom = self._linear(z, owner)
+        squares = np.einsum("kcbw,kcbw->b", errors, errors)
+        count = np.maximum(freedom[0], 1)
+        weight = (freedom[1] / squares)[:, None]
+        gradient = weight * np.einsum("kcbw,kcbwn->bn", errors, slopes) + z
+        flat = slopes.transpose(2, 0, 1, 3, 4).reshape(len(z), -1, z.shape[1])
+        curvature = weight[..., None] * (flat.transpose(0, 2, 1) @ flat) + np.eye(z.shape[1])
+        value = 0.5 * freedom[1] * np.log(squares / count) + 0.5 * (z**2).sum(axis=1)
+        return np.where(np.isfinite(value), value, np.inf), gradient, curvature
+
+    def step(
+        self, z: FloatArray, gradient: FloatArray, curvature: FloatArray, damping: FloatArray
+    ) -> FloatArray:
+        """(B, n) the next z within the bounds."""
+        diagonal = np.einsum("bii->bi", curvature)
+        system = curvature + np.einsum("bi,ij->bij", damping[:, None] * diagonal, np.eye(len(z.T)))
+        return bounded_step(z, gradient, system, self.bounds)
+
+    def estimates(self, z: FloatArray, converged: Mask) -> tuple[Estimate, ...]:
+        """The estimates of all groups, with intervals."""
+        owner, model = np.arange(len(z)), self._model
+        errors, slopes, freedom = self._linear(z, owner)
+        _, _, curvature = self.expanded(z, owner)
+        weight = freedom[1] / np.einsum("kcbw,kcbw->b", errors, errors)
+        scores = np.einsum("kcbw,kcbwn->kbwn", errors, slopes) * weight[:, None, None]
+        ends = np.arange(0, len(scores), max(1, round(BLOCK / self._drives.step)))
+        blocks = np.add.reduceat(scores, ends, axis=0)
+        meat = np.einsum("kbwi,kbwj->bij", blocks, blocks) + np.eye(z.shape[1])
+        inverse = np.zeros_like(curvature)
+        free = np.ix_(owner, self._free, self._free)
+        inverse[free] = np.linalg.inv(curvature[free])
+        covariance = inverse @ meat @ inverse
+        deviation = np.sqrt(np.einsum("bii->bi", covariance))
+        shrunk = 1.0 / np.maximum(1.0, deviation)  # the prior's at most
+        covariance *= shrunk[:, :, None] * shrunk[:, None, :]
+        deviation = deviation * shrunk
+        reach = ndtri(0.5 + LEVEL / 2) * deviation
+        ends_of = (z, np.maximum(z - reach, self.bounds[0]), np.minimum(z + reach, self.bounds[1]))
+        theta, lower, upper = (model.values_at(part).T for part in ends_of)
+        gap_squares = (errors[:, 0] ** 2).sum(axis=(0, 2)) / (freedom[0] / 2)
+        return tuple(
+            Estimate(
+                model,
+                theta[k],
+                lower[k],
+                upper[k],
+                determined=np.asarray(deviation[k] < OPEN),
+                scores=z[k],
+                covariance=covariance[k],
+                rmse=float(np.sqrt(gap_squares[k])),
+                converged=bool(converged[k]),
+            )
+            for k in range(len(z))
+        )
+
+    def _linear(
+        self, z: FloatArray, owner: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, tuple[FloatArray, FloatArray]]:
+        """Errors (K+1, 2, B, W), their derivatives (.., n), and N and m of each row."""
+        drives, used = self._drives[self._index[owner]], self._used[owner]
+        count = z.shape[1]
+        # (B, n, n): one perturbed copy a parameter
+        at = z[:, None, :] + 1j * COMPLEX_STEP * np.eye(count)
+        theta = self._model.values_at(at)
+        starts = drives.gaps[:1, ..., None], drives.speeds[:1, ..., None]
+        moved = self._model.integrate(
+            theta[:, None, :, None, :], drives.ahead[..., None], *starts, drives.step
+        )[:, :, 0]  # (K+1, 2, B, W, n)
+        counts = drives.counts & used
+        measured = np.stack([drives.gaps, drives.speeds], axis=1)
+        with np.errstate(over="ignore", invalid="ignore"):  # what diverges is set below
+            errors = (moved[..., 0].real - measured) * counts[:, None]
+            slopes = moved.imag * (counts[:, None, ..., None] / COMPLEX_STEP)
+        known = np.isfinite(moved).all(axis=(1, 4)) & np.isfinite(slopes).all(axis=(1, 4))
+        diverged = ~known.all(axis=(0, 2))
+        errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
+        samples = counts.sum(axis=(0, 2))
+        return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
+
+
+def refuse_short(segment: Segment) -> None:
+    """Refuse a window that is shorter than a block.
+
+    Raises:
+        SegmentError: for such a window.
+    """
+    if segment.window.duration < BLOCK:
+        raise SegmentError(
+            f"{segment.source}: {segment.window} is too short to be simulated; choose a window of"
+            f" at least {BLOCK:g} s."
+        )
+
+
+@lru_cache(maxsize=256)
+def estimates(
+    segments: tuple[Segment, ...], case: Case, law: Law
+) -> tuple[tuple[list[int], Estimate], ...]:
+    """The estimate of each follower that several windows together determine, and whose it is.
+
+    Args:
+        segments: (K,) windows of the same vehicles; each follower is simulated behind the measured
+            vehicle ahead.
+        case: "I" for one estimate of all followers, "II" for one of each.
+        law: any model.
+
+    Raises:
+        SegmentError: where a window is too short.
+    """
+    followers = range(segments[0].followers)
+    parts = [[part for s in segments for part in _stretches(s.pair(k))] for k in followers]
+    known = list(determined_followers(segments, case))
+    if not known:
+        return ()
+    model = FOLLOWING[law.model]
+    rows = [known] if case == "I" else [[k] for k in known]
+    simulated = [[part for k in row for part in parts[k]] for row in rows]
+    ends = np.cumsum([0, *map(len, simulated)]).tolist()
+    groups = [range(*pair) for pair in pairwise(ends)]
+    best = estimate(model, Drives.of([*chain(*simulated)], model), groups, held=law.held)
+    return tuple(zip(rows, best, strict=True))
+
+
+def _stretches(segment: Segment) -> list[Segment]:
+    """The parts of one follower's window that are simulated, each from its own first state on.
+
+    A window from which instants are excluded has several: what was excluded would move the rest.
+
+    Raises:
+        SegmentError: where the window, or every stretch of it, is too short.
+    """
+    refuse_short(segment)
+    if segment.mask is None:
+        return [segment]
+    runs = [run for run in stretches(segment.mask[:, 0]) if len(run) > 1]
+    parts = (segment.part(run.first, run.last + 1) for run in runs)
+    kept = [part for part in parts if part.window.duration >= LEAST_STRETCH]
+    if not kept:
+        raise SegmentError(
+            f"{segment.source}: without the instants left out, {segment.labels[1]} has no stretch"
+            f" of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another method."
+        )
+    return kept
 
 
 def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     """The parameters of the best closed-loop simulation; the surrogate is that simulation.
 
-    Another model than the paper's is estimated as `following` does, with priors.
+    Args:
+        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        case: "I" or "II".
+        law: any model.
 
     Raises:
-        SegmentError: when there are too few samples for the splines that the search starts from,
-            or when no stretch between masked instants is long enough.
+        SegmentError: where the window is too short.
     """
-    if law != PAPERS:
-        return following.fit((segment,), segment, case, law)
-    guesses = [method.fit(segment, case).parameters for method in (least_squares, splines)]
-    guesses.append(Parameters.of([TYPICAL.values] * segment.followers))
-    ends = [
-        _best(chain, _stretches(segment, k, chain), [guess[k].theta for guess in guesses])
-        for k, chain in enumerate(chains(segment, case))
-    ]
-    states = np.concatenate([end.states for end in ends], axis=1)
-    return Fit.of(
-        "simulation",
-        segment,
-        case,
-        Solution.stack([end.solution for end in ends], segment.followers),
-        surrogate=Trajectories(
-            segment.time, np.column_stack([segment.speeds[:, 0], states[:, 1::2]]), states[:, ::2]
-        ),
-        outcome=Outcome.CONVERGED if all(end.converged for end in ends) else Outcome.FINISHED,
-        config={"starts": len(guesses), "start_error": list(START_ERROR)},
-        loss={"total": sum(end.squares for end in ends) / segment.gaps.size},
-        iterations=sum(end.rounds for end in ends),
-        findings=_findings(segment, ends),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Chain:
-    """K followers that share one parameter set; N instants."""
-
-    ahead: FloatArray
-    """(N,) u in m/s."""
-    measured: FloatArray
-    """(N, 2K) x as recorded."""
-    step: Seconds
-
-    @cached_property
-    def parts(self) -> FloatArray:
-        """(4, 2K, 2K+1): [A | b] at θ = 0, and its derivatives by α, ατ, β."""
-        followers = self.measured.shape[1] // 2
-
-        def at(alpha: float, beta: float, tau: float) -> FloatArray:
-            return motion_matrix(Parameters(*([value] * followers for value in (alpha, beta, tau))))
-
-        rest, gain = at(0, 0, 0), at(1, 0, 0)
-        return np.stack([rest, gain - rest, at(1, 0, 1) - gain, at(0, 1, 0) - rest])
-
-    def states(self, theta: FloatArray, start: FloatArray) -> FloatArray:
-        """(N, 2K) x for θ (3,) from the first state (2K,) on."""
-        return respond(self._matrix(theta), self.ahead, self.step, start)
-
-    def slopes(self, theta: FloatArray, start: FloatArray) -> FloatArray:
-        """(N, 2K, 3 + 2K): the derivatives of `states` by θ, then by the first state."""
-        matrix, size = self._matrix(theta), len(start)
-        joint = np.kron(np.eye(4), matrix[:, :-1])
-        joint[size:, :size] += self.parts[1:, :, :-1].reshape(3 * size, size)
-        drive = np.concatenate([matrix[:, -1], self.parts[1:, :, -1].ravel()])
-        begin = np.concatenate([start, np.zeros(3 * size)])
-        driven = respond(np.column_stack([joint, drive]), self.ahead, self.step, begin)
-        by_theta = driven[:, size:].reshape(-1, 3, size).transpose(0, 2, 1)
-        still = np.zeros(len(driven))
-        by_start = [respond(matrix, still, self.step, unit) for unit in np.eye(size)]
-        return np.concatenate([by_theta, np.stack(by_start, axis=2)], axis=2)
-
-    def _matrix(self, theta: FloatArray) -> FloatArray:
-        """[A | b], (2K, 2K+1)."""
-        return np.asarray(self.parts[0] + np.tensordot(theta, self.parts[1:], 1))
-
-
-def chains(segment: Segment, case: Case) -> tuple[Chain, ...]:
-    """Case I: the platoon behind its leader. Case II: each follower behind its predecessor."""
-    size = segment.followers if case == "I" else 1
-    states = np.stack([segment.gaps, segment.speeds[:, 1:]], axis=2)
-    return tuple(
-        Chain(
-            segment.speeds[:, first],
-            states[:, first : first + size].reshape(segment.samples, -1),
-            segment.sample_time,
-        )
-        for first in range(0, segment.followers, size)
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _End:
-    """The result for one chain of followers."""
-
-    solution: Solution
-    states: FloatArray
-    """(N, 2K) simulated with it from the first instant on, also over masked instants."""
-    squares: float
-    """Sum of the squared errors of the simulated stretches."""
-    converged: bool
-    rounds: int
-    identifiable: bool
-    """Whether every change of θ changes the simulation."""
-
-
-def _stretches(segment: Segment, index: int, chain: Chain) -> tuple[Chain, ...]:
-    """The simulated parts of the chain with that index: all of it, unless there is a mask."""
-    if segment.mask is None:
-        return (chain,)
-    size = chain.measured.shape[1] // 2
-    mask = segment.mask[:, index : index + size]
-    kept = stretches(mask.all(axis=1))
-    runs = [run.rows for run in kept if (len(run) - 1) * chain.step >= LEAST_STRETCH]
-    if not runs:
-        raise SegmentError(
-            f"{segment.source}: without the instants left out, {segment.labels[index + 1]} has no"
-            f" stretch of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another"
-            " method."
-        )
-    return tuple(Chain(chain.ahead[r], chain.measured[r], chain.step) for r in runs)
-
-
-def _best(chain: Chain, stretches: tuple[Chain, ...], guesses: list[FloatArray]) -> _End:
-    """The best θ within the bounds, and the best one without them."""
-    search = _Search(stretches, (True, True, True))
-    ends = [search.run(guess) for guess in guesses]
-    best = min(ends, key=lambda end: float(end.cost))
-    theta = unconstrained = search.theta(best.x)
-    positive = theta > AT_ZERO * SCALE
-    active = ~positive
-    if active.any():
-        unconstrained = search.theta(search.run(theta, bounded=False).x)
-        # Without α there is no τ, and so no ατ either.
-        positive[1] &= positive[0]
-        search = _Search(stretches, positive.tolist())
-        best = search.run(theta)
-        ends.append(best)
-        theta = search.theta(best.x)
-    whole = len(stretches[0].ahead) == len(chain.ahead)
-    return _End(
-        Solution(frozen(theta), frozen(unconstrained), active),
-        chain.states(theta, search.starts(best.x)[0] if whole else chain.measured[0]),
-        2 * float(best.cost),
-        bool(best.success),
-        sum(end.nfev for end in ends),
-        search.is_identifiable(best),
-    )
-
-
-def _findings(segment: Segment, ends: list[_End]) -> list[MethodFinding]:
-    findings: list[MethodFinding] = [] if len(ends) == 1 else [SimulatedSeparately()]
-    if segment.mask is not None:
-        findings.append(SimulatedInStretches(LEAST_STRETCH))
-    for vehicle, end in zip(segment.vehicles[1:], ends, strict=False):
-        if not end.identifiable or (end.solution.theta >= HIGHEST * (1 - AT_ZERO)).any():
-            findings.append(WeaklyDetermined(None if len(ends) < segment.followers else vehicle))
-    return findings
-
-
-class _Search:
-    """The criterion of a chain's stretches over some of θ, the others zero, and first states."""
-
-    def __init__(self, stretches: tuple[Chain, ...], free: Sequence[bool]) -> None:
-        self._stretches = stretches
-        self._free = np.flatnonzero(free)
-        self._first = np.concatenate([part.measured[0] for part in stretches])
-        self._error = np.tile(START_ERROR, len(self._first) // 2)
-        self._unit = np.concatenate([SCALE[self._free], self._error])
-
-    def theta(self, x: FloatArray) -> FloatArray:
-        """θ, (3,), of the optimiser's unknowns."""
-        theta = np.zeros(3)
-        theta[self._free] = SCALE[self._free] * x[: len(self._free)]
-        return theta
-
-    def starts(self, x: FloatArray) -> FloatArray:
-        """The first state of each stretch, (S, 2K)."""
-        firsts = self._first + self._error * x[len(self._free) :]
-        return np.asarray(firsts.reshape(len(self._stretches), -1))
-
-    def errors(self, x: FloatArray) -> FloatArray:
-        """(2KN,) simulated less measured."""
-        theta = self.theta(x)
-        return np.concatenate(
-            [
-                (part.states(theta, start) - part.measured).ravel()
-                for part, start in zip(self._stretches, self.starts(x), strict=True)
-            ]
-        )
-
-    def slopes(self, x: FloatArray) -> FloatArray:
-        """(2KN, len(x)) their derivatives."""
-        theta = self.theta(x)
-        parts = [
-            part.slopes(theta, start).reshape(part.measured.size, -1)
-            for part, start in zip(self._stretches, self.starts(x), strict=True)
-        ]
-        by_theta = np.concatenate([part[:, self._free] for part in parts])
-        by_start = block_diag(*(part[:, 3:] for part in parts))
-        return np.asfortranarray(np.hstack([by_theta, by_start]) * self._unit)
-
-    def is_identifiable(self, end: "OptimizeResult") -> bool:
-        """Whether every change of the free part of θ changes the simulation."""
-        values = np.linalg.svd(end.jac[:, : len(self._free)], compute_uv=False)
-        return bool(values.size == 0 or values[-1] > SINGULAR * values[0])
-
-    def run(self, guess: FloatArray, bounded: bool = True) -> "OptimizeResult":
-        """From a guess of θ (3,) and the measured first state to the nearest optimum."""
-        from scipy import optimize  # takes a quarter of a second, which few commands need
-
-        states = len(self._first)
-        x = np.concatenate([guess[self._free] / SCALE[self._free], np.zeros(states)])
-        top = HIGHEST[self._free] / SCALE[self._free]
-        lowest = np.concatenate([np.zeros(len(top)) if bounded else -top, -np.ones(states)])
-        highest = np.concatenate([top, np.ones(states)])
-        x = x.clip(lowest, highest)
-        # The simulation of a trial step may diverge; the search then turns back.
-        with np.errstate(over="ignore", invalid="ignore"):
-            return optimize.least_squares(
-                self.errors, x, self.slopes, (lowest, highest), ftol=TOLERANCE, xtol=TOLERANCE
-            )
+    return _drawn((segment,), segment, case, law)
 
 
 def fit_together(
     segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext, law: Law
 ) -> tuple[Fit, ...]:
-    """The fit of each of several windows by one parameter set of them all.
-
-    Raises:
-        ConfigError: for the paper's model, of which the first state of a window is sought too.
-    """
-    if law == PAPERS:
-        raise ConfigError(
-            "windows: simulation estimates the paper's model from one window; choose another model,"
-            " as --model idm, maximum-likelihood, or one window."
-        )
+    """The fit of each of several windows by one parameter set of them all."""
     kept = (segment for segment in segments if not context.is_stopped)
-    return tuple(following.fit(segments, segment, case, law) for segment in kept)
+    return tuple(_drawn(segments, segment, case, law) for segment in kept)
+
+
+def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
+    """The fit of one of several windows by the parameters that simulate them all best.
+
+    The surrogate is the simulation of each follower behind the measured vehicle ahead.
+    """
+    model, speeds = FOLLOWING[law.model], median_speeds(segments)
+    theta = np.full((len(model.parameters), segment.followers), np.nan)
+    findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
+    unknown = set(segment.vehicles[1:]) - {
+        segment.vehicles[k + 1] for k in determined_followers(segments, case)
+    }
+    findings += [WeaklyDetermined(vehicle) for vehicle in sorted(unknown)]
+    converged = True
+    for row, best in estimates(segments, case, law):
+        theta[:, row] = best.theta[:, None]
+        converged &= best.converged
+        if best.undetermined:
+            vehicle = 0 if case == "I" else segment.vehicles[row[0] + 1]
+            findings.append(Undetermined(vehicle, model.title, best.undetermined))
+    gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
+    for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
+        pair = segment.pair(int(k))
+        start = pair.speeds[0, 1:], pair.gaps[0]
+        motion = model.simulate(theta[:, k], segment.time, pair.speeds[:, 0], *start)
+        gaps[:, k], driven[:, k + 1] = motion.gaps[:, 0], motion.speeds[:, 1]
+    errors = (gaps - segment.gaps) ** 2 + (driven - segment.speeds)[:, 1:] ** 2
+    return Fit(
+        KEY,
+        case,
+        model.linearisations(theta, speeds),
+        Trajectories(segment.time, driven, gaps),
+        Outcome.CONVERGED if converged else Outcome.FINISHED,
+        0.0,
+        {"starts": starts_of(model)},
+        {"total": float(known_mean(errors.ravel()))},
+        findings=tuple(findings),
+    )
 
 
 METHOD = direct(
-    "simulation", "Simulation", fit, best_first(tuple(FOLLOWING)), typical_seconds=1.4,
+    KEY, "Simulation", fit, best_first(tuple(FOLLOWING)), typical_seconds=1.4, version=2,
     is_closed_loop=True, together=fit_together,
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

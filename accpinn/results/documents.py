@@ -21,8 +21,8 @@ from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
-from accpinn.methods.following import LEVEL as MODEL_LEVEL
 from accpinn.methods.maximum_likelihood import disturbance_sizes
+from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.catalogue import make_and_model

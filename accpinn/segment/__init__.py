@@ -386,6 +386,19 @@ class Segment(_Platoon):
             longest_time_gaps=self.longest_time_gaps[follower : follower + 1],
         )
 
+    def part(self, first: int, end: int) -> "Segment":
+        """Samples ``first`` to ``end`` - 1."""
+        rows = slice(first, end)
+        return replace(
+            self,
+            time=self.time[rows] - self.time[first],
+            speeds=self.speeds[rows],
+            gaps=self.gaps[rows],
+            mask=None if self.mask is None else self.mask[rows],
+            missing=None if self.missing is None else self.missing[rows],
+            start=self.start + float(self.time[first]),
+        )
+
     @property
     def blocks_missing(self) -> tuple[BlocksMissing, ...]:
         """The findings of samples that are missing for long; most methods cannot use such data."""

@@ -1,7 +1,7 @@
 """Which car-following model describes a car? Each is judged in windows that it has not seen.
 
 One window of K is left out; a model is fitted by closed-loop simulation to the other windows
-together (`methods.following`) and then drives in the one left out from its first state on, with
+together (`methods.simulation`) and then drives in the one left out from its first state on, with
 only the speed ahead given. The error is the RMSE of the gap; that of the time gap is the error of
 the gap over the measured speed, where that is above `SLOW`. Of two models with RMSE x_k and y_k,
 ln(x_k / y_k) has mean d and standard error s over the windows, and one is said to be better where
@@ -25,7 +25,7 @@ from scipy.special import stdtrit
 from accpinn.errors import ParameterError, SegmentError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.gain_check import LEAST, compared
-from accpinn.methods.following import BLOCK, Drives, estimate
+from accpinn.methods.simulation import BLOCK, Drives, estimate, refuse_short
 from accpinn.model.cthp import collides
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import FOLLOWING, following_model
@@ -359,8 +359,10 @@ def seconds_of(windows: int) -> Seconds:
 def _scores(
     subjects: Sequence[Subject], key: str, should_stop: Callable[[], bool] | None
 ) -> tuple[ModelScore, ...]:
-    model = following_model(key)
-    drives = Drives.of([window for subject in subjects for window in subject.windows], model)
+    model, windows = following_model(key), [w for subject in subjects for w in subject.windows]
+    for window in windows:
+        refuse_short(window)
+    drives = Drives.of(windows, model)
     ends = np.cumsum([0, *(len(subject.windows) for subject in subjects)])
     of_subjects = [list(range(*pair)) for pair in pairwise(ends.tolist())]
     groups = [[k for k in rows if k != left_out] for rows in of_subjects for left_out in rows]

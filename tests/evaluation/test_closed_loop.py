@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.evaluation import cross_validate, evaluate, part
+from accpinn.evaluation import cross_validate, evaluate
 from accpinn.evaluation.closed_loop import (
     DIVERGED,
     SimulatedCollision,
@@ -195,7 +195,7 @@ class TestMissingSamples:
         segment = with_holes(whole(), {0: [BLOCK]})
         run = closed_loop(segment, fit())
         assert np.isnan(run.gaps[BLOCK.rows]).all()
-        for piece in (part(whole(), 0, 200), part(whole(), 350, 601)):
+        for piece in (whole().part(0, 200), whole().part(350, 601)):
             alone = closed_loop(piece, fit())
             first = round(piece.start / piece.sample_time)
             rows = slice(first, first + piece.samples)

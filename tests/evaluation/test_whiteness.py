@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.evaluation import part
 from accpinn.evaluation.whiteness import (
     NEGLIGIBLE,
     CorrelatedResidual,
@@ -71,7 +70,7 @@ def test_masked_seconds_do_not_count() -> None:
     early = segment.time[:, None] < 150.0
     spoilt = replace(segment, gaps=segment.gaps + np.where(early, 0.0, 50.0))
     masked = replace(spoilt, mask=early)
-    expected = at_truth(part(segment, 0, 1501)).deviation[0]
+    expected = at_truth(segment.part(0, 1501)).deviation[0]
     assert at_truth(spoilt).deviation[0] > 5 * expected
     assert at_truth(masked).deviation[0] == pytest.approx(expected, rel=0.02)
     # Seconds on either side of masked ones are no neighbours.
@@ -103,7 +102,7 @@ def test_a_response_that_the_model_lacks_comes_after_the_acceleration_ahead() ->
     assert late > lacking.ahead_limit
     assert (lacking.lags[0], lacking.ahead_lags[0]) == (1.0, -lacking.lags[-1])
     np.testing.assert_allclose(lacking.own[0], whiteness(run, without).correlation[0])
-    assert residual_correlations(part(run, 0, 200), without, 0) is None
+    assert residual_correlations(run.part(0, 200), without, 0) is None
 
 
 @pytest.mark.parametrize("key", ["idm", "cthp-s0-lag"])

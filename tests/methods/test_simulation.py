@@ -6,73 +6,22 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from accpinn.methods import Law, simulation
-from accpinn.methods.fit import SimulatedSeparately
-from accpinn.methods.following import Drives, Undetermined, estimate
+from accpinn.methods import Law
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters, simulate
+from accpinn.methods.simulation import Drives, Undetermined, estimate
 from accpinn.model.registry import FOLLOWING
-from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.following import driven as followed
-
-
-@pytest.mark.parametrize(("off", "pulled", "moved"), [(0.3, 0.3, 0.002), (10.0, 0.5, 0.13)])
-def test_a_first_gap_measured_wrong_is_mended_within_a_receivers_error(
-    off: float, pulled: float, moved: float
-) -> None:
-    exact = driven((LAW,))
-    gaps = exact.gaps.copy()
-    gaps[0] += off
-    fit = simulation.fit(segment_of(exact.time, exact.speeds, gaps))
-    # One sample of 0.3 m among 600 pulls hardly.
-    assert fit.surrogate.gaps[0, 0] == pytest.approx(gaps[0, 0] - pulled, abs=0.02)
-    np.testing.assert_allclose(fit.parameters.values, [LAW], rtol=moved)
-
-
-def test_no_neighbour_drives_better() -> None:
-    segment = driven(MIXED, noise=0.1)
-    fit = simulation.fit(segment, "I")
-    assert SimulatedSeparately() not in fit.findings
-    assert SimulatedSeparately() in simulation.fit(segment, "II").findings
-    start, ahead = fit.surrogate, segment.speeds[:, 0]
-    theta = fit.parameters[0].theta
-
-    def cost(theta: np.ndarray) -> float:
-        one = Parameters.from_theta(np.tile(theta, (3, 1)))
-        run = simulate(one, segment.time, ahead, start.speeds[0, 1:], start.gaps[0])
-        off = np.hstack([run.speeds - segment.speeds, run.gaps - segment.gaps])
-        return float((off**2).sum())
-
-    best = cost(theta)
-    assert fit.loss["total"] == pytest.approx(best / (segment.samples * 3), rel=1e-9)
-    for column in range(3):
-        for factor in (0.98, 1.02):
-            other = theta.copy()
-            other[column] *= factor
-            assert cost(other) > best
-
-
-@pytest.mark.parametrize(("law", "bound"), [((0.08, 0.3, -0.2), "ατ"), ((-0.001, 0.3, -1.2), "α")])
-def test_unconstrained_is_the_truth_where_that_is_out_of_bounds(
-    law: tuple[float, float, float], bound: str
-) -> None:
-    fit = simulation.fit(driven((law,)))
-    assert fit.active_bounds == ((bound,),)
-    free, held = fit.unconstrained[0], fit.parameters[0]
-    assert (free.alpha, free.beta, free.tau) == pytest.approx(law, rel=0.01)
-    assert held.theta[1] == 0
-    assert np.isnan(held.tau) == (bound == "α")
-
 
 TRUTHS = {
     "idm": np.array([[1.2, 1.6, 1.1, 3.0, 40.0], [0.8, 2.2, 1.3, 5.0, 38.0]]),
     "fvdm": np.array([[0.15, 0.3, 20.0, 0.05, 18.0], [0.1, 0.5, 17.0, 0.06, 22.0]]),
+    "cthp": np.array([[0.08, 0.2, 1.2], [0.15, 0.1, 0.9]]),
     "cthp-s0": np.array([[0.08, 0.2, 1.2, 4.0], [0.15, 0.1, 0.9, 6.0]]),
     "idm-delay": np.array([[1.0, 1.8, 1.2, 4.0, 40.0, 0.5], [1.0, 1.8, 1.4, 4.0, 40.0, 0.4]]),
 }
 
 
-@pytest.mark.parametrize("key", ["cthp-s0", "fvdm", "idm-delay"])
+@pytest.mark.parametrize("key", ["cthp", "cthp-s0", "fvdm", "idm-delay"])
 def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
     model, truth = FOLLOWING[key], TRUTHS[key]
     windows = [one for seed in range(3) for one in followed(model, truth, seed, 0.03, 100.0)]
@@ -116,3 +65,18 @@ def test_intervals_cover_the_truth_under_disturbances_that_last() -> None:
     found = estimate(model, Drives.of(disturbed, model), groups)
     inside = [(one.lower <= theta) & (theta <= one.upper) for one in found]
     assert np.mean(inside) > 0.75
+
+
+def test_what_is_left_out_moves_nothing() -> None:
+    """Half a minute of another driver, which a simulation through it would not forget."""
+    model, truth = FOLLOWING["idm-delay"], TRUTHS["idm-delay"]
+    windows = followed(model, truth[:1], 3, 0.02, 120.0)
+    (window,) = windows
+    gaps, mask = window.gaps.copy(), np.ones(window.gaps.shape, bool)
+    at = slice(400, 700)
+    gaps[at], mask[at] = gaps[at] + 25.0, False
+    fits = [
+        METHODS["simulation"].fit(replace(window, gaps=other, mask=mask), law=Law(model.key))
+        for other in (window.gaps, gaps)
+    ]
+    np.testing.assert_allclose(fits[0].parameters.own, fits[1].parameters.own, rtol=1e-9)

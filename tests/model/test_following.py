@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accpinn.errors import ConfigError, ParameterError
-from accpinn.methods.following import Drives, estimate
+from accpinn.methods.simulation import Drives, estimate
 from accpinn.model import cthp
 from accpinn.model.accelerations import IDM
 from accpinn.model.cthp import Parameters

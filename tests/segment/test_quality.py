@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation import part
 from accpinn.inference.intervals import intervals
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Case, Parameters
@@ -88,7 +87,7 @@ def test_a_long_setting_is_car_following_and_a_fifth_in_catching_up_is_not(
     segment = made(np.full((200, 2), 10.0), gaps)
     assert segment.longest_time_gaps == pytest.approx((limit,))
     assert segment.car_following.mean() == (0.8 if keeps < 3.5 else 0.0)
-    assert part(segment, 0, 40).car_following.mean() == 0.0, "by the whole recording's setting"
+    assert segment.part(0, 40).car_following.mean() == 0.0, "by the whole recording's setting"
 
 
 def test_findings_have_all_the_followers_they_hold_for() -> None:
@@ -230,13 +229,13 @@ class TestMethods:
     def test_a_simulation_without_a_long_stretch_is_refused(self) -> None:
         flicker = np.ones((1801, 2), bool)
         flicker[::20] = False
-        with pytest.raises(SegmentError, match="no stretch of 5 s"):
+        with pytest.raises(SegmentError, match="no stretch of 10 s"):
             ESTIMATORS["simulation"](replace(disturbed(), mask=flicker), "II")
 
 
 def test_a_mask_goes_with_a_part_and_into_the_description() -> None:
     segment = without_block(disturbed())
-    assert np.array_equal(part(segment, 500, 1200).mask, segment.mask[500:1200])
+    assert np.array_equal(segment.part(500, 1200).mask, segment.mask[500:1200])
     assert segment.info.excluded_regimes == ("catching up",)
     assert segment.info.excluded_share == pytest.approx((441 / 1801,) * 2)
     assert disturbed().info.excluded_share == ()

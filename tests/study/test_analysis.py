@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import accpinn
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.evaluation import part
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import CacheProblem, Continued, Outcome, ParameterTrack
@@ -309,7 +308,7 @@ class TestJointFit:
 
     def test_what_bounds_rule_out_is_that_of_all_windows(self) -> None:
         whole = driven(((0.10, -0.04, 1.8),), duration=100.0, noise=0.05)
-        windows = part(whole, 0, 501), part(whole, 501, whole.samples)
+        windows = whole.part(0, 501), whole.part(501, whole.samples)
         found = fit_windows(windows, model="cthp")
         assert found.parameters.beta[0] == 0.0
         one, other = (fit.unconstrained.values[0] for fit in found.fits)

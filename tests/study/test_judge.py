@@ -105,7 +105,7 @@ def test_one_window_is_judged_by_its_blocks() -> None:
     with pytest.raises(SegmentError, match="it takes 60 s"):
         subjects_of(recording, (1, 2), [Window(0.0, 50.0)])
     one_short = subjects_of(recording, (1, 2), [Window(t, t + 25.0) for t in (0.0, 30.0, 60.0)])
-    with pytest.raises(SegmentError, match="too short to judge a model by; choose a window"):
+    with pytest.raises(SegmentError, match="too short to be simulated; choose a window"):
         list(judge(one_short, ["cthp"]))
 
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.evaluation import part
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit
@@ -124,7 +123,7 @@ def whole() -> Result:
 def two_windows() -> Result:
     """One parameter set over two windows, with their data."""
     segment = driven(duration=60.0, step=0.5, noise=0.05)
-    halves = part(segment, 0, 60), part(segment, 60, segment.samples)
+    halves = segment.part(0, 60), segment.part(60, segment.samples)
     return named(fit_windows(halves), "two", with_data=True)
 
 

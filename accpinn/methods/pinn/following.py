@@ -6,7 +6,7 @@ the output layer W and z together, of
 
     ½ m M ln Ψ(W, z) + ½ |z|²,    m = duration / `MEMORY`
 
-as `methods.following` has it for simulations. Near the present outputs a follower's residual is
+as `methods.simulation` has it for simulations. Near the present outputs a follower's residual is
 
     v̂' - f ≈ D w - c - F dz,    D = (Φ' - f_v Φ, -f_p Φ, -f_u Φ),    F = ∂f/∂z,
 
@@ -29,13 +29,13 @@ from torch import Tensor
 from accpinn.errors import ConfigError
 from accpinn.methods import Law
 from accpinn.methods.fit import Fit, MethodFinding, Undetermined
-from accpinn.methods.following import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
 from accpinn.methods.pinn.loss import Motion, command_columns
 from accpinn.methods.pinn.paper import PaperTraining
 from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.methods.regression import Solution
+from accpinn.methods.simulation import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
 from accpinn.model.registry import CTHPS, FOLLOWING
