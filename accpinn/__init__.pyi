@@ -28,10 +28,10 @@ from .platoon.leader import Brake as Brake
 from .platoon.leader import Sinusoid as Sinusoid
 from .platoon.leader import SpeedStep as SpeedStep
 from .recordings import Recording as Recording
-from .recordings.catalogue import catalogue as catalogue
 from .recordings.download import download as download
 from .recordings.files import read as read
 from .recordings.mapping import CsvMapping as CsvMapping
+from .recordings.openacc import catalogue as catalogue
 from .results.documents import parameter_card as parameter_card
 from .results.export import sumo_types as sumo_types
 from .results.messages import messages as messages

@@ -16,9 +16,9 @@ from tqdm import tqdm
 from accpinn.channels import fields
 from accpinn.cli.output import complain, interruptible, print_json, show, show_result
 from accpinn.recordings import FLAGS, Recording, facts_of
-from accpinn.recordings.catalogue import PUBLISHED_AT, Run, find
 from accpinn.recordings.files import read
 from accpinn.recordings.mapping import load_mapping
+from accpinn.recordings.openacc import PUBLISHED_AT, Run, find
 from accpinn.results.messages import messages
 from accpinn.results.tables import Column, Table
 from accpinn.storage import folder as folder_of

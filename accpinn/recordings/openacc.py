@@ -1,28 +1,129 @@
-"""The loader: a CSV file of the OpenACC database becomes a `Recording`, or one clear sentence.
+"""The OpenACC database: the runs it publishes, and how a file becomes a `Recording`.
 
 Five metadata rows, a row of column names, then one row every 0.1 s, all in SI units. Columns are
 chosen by name, as their set and order vary between campaigns: Time, Speed<i>, IVS<i> (space-gap
-between vehicles i and i+1), Driver<i>. Positions are not read.
+between vehicles i and i+1), Driver<i>. Positions are not read. A file that cannot be read ends in
+one clear sentence.
 
 Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
+import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
-from accpinn.errors import RecordingError
+from accpinn.errors import ConfigError, RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording, completed
-from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
 from accpinn.units import FloatArray
+
+PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
+_PARTS = re.compile(r"\s*([^()_]+?)\s*(?:\(([^()]*)\)|_(.+))\s*")
+"""Make and model apart, as "Audi(A8)" and "AUDI_A8"."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A published file."""
+
+    campaign: str
+    """Campaign, which is also the name of its folder."""
+    file: str
+    sha256: str | None
+    """SHA-256 of its bytes; None where it is not known."""
+
+    @property
+    def key(self) -> str:
+        """The folder and file, as "Casale/part7.csv"."""
+        return f"{self.campaign}/{self.file}"
+
+    def path(self, folder: Path) -> Path:
+        """The run's path below a folder of recordings."""
+        return folder / self.campaign / self.file
+
+
+@cache
+def catalogue() -> tuple[Run, ...]:
+    """All runs, by campaign and name; part10 follows part9."""
+    rows = _rows("catalogue.csv")
+    runs = [Run(row["campaign"], row["file"], row["sha256"] or None) for row in rows]
+    return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))
+
+
+def _natural(name: str) -> list[str | int]:
+    """Sorts numbers within a name by their value; texts and numbers alternate."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def find(names: Sequence[str]) -> tuple[Run, ...]:
+    """The runs that campaigns or files name; all of them where nothing is named.
+
+    Args:
+        names: campaigns, files, or both as "Casale/part7.csv"; case does not matter.
+
+    Raises:
+        ConfigError: for a name that is not in the catalogue, or a file that two campaigns have.
+    """
+    if not names:
+        return catalogue()
+    chosen: dict[Run, None] = {}
+    for name in names:
+        wanted = name.strip().strip("/").lower()
+        runs = [run for run in catalogue() if wanted == run.campaign.lower()]
+        runs = runs or [run for run in catalogue() if wanted in (run.key.lower(), run.file.lower())]
+        if not runs:
+            listed = ", ".join(dict.fromkeys(run.campaign for run in catalogue()))
+            raise ConfigError(
+                f'"{name[:60]}" is not in the catalogue; choose a campaign ({listed}) or a file.'
+            )
+        if len({run.campaign for run in runs}) > 1:
+            both = " or ".join(run.key for run in runs)
+            raise ConfigError(f'"{name[:60]}" is the name of several runs; choose {both}.')
+        chosen |= dict.fromkeys(runs)
+    return tuple(chosen)
+
+
+def make_and_model(name: str) -> tuple[str, str]:
+    """Make and model by the name in a header; the model is empty where it does not tell."""
+    listed = _makes().get(_key(name))
+    if listed:
+        return listed
+    parts = _PARTS.fullmatch(name)
+    if not parts:
+        return name.strip(), ""
+    make, model = parts[1], (parts[2] or parts[3]).strip()
+    return _makes().get(_key(make), (make, ""))[0], model
+
+
+def is_known(name: str) -> bool:
+    """Whether the table has a name."""
+    return _key(name) in _makes()
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[^0-9a-z]+", "", name.lower())
+
+
+@cache
+def _makes() -> dict[str, tuple[str, str]]:
+    return {row["spelling"]: (row["make"], row["model"]) for row in _rows("makes.csv")}
+
+
+def _rows(name: str) -> Iterator[dict[str, str]]:
+    text = files("accpinn.recordings").joinpath(name).read_text(encoding="utf-8")
+    return csv.DictReader(text.split("\n"))
+
 
 LONGEST_NAME = 80
 """Characters of a vehicle's name that are kept; the longest of the database has 22."""

@@ -25,7 +25,7 @@ from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
-from accpinn.recordings.catalogue import make_and_model
+from accpinn.recordings.openacc import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.tables.estimates import columns_of

@@ -26,9 +26,9 @@ from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, PAPER, following_model
 from accpinn.recordings import Recording, facts_of
-from accpinn.recordings.catalogue import is_known
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
+from accpinn.recordings.openacc import is_known
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, MINIMUM_DURATION
 from accpinn.storage import reported

@@ -14,7 +14,7 @@ from accpinn.inference.window_posterior import WindowPosterior
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, value_of
 from accpinn.recordings import unnamed
-from accpinn.recordings.catalogue import make_and_model
+from accpinn.recordings.openacc import make_and_model
 from accpinn.stability import stability_report
 from accpinn.study.result import Result
 from accpinn.units import known_mean

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from accpinn.errors import RecordingError
 from accpinn.methods import TaskContext
-from accpinn.recordings.catalogue import PUBLISHED_AT, Run
 from accpinn.recordings.download import Download, DownloadState, Transfer, download
+from accpinn.recordings.openacc import PUBLISHED_AT, Run
 from accpinn.study.batch import BatchProgress, run_request
 from accpinn.study.studies import Request
 from accpinn.tasks import Task

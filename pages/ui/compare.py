@@ -39,8 +39,7 @@ from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.result import banner, recording_needed, show_cards, show_intervals
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import pick_follower, segments, tabs
+from pages.ui.components.show import escape_markdown, pick_follower, segments, tabs
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."

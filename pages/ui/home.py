@@ -20,8 +20,7 @@ from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import tabs
+from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, drop_zone, find_run, open_sample
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, sample_title, samples

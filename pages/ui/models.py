@@ -16,8 +16,7 @@ from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import kept, pick_follower
+from pages.ui.components.show import escape_markdown, kept, pick_follower
 from pages.ui.session.workspace import MODEL, Workspace
 
 LEAD = (

@@ -29,8 +29,7 @@ from accpinn.segment import Segment
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, kept, segments, select, tabs
+from pages.ui.components.show import bound, escape_markdown, kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."

@@ -25,8 +25,7 @@ from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import kept, segments, select, tabs
+from pages.ui.components.show import escape_markdown, kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"

@@ -23,8 +23,7 @@ from accpinn.units import Seconds
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import BANDS, banner, recording_needed, show_result
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, segments, select
+from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.data.views import show_validation
 from pages.ui.session.resources import store
 from pages.ui.session.workspace import MODEL, Workspace

@@ -20,7 +20,7 @@ import pytest
 
 from accpinn.errors import AccpinnError
 from accpinn.recordings import download as downloads
-from accpinn.recordings.catalogue import Run
+from accpinn.recordings.openacc import Run
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load, save
 from accpinn.study.snapshot_library import Library

@@ -12,8 +12,8 @@ import pytest
 
 from accpinn.errors import RecordingError
 from accpinn.recordings import Mode, Window
-from accpinn.recordings.catalogue import catalogue
 from accpinn.recordings.files import read
+from accpinn.recordings.openacc import catalogue
 from accpinn.results.database import extent, headline
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group, read_study

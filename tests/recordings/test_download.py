@@ -10,9 +10,8 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
-from accpinn.recordings.catalogue import Run, catalogue, find, is_known, make_and_model
 from accpinn.recordings.download import Download, DownloadState, Transfer, download
-from accpinn.recordings.openacc import read
+from accpinn.recordings.openacc import Run, catalogue, find, is_known, make_and_model, read
 from tests.support.command import Capture, document, refused
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import Publisher, publisher

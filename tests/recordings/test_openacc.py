@@ -12,8 +12,7 @@ from accpinn import recordings as data
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, Window, agreement, openacc, source
-from accpinn.recordings.catalogue import Run, catalogue
-from accpinn.recordings.openacc import read
+from accpinn.recordings.openacc import Run, catalogue, read
 from accpinn.segment.cut import cut
 from accpinn.study.plan import plan
 from tests.support.openacc_files import csv, metadata, platoon

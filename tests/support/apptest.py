@@ -48,7 +48,7 @@ class Page(AppTest):
 
     def widget(self, key: str) -> Any:
         """The widget of that key, whatever kind it is, or the latest that stands in its place."""
-        own = re.compile(rf"{re.escape(key)}(_\d+)?")  # see pages.ui.components.widgets.bound
+        own = re.compile(rf"{re.escape(key)}(_\d+)?")  # see pages.ui.components.show.bound
         (found,) = (w for kind in WIDGETS for w in self.get(kind) if w.key and own.fullmatch(w.key))
         return found
 

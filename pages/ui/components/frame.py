@@ -15,8 +15,7 @@ from accpinn.results.glossary import GROUPS
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.tasks import Status
 from pages.ui.components import show
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import kept, segments
+from pages.ui.components.show import escape_markdown, kept, segments
 from pages.ui.session.sessions import SESSION, current, is_shared, may_use, recognise, user
 from pages.ui.session.workspace import Workspace
 

@@ -16,8 +16,7 @@ from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import segments, select
+from pages.ui.components.show import escape_markdown, segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Source, Workspace
 

@@ -32,8 +32,7 @@ from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, pick_follower, tabs
+from pages.ui.components.show import bound, escape_markdown, pick_follower, tabs
 from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
 from pages.ui.session.workspace import WINDOWS_OFF, Workspace

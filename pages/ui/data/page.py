@@ -26,8 +26,7 @@ from accpinn.segment.quality import Grade, Regimes
 from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, kept, segments, select, tabs
+from pages.ui.components.show import bound, escape_markdown, kept, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation

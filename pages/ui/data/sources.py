@@ -11,9 +11,9 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
-from accpinn.recordings.catalogue import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.files import File
 from accpinn.recordings.mapping import write_mapping
+from accpinn.recordings.openacc import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
 from accpinn.tasks import Status

@@ -20,7 +20,7 @@ from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality,
 from accpinn.study.comparison import SensitivityResult, sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
-from pages.ui.components.widgets import bound, pick_follower, select
+from pages.ui.components.show import bound, pick_follower, select
 from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import Workspace
 

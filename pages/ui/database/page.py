@@ -25,8 +25,7 @@ from accpinn.study import studies as on_disk
 from accpinn.study.groups import BY, POSTERIOR, Group, Groups, group, read_study
 from accpinn.study.studies import Failure
 from pages.ui.components import frame, show
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import bound, kept, select, tabs
+from pages.ui.components.show import bound, escape_markdown, kept, select, tabs
 from pages.ui.database import running
 from pages.ui.session.resources import batch_queue, find_recording
 from pages.ui.session.workspace import Workspace

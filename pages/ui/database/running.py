@@ -19,8 +19,7 @@ from accpinn.tasks import Status
 from accpinn.tasks.batches import StudyTask
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button, watch
-from pages.ui.components.show import escape_markdown, format_duration
-from pages.ui.components.widgets import kept, select
+from pages.ui.components.show import escape_markdown, format_duration, kept, select
 from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
 

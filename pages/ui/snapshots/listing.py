@@ -29,8 +29,7 @@ from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import MetresPerSecond
 from pages.ui.components import show
-from pages.ui.components.show import escape_markdown
-from pages.ui.components.widgets import pick_follower
+from pages.ui.components.show import escape_markdown, pick_follower
 from pages.ui.session.resources import find_recording
 from pages.ui.session.sessions import result_of
 from pages.ui.session.workspace import Workspace
