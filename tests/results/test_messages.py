@@ -25,14 +25,13 @@ from accpinn.platoon import AFTER_COLLISION, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.results import checks as of_fit
 from accpinn.results import database as on_batch
-from accpinn.results.checks import MEANING, Check, checks
 from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
 from accpinn.results.messages.stability import headline, reason
+from accpinn.results.messages.summary import Check, checks
 from accpinn.results.recording import driver_summary, suggestion_reasons
 from accpinn.results.tables import Marked
 from accpinn.results.tables.answer import answer_table
@@ -382,18 +381,10 @@ def checked(
 
 def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
     answers = checked(known, hits=(SimulatedCollision(4, 12.0, -1.0),))
-    assert answers == (
-        Check("converged", {"": True}),
-        Check("inside", {"": False}, {"": (2,)}),
-        Check("identified", {"α": False, "β": True, "τ": True}, {"α": (2,)}),
-        Check("collision-free", {"": False}, {"": (4,)}),
-        Check("explained", {"": None}),
-    )
-    assert answers[2].label.endswith(": α no, β yes, τ yes")
-    assert answers[2].reasons(INFO) == [f"α no: {INFO.label(2)}."]
-    assert answers[3].reasons(INFO) == [f"No: {INFO.label(4)}."]
-    assert answers[0].reasons(INFO) == []
-    assert {check.name for check in answers} == set(of_fit.QUESTIONS) == set(MEANING)
+    assert [check.passed for check in answers] == [True, False, False, False, None]
+    assert answers[2].why == (f"{INFO.label(2)}: α.",)
+    assert INFO.label(4) in answers[3].why[0]
+    assert answers[0].why == (Outcome.CONVERGED.value,)
 
 
 def test_what_did_not_converge_or_is_not_determined(known: Uncertainty) -> None:
@@ -404,4 +395,4 @@ def test_what_did_not_converge_or_is_not_determined(known: Uncertainty) -> None:
     unknown = replace(known, centre=Parameters.of(centre), inside=np.ones((4, 3), bool))
     inside, identified = checked(unknown)[1:3]
     assert inside.passed is None
-    assert (identified.failing["α"], identified.failing["β"]) == ((2, 3), (3,))
+    assert identified.why == (f"{INFO.label(2)}: α.", f"{INFO.label(3)}: α, β and τ.")

@@ -1,15 +1,18 @@
-"""A result in a few sentences, what its numbers assume, and the cautions about it."""
+"""A result in a few sentences, what its numbers assume, and the checks and cautions about it."""
 
 from collections.abc import Sequence
-from math import ceil
-from typing import Any
+from math import ceil, isnan
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
+from accpinn.channels import PARAMETERS
+from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual
 from accpinn.findings import joined, percent, spelled, who
 from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import identifiability
+from accpinn.inference.identifiability import WIDE, identifiability, wide_intervals
+from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
@@ -21,6 +24,7 @@ from accpinn.results.messages.answer import cards
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
+from accpinn.segment import SegmentInfo
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
 
@@ -263,3 +267,75 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
         "closed_loop": messages(snapshot.evaluation.all_findings, info),
     }
+
+
+CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
+
+
+class Check(NamedTuple):
+    """A question to be asked before a fit's numbers are quoted, and its answer."""
+
+    title: str
+    meaning: str
+    passed: bool | None
+    """None: it is not known."""
+    why: tuple[str, ...]
+    """What the answer rests on, in sentences."""
+
+
+def checks(result: Result) -> tuple[Check, ...]:
+    """All checks of a fit, in the order in which they are shown."""
+    info, uncertainty, evaluation = result.info, result.uncertainty, result.evaluation
+    is_determined = bool(np.isfinite(uncertainty.centre.alpha).all())
+    are_inside, wide = bool(uncertainty.inside.all()), _wide(info, uncertainty)
+    events, residual = evaluation.all_findings, evaluation.whiteness.findings
+    is_tested = bool(residual) and not any(isinstance(f, ShortResidual) for f in residual)
+    is_correlated = any(isinstance(finding, CorrelatedResidual) for finding in residual)
+    return (
+        Check(
+            "Converged",
+            "Whether the estimate has stopped changing. Tab Training shows loss and parameters over"
+            " iterations.",
+            result.fit.outcome in CONVERGED,
+            (result.fit.outcome.value,),
+        ),
+        Check(
+            "Inside the interval",
+            "Whether the estimates of α, β and τ lie inside their intervals, which stand beside"
+            " them in the table of the method's estimates.",
+            are_inside if is_determined or not are_inside else None,
+            messages(uncertainty.findings, info),
+        ),
+        Check(
+            "Identified",
+            f"Whether the intervals of α, β and τ span less than a factor of {WIDE:g}. Page Compare"
+            " shows the profiles of the loss.",
+            not wide,
+            wide,
+        ),
+        Check(
+            "Simulated without collision",
+            "Whether the closed-loop simulation behind the measured leader ends without a"
+            " collision, reversing or divergence. The chart shows it beside the data.",
+            not events,
+            messages(events, info),
+        ),
+        Check(
+            "Residual explained",
+            "Whether the model's residual is no more than noise. Page Compare shows forms of the"
+            " model with a smaller residual.",
+            False if is_correlated else True if is_tested else None,
+            messages(residual, info),
+        ),
+    )
+
+
+def _wide(info: SegmentInfo, uncertainty: Uncertainty) -> tuple[str, ...]:
+    """For each follower the parameters with wide intervals, all where none is determined."""
+    said = []
+    for k, vehicle in enumerate(info.vehicles[1:]):
+        symbols = [interval.symbol for interval in wide_intervals(uncertainty, k)]
+        if isnan(uncertainty.centre.alpha[k]):
+            symbols = [quantity.symbol for quantity in PARAMETERS]
+        said += [f"{who(vehicle, info)}: {joined(symbols)}."] * bool(symbols)
+    return tuple(said)

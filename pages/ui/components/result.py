@@ -16,7 +16,6 @@ from accpinn.methods.fit import History, Outcome
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import CTHPS, has_terms_of
-from accpinn.results.checks import MEANING, QUESTIONS, CheckName, checks
 from accpinn.results.figures import training as figures
 from accpinn.results.figures.answer import forest
 from accpinn.results.figures.recording import motion
@@ -40,6 +39,7 @@ from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
 """Colour and icon of a check's answer: the icons differ in shape."""
+ANSWERS = {True: "yes", False: "no", None: "not known"}
 BANDS = "Bands of α, β and τ: 90 % intervals by the evidence, which the training maximises."
 APART = (
     "The answer's model may have terms beside α, β and τ (with an s₀, τ is smaller by s₀/v), and"
@@ -175,29 +175,18 @@ def _show_outcome(outcome: Outcome, has_answer: bool) -> None:
 
 
 def _show_checks(result: Result) -> None:
-    info, fit, uncertainty = result.info, result.fit, result.uncertainty
-    events, residual = result.evaluation.all_findings, result.evaluation.whiteness
-    evidence: Mapping[CheckName, Sequence[str]] = {
-        "converged": (fit.outcome.value,),
-        "inside": messages(uncertainty.findings, info),
-        "identified": (),
-        "collision-free": messages(events, info),
-        "explained": messages(residual.findings if residual else (), info),
-    }
-    found = checks(result)
-    failing = [QUESTIONS[check.name].lower() for check in found if check.passed is False]
+    found = words.checks(result)
+    failing = [check.title.lower() for check in found if check.passed is False]
     colour, icon = MARKS[False if failing else True]
     failed = f"{len(failing)} of {len(found)} checks not passed: {', '.join(failing)}"
     said = failed if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
         for check in found:
             colour, icon = MARKS[check.passed]
-            st.markdown(
-                f":{colour}[:material/{icon}:] **{escape_markdown(check.label)}**",
-                help=MEANING[check.name],
-            )
-            if reasons := (*check.reasons(info), *evidence[check.name]):
-                st.caption(show.bullets(reasons))
+            title = f"{check.title}: {ANSWERS[check.passed]}"
+            st.markdown(f":{colour}[:material/{icon}:] **{title}**", help=check.meaning)
+            if check.why:
+                st.caption(show.bullets(check.why))
 
 
 def _parameter_table(result: Result) -> Table:
