@@ -49,11 +49,11 @@ AT_SPEED: MetresPerSecond = 100 / 3.6
 """Speed at which the time gap τ + s₀/v has its prior."""
 LEAST_GAP: Seconds = 0.05
 """Least such time gap; draws below it are none of a car's."""
-STAGES = (150, 150, 150, 300)
+STAGES = (150, 150, 150, 450)
 """Number of draws in each stage."""
-FURTHER = 4
+FURTHER = 3
 """Largest number of further stages, as large as the last one."""
-ENOUGH = 200
+ENOUGH = 250
 """Effective draws at which a group needs no further stage."""
 GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
 """Lags or delays in s of the parts of the first proposal, and the gain in log density that is worth

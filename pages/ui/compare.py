@@ -19,7 +19,6 @@ from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model import registry
 from accpinn.model.registry import PAPER, gains_and_gap
-from accpinn.results.figures import answer as answer_figures
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
@@ -382,7 +381,7 @@ def _show_identifiability(shown: _Shown) -> None:
     if np.isfinite(shown.answer.parameters.alpha[follower]):
         model = escape_markdown(registry.TITLES[shown.answer.model])
         st.markdown(f"**The answer's model: {model}**")
-        show.chart(answer_figures.joint(shown.answer, follower, shown.colour), "compare_joint")
+        show.chart(figures.joint(shown.answer, follower, shown.colour), "compare_joint")
         st.caption(
             "Joint distribution of the answer's typical value; cross: the answer. A slanted cloud"
             " means that two parameters trade off: each alone is known less than both together."

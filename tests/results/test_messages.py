@@ -119,7 +119,7 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 0.01, 0.03)),
      ["All three", "at most 3 % each", "90 % interval 25–75 %"]),
     (lambda: judged(LOUD, CALM, LOUD, stable=(0.0, 1.0, 0.4)),
-     ["three vehicles one amplifies", "one is L₂ string stable"]),
+     ["V1 amplifies", "V2 is L₂ string stable", "V3 may or may not"]),
     (lambda: on_stability.probabilities(named(LOUD, CALM, LOUD), posterior(0.0, 1.0, math.nan)),
      ["under 1 %", "over 99 %", "not determined"]),
     (lambda: platoons("l2_strict", CALM, TESLA), ["Follower 2", "by up to 4 %"]),
@@ -215,7 +215,10 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust(answered: Answer) -> N
     cards = on_answer.cards(INFO, answered, judged)
     assert len(cards) == len(answer_table(INFO, answered).rows) == SEGMENT.followers
     span, gain = answered.time_gap(answered.stated_speed, 0), judged.report.vehicles[0].peak.gain
-    facts = [f"keeps {span.value:.2f} s at 100 km/h", f"grow by up to {100 * (gain - 1):.0f} % ("]
+    facts = [
+        f"keeps {span.value:.2f} s at 100 km/h",
+        f"disturbances by up to {100 * (gain - 1):.0f} % (",
+    ]
     assert not missing(facts, cards[0].lead)
     assert "one window" in cards[0].trust
     check = GainCheck(FOLLOWER, 9, rms=3.0, contradiction="apart")

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import ceil, floor, inf, isnan, log10
 from typing import NamedTuple
 
-from accpinn.findings import joined, percent, probability, spelled, who
+from accpinn.findings import joined, percent, spelled, who
 from accpinn.inference.answer import (
     SPEEDS,
     Answer,
@@ -18,12 +18,12 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, has_terms_of, value_of
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
-from accpinn.results.messages.stability import gain_of, grown
+from accpinn.results.messages.stability import assessed, becomes
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import columns_of, counted_windows
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import SegmentInfo
-from accpinn.stability import Assessment, assessment
+from accpinn.stability import Assessment
 from accpinn.units import Estimate, MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")
@@ -72,11 +72,10 @@ def cards(
     """
     groups: dict[Assessment | int, list[int]] = {}
     for k in range(len(answer.trust)):
-        verdict = _verdict(subject, k)
         is_sure = not (answer.trust[k].is_contradicted or _against(info, answer, subject, k))
         is_known = not isnan(answer.time_gap(answer.stated_speed, k).value)
         is_shared = together and is_sure and is_known
-        groups.setdefault(verdict.assessed if is_shared and verdict else k, []).append(k)
+        groups.setdefault(assessed(subject, k) if is_shared else k, []).append(k)
     return tuple(_card(info, answer, subject, group) for group in groups.values())
 
 
@@ -86,13 +85,11 @@ def _card(
     trusts = [answer.trust[k] for k in followers]
     labels = [who(trust.vehicle, info) for trust in trusts]
     against = _against(info, answer, subject, followers[0])
-    check = _check_of(subject, followers[0])
-    by = " by the model" if check and check.contradiction else ""
     are_several = len(trusts) > 1 or trusts[0].vehicle == 0
     lead = (
         _headline(labels, are_several, answer, followers),
         *_gains("Their" if are_several else "Its", answer, followers),
-        *_disturbances(labels, [_verdict(subject, k) for k in followers], by),
+        *_disturbances(subject, followers, are_several),
     )
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
     is_contradicted = trusts[0].is_contradicted or bool(against)
@@ -217,53 +214,13 @@ def _gains(whose: str, answer: Answer, followers: Sequence[int]) -> tuple[str, .
     return (f"{whose} gains are known within {within}.",)
 
 
-class _Verdict(NamedTuple):
-    """Whether disturbances grow behind a follower."""
-
-    assessed: Assessment
-    stable: float
-    """Probability of string stability."""
-    growth: float
-    """Largest gain over all frequencies."""
-    growth_in_words: str
-
-
-def _verdict(subject: KnownVehicles, follower: int) -> _Verdict | None:
-    """None where none is known."""
-    known = subject.uncertainty
-    if known is None or not subject.has_report:
-        return None
-    stable = float(known.probability_l2[follower])
-    growth = subject.report.vehicles[follower].peak.gain
-    in_words = grown(growth, gain_of(growth, known, follower))
-    return _Verdict(assessment(stable), stable, growth, in_words)
-
-
 def _disturbances(
-    labels: Sequence[str], verdicts: Sequence[_Verdict | None], by: str
+    subject: KnownVehicles, followers: Sequence[int], are_several: bool
 ) -> tuple[str, ...]:
-    """Whether disturbances grow, for followers of one verdict; ``by`` says who says so."""
-    ranked = sorted(
-        ((verdict, label) for verdict, label in zip(verdicts, labels, strict=True) if verdict),
-        key=lambda pair: pair[0].growth,
-    )
-    if not ranked:
+    """What becomes of disturbances behind followers of one verdict, where it is known."""
+    if assessed(subject, followers[0]) == "not determined":
         return ()
-    (little, least_of), (much, most_of) = ranked[0], ranked[-1]
-    match little.assessed:
-        case "unstable" if len(ranked) == 1:
-            return (f"Disturbances grow {little.growth_in_words}{by}.",)
-        case "unstable":
-            least = f"They amplify disturbances: {least_of} least, {little.growth_in_words}"
-            return (f"{least}, and {most_of} most, {much.growth_in_words}.",)
-        case "stable":
-            return (f"Disturbances do not grow{by}.",)
-        case "open":
-            shares = [verdict.stable for verdict, _ in ranked]
-            odds = dict.fromkeys(probability(pick(shares)) for pick in (min, max))
-            said = " to ".join(odds)
-            return (f"Whether disturbances grow is open (probability of stability {said}).",)
-    return ()
+    return (becomes(subject, followers, "They" if are_several else "It", are_several),)
 
 
 def _against(

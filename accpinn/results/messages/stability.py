@@ -1,7 +1,6 @@
 """String stability in sentences: the verdict, its probability and reason."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isinf, isnan
 
 from accpinn.findings import Labelled, joined, percent, probability, spelled
@@ -293,14 +292,10 @@ def _amplification(subject: KnownVehicles) -> str:
 
 def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
     """Which of some vehicles amplifies most, and how much."""
-    peaks, known = [vehicle.peak for vehicle in subject.report.vehicles], subject.uncertainty
+    peaks = [vehicle.peak for vehicle in subject.report.vehicles]
     worst = max(amplifying, key=lambda k: peaks[k].gain)
-    peak = peaks[worst]
-    extent = grown(peak.gain)
-    if known:
-        extent = grown(peak.gain, gain_of(peak.gain, known, worst), known.level)
-    at = f" at {three(peak.omega)} rad/s" if peak.omega > 0 else ""
-    return subject.vehicles.spoken[worst], extent + at
+    at = f" at {three(peaks[worst].omega)} rad/s" if peaks[worst].omega > 0 else ""
+    return subject.vehicles.spoken[worst], grown(peaks[worst].gain) + at
 
 
 def headline(subject: KnownVehicles) -> str:
@@ -308,9 +303,70 @@ def headline(subject: KnownVehicles) -> str:
 
     A verdict that the measured gain contradicts is called the model's.
     """
+    said = [*_verdicts(subject)] if subject.uncertainty else [_amplification(subject)]
+    said += [_contradicted(subject), _understated(subject), not_acc(subject.vehicles)]
+    return " ".join(filter(None, said))
+
+
+def _verdicts(subject: KnownVehicles) -> Iterator[str]:
+    """What becomes of disturbances, a sentence for the vehicles of each verdict."""
+    total, spoken = len(subject.vehicles), subject.vehicles.spoken
+    every = "Both vehicles" if total == 2 else f"All {spelled(total)} vehicles"
+    for kind in _ASSESSED:
+        alike = [k for k in range(total) if assessed(subject, k) == kind]
+        if len(alike) == 1:
+            yield becomes(subject, alike, capital(spoken[alike[0]]), with_odds=True)
+        elif alike:
+            some = f"{capital(spelled(len(alike)))} of {spelled(total)} vehicles"
+            yield becomes(subject, alike, every if len(alike) == total else some, with_odds=True)
+
+
+def assessed(subject: KnownVehicles, follower: int) -> Assessment:
+    """The verdict on a follower (0 for the first) by its posterior."""
     known = subject.uncertainty
-    said = _verdict(subject, known.probability_l2) if known else _amplification(subject)
-    return " ".join(filter(None, (said, _understated(subject), not_acc(subject.vehicles))))
+    if known is None or not subject.has_report:
+        return "not determined"
+    return assessment(float(known.probability_l2[follower]))
+
+
+def becomes(
+    subject: KnownVehicles,
+    alike: Sequence[int],
+    named: str,
+    are_several: bool | None = None,
+    with_odds: bool = False,
+) -> str:
+    """What becomes of disturbances behind followers of one verdict, in a sentence.
+
+    Args:
+        subject: whose posterior is known.
+        alike: the followers, 0 for the first.
+        named: what they are called at the beginning.
+        are_several: whether that is a plural; by default where they are several.
+        with_odds: whether probabilities and the frequency are said of every verdict.
+    """
+    known, kind, peaks = subject.uncertainty, assessed(subject, alike[0]), {}
+    assert known
+    verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
+    numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
+    against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
+    by = " by the model" * against
+    odds = _odds(known.probability_l2[alike]) if with_odds or kind == "open" else ""
+    if kind != "unstable":
+        return f"{named} {verb}{by}{odds}."
+    for k in alike:
+        peak = subject.report.vehicles[k].peak
+        extent = grown(peak.gain, gain_of(peak.gain, known, k), known.level if with_odds else None)
+        at = f" at {three(peak.omega)} rad/s" if with_odds and peak.omega > 0 else ""
+        peaks[k] = peak.gain, extent + at
+    least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
+    if peaks[least][0] == peaks[most][0]:
+        return f"{named} {verb} {peaks[most][1]}{by}{odds}."
+    spoken = subject.vehicles.spoken
+    return (
+        f"{named} {verb}{by}{odds}: {spoken[least]} least, {peaks[least][1]}, and {spoken[most]}"
+        f" most, {peaks[most][1]}."
+    )
 
 
 def _understated(subject: KnownVehicles) -> str:
@@ -336,45 +392,14 @@ def not_acc(chosen: ParameterSet) -> str:
     return " ".join(said)
 
 
-def _verdict(subject: KnownVehicles, stable: FloatArray) -> str:
-    """What follows from the probability of string stability (M,)."""
-    chosen = subject.vehicles
-    against = _contradicted(chosen, subject.checks)
-    end = f"{' by the model' if against else ''}{_odds(stable)}{against}."
-    assessed = [assessment(probability) for probability in stable]
-    amplifying = [k for k, said in enumerate(assessed) if said == "unstable"]
-    name, most = _most(subject, amplifying) if amplifying else ("", "")
-    if len(chosen) == 1:
-        extent = f" {most}" if most else ""
-        return f"{capital(chosen.spoken[0])} {_ASSESSED[assessed[0]][0]}{extent}{end}"
-    counts = Counter(assessed)
-    total = spelled(len(chosen))
-    every = "Both" if total == "two" else f"All {total}"
-    worst = f" {capital(name)} amplifies the most: {most}." if most else ""
-    if len({peak.gain for peak in (row.peak for row in subject.report.vehicles)}) == 1 and most:
-        worst = f" Each by the same: {most}."
-    if len(counts) == 1:
-        (only,) = counts
-        return f"{every} vehicles {_ASSESSED[only][1]}{end}{worst}"
-    parts = [
-        f"{spelled(counts[kind])} {verbs[counts[kind] > 1]}"
-        for kind, verbs in _ASSESSED.items()
-        if counts[kind]
-    ]
-    by = " by the model" if against else ""
-    return f"Of {total} vehicles {joined(parts)}{by}{against}.{worst}"
-
-
-def _contradicted(chosen: ParameterSet, checks: Sequence[GainCheck]) -> str:
-    """The clause on verdicts that the measured gain contradicts; empty where it does none."""
-    against = [check for check in checks if check.contradiction]
+def _contradicted(subject: KnownVehicles) -> str:
+    """The vehicles whose verdict the measured gain contradicts; empty where it does none."""
+    against = [check for check in subject.checks if check.contradiction]
     if not against:
         return ""
-    if len(checks) == 1:
-        return f"; the measured gain contradicts the model ({against[0].short})"
-    spoken = dict(zip(chosen.vehicles[1:], chosen.spoken, strict=True))
-    named = [f"{spoken.get(c.vehicle, f'vehicle {c.vehicle}')} ({c.short})" for c in against]
-    return f"; the measured gain contradicts the model for {joined(named)}"
+    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
+    named = [f"{names.get(c.vehicle, f'vehicle {c.vehicle}')} ({c.short})" for c in against]
+    return f"The measured gain contradicts the model for {joined(named)}."
 
 
 def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import CTHPS, has_terms_of
 from accpinn.results.figures import training as figures
-from accpinn.results.figures.answer import forest
+from accpinn.results.figures.comparison import forest
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import answer as on_answer

@@ -11,7 +11,7 @@ from accpinn.inference.intervals import intervals
 from accpinn.methods import recursive, splines
 from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
-from accpinn.results.figures.answer import DRAWN, joint
+from accpinn.results.figures.comparison import JOINT_DRAWN, joint
 from tests.support.command import STUDY
 from tests.support.figures import rectangles
 from tests.support.samples import NOISY, sample
@@ -78,7 +78,7 @@ def test_profiles_reach_the_dashed_line_at_their_ends() -> None:
 def test_each_pair_of_the_answers_parameters_has_a_panel(model: str, panels: int) -> None:
     answer = accpinn.fit(STUDY, 0, 60, method="least-squares", model=model).answer
     figure = joint(answer, 0, COLOUR)
-    clouds = [trace for trace in figure.data if len(trace.x) == DRAWN]
+    clouds = [trace for trace in figure.data if len(trace.x) == JOINT_DRAWN]
     points = [trace for trace in figure.data if len(trace.x) == 1]
     assert len(clouds) == len(points) == panels
     assert (points[0].x[0], points[0].y[0]) == (answer.parameters.alpha, answer.parameters.beta)

@@ -26,7 +26,6 @@ from accpinn.platoon.leader import Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.results import figures
 from accpinn.results.figures import animation, comparison, database, platoon
-from accpinn.results.figures import answer as on_answer
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
@@ -79,8 +78,8 @@ PLACE = {"file": "f.csv", "start": 0.0, "duration": 9.0, "mean_speed": 20.0, "l2
 IDM = FOLLOWING["idm"]
 FIGURES: dict[str, Callable[[], go.Figure]] = {
     "animation.animation": lambda: animation.animation(*simulated(True)),
-    "answer.forest": lambda: on_answer.forest([SEGMENT.info], answer((SEGMENT,)), 0, COLOUR),
-    "answer.joint": lambda: on_answer.joint(answer((SEGMENT,)), 0, COLOUR),
+    "comparison.forest": lambda: comparison.forest([SEGMENT.info], answer((SEGMENT,)), 0, COLOUR),
+    "comparison.joint": lambda: comparison.joint(answer((SEGMENT,)), 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
         [comparison.NamedEstimate(NAME, fitted().fit.parameters.values[0])], COLOUR,
         np.array([fitted().known.lower.values[0], fitted().known.upper.values[0]]),
