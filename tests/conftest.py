@@ -5,12 +5,15 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from hypothesis import settings
 
 from accpinn.recordings import Recording
 from accpinn.recordings.openacc import read
+from accpinn.storage import FolderName, variable
+from accpinn.study.store import Store
 from tests.support import draws
 
 # The same examples on every run, and no time limit an example: machines and their load differ.
@@ -63,15 +66,20 @@ def astazero(openacc_dir: Path) -> Recording:
 
 
 @pytest.fixture(autouse=True)
-def shelf_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """No test sees or changes the snapshots of whoever runs it."""
-    monkeypatch.setenv("ACCPINN_SNAPSHOTS", str(tmp_path / "snapshots"))
+def folders_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No test sees or changes what whoever runs it keeps."""
+    for name in get_args(FolderName):
+        monkeypatch.setenv(variable(name), str(tmp_path / name))
 
 
 @pytest.fixture
-def fresh_server(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, shelf_of_its_own: None
-) -> Iterator[None]:
+def store(tmp_path: Path) -> Store:
+    """An empty one."""
+    return Store(tmp_path / "cache")
+
+
+@pytest.fixture
+def fresh_server(monkeypatch: pytest.MonkeyPatch, folders_of_its_own: None) -> Iterator[None]:
     """A server of its own for a page's test: no sessions, no tasks, an empty store."""
     import streamlit as st  # takes a second, which most tests need not wait
 
@@ -80,9 +88,6 @@ def fresh_server(
     # A page takes the place of the main module, which new processes would run.
     monkeypatch.setitem(sys.modules, "__main__", sys.modules["__main__"])
     monkeypatch.chdir(Path(__file__).parent.parent)
-    monkeypatch.setenv("ACCPINN_CACHE", str(tmp_path / "cache"))
-    for name in ("RECORDINGS", "STUDIES", "MAPPINGS"):
-        monkeypatch.setenv(f"ACCPINN_{name}", str(tmp_path / name.lower()))
     # Every page opened would search all installed packages for components; the app has none.
     scan = "streamlit.components.v2.manifest_scanner.scan_component_manifests"
     monkeypatch.setattr(scan, list)
@@ -91,6 +96,17 @@ def fresh_server(
     for queue in (server.task_queue, server.batch_queue, server.download_queue):
         queue().close()
     st.cache_resource.clear()
+
+
+@pytest.fixture
+def cthp_alone(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Of the forms of the model only the CTHP, where the others take time and are not looked at."""
+    from accpinn.inference import model_adequacy
+
+    monkeypatch.setattr(model_adequacy, "FORMS", ("cthp",))
+    model_adequacy.model_forms.cache_clear()
+    yield
+    model_adequacy.model_forms.cache_clear()
 
 
 @pytest.fixture(scope="module")

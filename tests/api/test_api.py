@@ -10,7 +10,6 @@ import pytest
 
 import accpinn
 from accpinn.cli import main
-from tests.support import draws
 from tests.support.command import ROOT
 from tests.support.samples import FOLDER, NOISY
 
@@ -42,6 +41,7 @@ def last_digit(number: str) -> float:
     return float(10.0 ** -len(number.partition(".")[2]))
 
 
+@pytest.mark.usefixtures("all_draws")
 @pytest.mark.parametrize(
     ("document", "pieces", "report"),
     [
@@ -60,14 +60,13 @@ def test_a_document_prints_what_it_says(
     found, names = shown(document), dict[str, object]()
     assert len(found) == pieces
     assert document != "README.md" or len((ROOT / document).read_text().splitlines()) <= 120
-    with draws.as_users_have():
-        for code, expected in found:
-            if command := re.match(r"python -m accpinn (.*)", code):
-                assert main(command[1].split()) == 0
-                assert same(capsys.readouterr().out.splitlines()[0], expected.strip())
-            else:
-                exec(code, names)
-                assert same(capsys.readouterr().out, expected), code
+    for code, expected in found:
+        if command := re.match(r"python -m accpinn (.*)", code):
+            assert main(command[1].split()) == 0
+            assert same(capsys.readouterr().out.splitlines()[0], expected.strip())
+        else:
+            exec(code, names)
+            assert same(capsys.readouterr().out, expected), code
     if report:
         assert (tmp_path / report).stat().st_size > 1e6
 
@@ -96,12 +95,7 @@ def test_a_wheel_has_the_command_and_every_file_that_the_package_reads(tmp_path:
     assert json.loads(done.stdout)["duration"] == 300
 
 
-def test_several_windows_and_several_methods() -> None:
+def test_several_methods() -> None:
     file = FOLDER / f"{NOISY}.csv"
-    joint = accpinn.fit(file, windows=[(0, 60), (60, 120)], method="maximum-likelihood")
-    assert joint.analysis == accpinn.analyse(
-        accpinn.read(file), windows="0-60,60-120", method="maximum-likelihood"
-    )
-    assert joint.answer.time_gap(20.0, 0).value == pytest.approx(1.5, rel=0.05)
     rows = list(accpinn.compare(file, 0, 60, methods=("least-squares", "splines")))
     assert [row.analysis.method for row in rows] == ["least-squares", "splines"]

@@ -8,15 +8,13 @@ import pytest
 
 from accpinn.cli import main
 from accpinn.cli.estimation import fit_text
-from accpinn.model.cthp import Parameters
+from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.recordings.openacc import read
 from accpinn.results.documents import describe_fit
-from accpinn.study.result import Parts
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
-from tests.support.driving import driven
 from tests.support.openacc_files import csv
 from tests.support.samples import frame
-from tests.support.snapshots import result_for
+from tests.support.snapshots import altered, small
 
 KEYS = {
     "method", "case", "preset", "seed", "segment", "parameters", "mae", "mean_time_gap", "loss",
@@ -42,37 +40,8 @@ def test_document_of_the_command_line_contract(capsys: Capture) -> None:
     assert loss["total"] == pytest.approx(loss["data"] + loss["physics"])
 
 
-def test_the_same_again_comes_from_the_cache_unless_forbidden(capsys: Capture, cache: Path) -> None:
-    assert not document(capsys, "fit", STUDY, *SHORT, "--no-cache")["cached"]
-    assert not cache.exists()
-    first, again = (document(capsys, "fit", STUDY, *SHORT) for _ in range(2))
-    assert (first["cached"], again["cached"]) == (False, True)
-    for key in ("parameters", "loss", "seconds", "iterations", "notes"):
-        assert again[key] == first[key]
-    assert len(list(cache.glob("*.accpinn.zip"))) == 1
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        (("--method", "least-squares"), False),
-        (("--method", "least-squares", "--intervals"), True),
-        (LIKELIHOOD, True),
-    ],
-)
-def test_likelihood_and_who_asks_get_intervals(
-    capsys: Capture, options: tuple[str, ...], expected: bool
-) -> None:
-    found = document(capsys, "fit", STUDY, *SHORT, *options)
-    assert found["level"] == (0.9 if expected else None)
-    assert bool(found["intervals"]) == expected
-    for ends in found["intervals"] or ():
-        assert ends["tau"][0] < ends["tau"][1]
-        assert 0.0 <= ends["probability_l2"] <= 1.0
-
-
 def test_another_method_in_case_one_names_the_options_without_effect(capsys: Capture) -> None:
-    options = ("--method", "least-squares", "--vehicles", "3-5")
+    options = ("--method", "least-squares", "--vehicles", "3-5", "--model", "cthp")
     words = ("fit", str(PLATOON), *SHORT, *options, "--case", "I", "--preset", "fast", "--json")
     assert main([*words, "--seed", "0"]) == 0
     printed = capsys.readouterr()
@@ -81,6 +50,7 @@ def test_another_method_in_case_one_names_the_options_without_effect(capsys: Cap
     assert (found["method"], found["outcome"]) == ("least-squares", "solved")
     assert found["segment"]["left_out"] == {"regimes": [], "share": []}
     assert (found["preset"], found["network_weights"], found["mae"]) == (None, 0, None)
+    assert (found["level"], bool(found["intervals"])) == (None, False), "nobody asked"
     assert len(found["closed_loop_mae"]["p"]) == 2
     first, second = found["parameters"]
     assert [first["vehicle"], second["vehicle"]] == [4, 5]
@@ -102,6 +72,7 @@ def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
         capsys,
         *("fit", PLATOON, *SHORT, "--preset", "paper", "--iterations", 4, "--lbfgs", 3),
         *("--initial", "0.1,0.2,1.3", "--seed", 7, "--threads", 1, "--vehicles", "4,5"),
+        *("--model", "cthp"),
     )
     assert found["network_weights"] == 7623
     assert (found["iterations"], found["seed"], found["outcome"]) == (7, 7, "finished")
@@ -123,22 +94,13 @@ def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
     assert found["notes"]
 
 
-def test_text_has_answer_and_estimates_and_progress_is_for_terminals(capsys: Capture) -> None:
-    assert main(["fit", str(STUDY), *SHORT]) == 0
-    printed = capsys.readouterr()
-    assert all(part in printed.out for part in ("2 Synthetic", "α [1/s²]", "0–30 s", "Converged"))
-    assert printed.err == ""
-
-
 def test_a_collision_stands_beside_the_closed_loop_errors() -> None:
-    result = result_for(driven(duration=100.0, step=0.5))
-    parameters = Parameters.of(result.parameters.values * (0.6, 0.0, 0.7))
-    fits = (replace(result.fit, parameters=parameters),)
-    swaying = replace(result, fits=fits, parts=Parts())
+    crash = replace(small().evaluation, findings=(SimulatedCollision(2, 12.3, -1.0),))
+    swaying = altered(small(), evaluation=crash)
     (event,) = describe_fit(swaying, False)["incidents"]
     assert "collides with the vehicle ahead at" in event
     assert event in fit_text(swaying, False)
-    assert not describe_fit(result, False)["incidents"]
+    assert not describe_fit(small(), False)["incidents"]
 
 
 def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -> None:
@@ -156,44 +118,44 @@ def test_several_windows_have_the_keys_of_fit_and_each_window(capsys: Capture) -
     assert [row["vehicle"] for row in found["parameters"]] == [2, 3]
     for row, known in zip(found["parameters"], found["intervals"], strict=True):
         assert all(known[name][0] < row[name] < known[name][1] for name in ("alpha", "tau"))
-    words = ("fit", str(STUDY), *LIKELIHOOD, "--windows", "all", "--duration", "140")
-    assert main(words) == 0
-    starts = [line.split("  ")[0] for line in capsys.readouterr().out.splitlines()]
-    assert starts.count("0–140 s") == starts.count("140–280 s") == 1
+    assert main(["fit", str(PLATOON), *options]) == 0
+    printed = capsys.readouterr()
+    assert all(part in printed.out for part in ("2 Audi", "α [1/s²]", "cache"))
+    assert printed.err == "", "progress is for terminals"
+    starts = [line.split("  ")[0] for line in printed.out.splitlines()]
+    assert starts.count("10–40 s") == starts.count("100–130 s") == 2
 
 
-class TestMissingSamples:
-    @pytest.fixture
-    def holes(self, tmp_path: Path) -> Path:
-        """The study's recording without the follower for 20 of its first 60 s."""
-        made, path = frame(3001), tmp_path / "holes.csv"
-        made.loc[200:399, ["Speed2", "IVS1"]] = np.nan
-        path.write_bytes(csv(made))
-        return path
+@pytest.mark.usefixtures("cthp_alone")
+def test_missing_samples_are_for_the_likelihood_and_others_name_it(
+    capsys: Capture, tmp_path: Path
+) -> None:
+    made, holes = frame(3001), tmp_path / "holes.csv"
+    made.loc[200:399, ["Speed2", "IVS1"]] = np.nan  # for 20 of its first 60 s
+    holes.write_bytes(csv(made))
+    for options in (("fit", holes, "--method", "splines"), ("fit", holes), ("starts", holes)):
+        said = refused(capsys, 1, *options)
+        assert "holes.csv: Speed2 is missing at 20–39.9 s" in said
+        assert "choose maximum-likelihood, which allows missing samples." in said
+    some = ("--methods", "maximum-likelihood,splines")
+    assert "choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
+    window = ("--methods", "maximum-likelihood", "--duration", 60)
+    (row,) = document(capsys, "compare", holes, *window)["rows"]
+    assert len(row["blocks_mae"]) == 2
 
-    def test_other_methods_refuse_and_name_the_cure(self, capsys: Capture, holes: Path) -> None:
-        for options in (("fit", holes, "--method", "splines"), ("fit", holes), ("starts", holes)):
-            said = refused(capsys, 1, *options)
-            assert "holes.csv: Speed2 is missing at 20–39.9 s" in said
-            assert "choose maximum-likelihood, which allows missing samples." in said
-        some = ("--methods", "maximum-likelihood,splines")
-        assert "choose maximum-likelihood alone" in refused(capsys, 1, "compare", holes, *some)
-        window = ("--methods", "maximum-likelihood", "--duration", 60)
-        (row,) = document(capsys, "compare", holes, *window)["rows"]
-        assert len(row["blocks_mae"]) == 2
 
-    def test_a_real_recording_is_fitted_whole(self, capsys: Capture, openacc_dir: Path) -> None:
-        recording = openacc_dir / "JRC low speed" / "part12.csv"
-        whole = ("fit", recording, "--vehicles", "1,2", "--duration", 1000)
-        found = document(capsys, *whole, *LIKELIHOOD)
-        assert found["segment"]["samples"] == read(recording).samples
-        assert 0.5 < found["parameters"][0]["tau"] < 8
-        assert refused(capsys, 1, *whole, "--method", "splines")
+def test_a_real_recording_with_holes_is_fitted_whole(capsys: Capture, openacc_dir: Path) -> None:
+    recording = openacc_dir / "JRC low speed" / "part12.csv"
+    whole = ("fit", recording, "--vehicles", "1,2", "--duration", 1000)
+    found = document(capsys, *whole, *LIKELIHOOD)
+    assert found["segment"]["samples"] == read(recording).samples
+    assert 0.5 < found["parameters"][0]["tau"] < 8
 
 
 def test_all_runs_can_be_searched(capsys: Capture) -> None:
     assert document(capsys, "runs") == {"runs": []}
-    fitted = document(capsys, "fit", STUDY, *SHORT, "--method", "splines")
+    fitted, again = (document(capsys, "fit", STUDY, *SHORT, "--method", "splines") for _ in "ab")
+    assert [fitted["cached"], again["cached"]] == [False, True]
     document(capsys, "fit", PLATOON, *SHORT, "--vehicles", "2-3", "--method", "least-squares")
     document(capsys, "fit", STUDY, *SHORT, "--method", "recursive", "--no-cache")
     assert len(document(capsys, "runs")["runs"]) == 2

@@ -1,5 +1,6 @@
 """The command line as a process: streams, exit codes, interrupts and kills."""
 
+import io
 import os
 import re
 import signal
@@ -10,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from accpinn.cli import main
 from accpinn.cli.output import interruptible, print_json, show
-from tests.support.command import ROOT, SHORT, STUDY, Capture, strict
+from tests.support.command import ROOT, SHORT, STUDY, Capture, refused, strict
 
 
 def command(*arguments: object) -> list[str]:
@@ -26,6 +28,20 @@ def test_texts_and_documents_do_not_steer_a_terminal(capsys: Capture, text: str)
     printed = capsys.readouterr().out
     assert all(line.isprintable() for line in printed.splitlines())
     assert strict(printed) == {"name": text, "nothing": None}
+
+
+def test_any_file_name_is_printed_on_one_line(capsys: Capture) -> None:
+    said = refused(capsys, 1, "verify", os.fsdecode(b"a\nb\x1b[2Jx\xff.zip")).rstrip("\n")
+    assert said.isprintable()
+    assert all(shown in said for shown in ("a\\nb", "\\u001b", "\\udcff"))
+
+
+def test_a_pipe_without_greek_letters_gets_them_as_utf_8(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows, where a pipe has the code page of the country."""
+    pipe = io.TextIOWrapper(io.BytesIO(), "cp1252")
+    monkeypatch.setattr(sys, "stdout", pipe)
+    assert main(["stability", "--alpha", "1", "--beta", "1", "--tau", "1"]) == 0
+    assert "α [1/s²]" in pipe.buffer.getvalue().decode()
 
 
 class TestAsAProcess:
@@ -60,28 +76,8 @@ class TestAsAProcess:
         os.close(writing)
         assert out.stat().st_size > 0
 
-    @pytest.mark.skipif(os.name == "nt", reason="names are no bytes there")
-    def test_any_file_name_is_printed_on_one_line(self) -> None:
-        name = b"a\nb\x1b[2Jx\xff.zip"
-        done = subprocess.run([*command("verify"), name], cwd=ROOT, stdout=-1, stderr=-1, text=True)
-        assert (done.returncode, done.stdout) == (1, "")
-        assert done.stderr.splitlines() == [done.stderr.rstrip("\n")]
-        assert all(shown in done.stderr for shown in ("a\\nb", "\\u001b", "\\udcff"))
-        assert done.stderr.rstrip("\n").isprintable()
-
-    def test_a_pipe_without_greek_letters_gets_them_as_utf_8(self) -> None:
-        """As on Windows, where a pipe has the code page of the country."""
-        done = subprocess.run(
-            command("stability", "--alpha", 1, "--beta", 1, "--tau", 1),
-            cwd=ROOT,
-            capture_output=True,
-            env=os.environ | {"PYTHONIOENCODING": "cp1252"},
-        )
-        assert done.returncode == 0
-        assert "α [1/s²]" in done.stdout.decode()
-
     @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
-    def test_an_interrupt_stops_keeps_a_checkpoint_and_says_so(self, cache: Path) -> None:
+    def test_an_interrupt_stops_keeps_a_checkpoint_and_says_so(self, tmp_path: Path) -> None:
         long = ("fit", STUDY, *SHORT, "--preset", "paper", "--iterations", 1_000_000)
         terminal, seen = os.openpty()
         termios.tcsetwinsize(seen, (24, 100))
@@ -99,7 +95,7 @@ class TestAsAProcess:
         document = strict(out.decode())
         assert document["outcome"] == "stopped"
         assert 0 < document["iterations"] < 1_000_000
-        assert len(list(cache.glob("*.state.npz"))) == 1
+        assert len(list(tmp_path.glob("cache/*.state.npz"))) == 1
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])

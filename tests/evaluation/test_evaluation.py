@@ -6,13 +6,13 @@ from functools import partial
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Fit, Parameters, Recording, Segment, cut, evaluate
 from accpinn.errors import SegmentError
 from accpinn.evaluation import (
     Block,
     OtherVehicles,
     ValidationOverlaps,
     cross_validate,
-    evaluate,
     from_following,
     of_blocks,
     validate,
@@ -20,13 +20,8 @@ from accpinn.evaluation import (
 )
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.methods import Law, least_squares, splines
-from accpinn.methods.fit import Fit
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
-from accpinn.recordings import Recording, Window
+from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
 from tests.support.driving import LAW, MIXED, driven
 from tests.support.methods import RIVALS
 from tests.support.samples import FOLDER, PLATOON

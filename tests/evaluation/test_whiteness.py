@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn import Parameters, Segment
 from accpinn.evaluation.whiteness import (
     NEGLIGIBLE,
     CorrelatedResidual,
@@ -16,9 +17,7 @@ from accpinn.evaluation.whiteness import (
     whiteness,
 )
 from accpinn.methods import least_squares
-from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
-from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven
 from tests.support.following import driven as followed

@@ -18,13 +18,10 @@ from typing import Any
 
 import pytest
 
-from accpinn.errors import AccpinnError
+from accpinn import AccpinnError, Library, Result, Store, load
 from accpinn.recordings import download as downloads
 from accpinn.recordings.openacc import Run
-from accpinn.study.result import Result
-from accpinn.study.snapshot import load, save
-from accpinn.study.snapshot_library import Library
-from accpinn.study.store import Store
+from accpinn.study.snapshot import save
 from accpinn.study.studies import Computed, read_rows, written
 from tests.support.openacc_files import csv, platoon
 from tests.support.publisher import publisher

@@ -42,6 +42,7 @@ from accpinn.study.snapshot import load, named, to_bytes
 from accpinn.study.studies import FILE, Computed, KnownFile, read_failures, read_request, written
 from accpinn.study.verification import QUICK, verify
 from tests.fuzz.mutations import TOKENS, spoil_bytes, spoil_table, spoil_tree, text
+from tests.recordings import test_mapping as mappings
 from tests.support.command import strict
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.samples import FOLDER
@@ -161,23 +162,13 @@ def use_pairs(data: bytes, _: Path) -> bool:
     return bool(found)
 
 
-MAPPING = {
-    "time": {"column": "Time", "unit": "s"},
-    "speeds": [
-        {"column": "Speed1", "unit": "km/h", "name": "Audi (A8)"},
-        {"column": "Speed2", "unit": "m/s"},
-    ],
-    "gaps": [{"column": "IVS1", "unit": "ft", "subtract": 4.5}],
-    "modes": [{"vehicle": 2, "column": "Driver2", "acc": ["ACC"], "human": ["Human"]}],
-    "trajectory": "Run",
-}
+MAPPING = json.loads(mappings.MAPPING) | {"trajectory": "Run"}
 
 
 @cache
 def mapped_table() -> bytes:
     """The table that mappings are tried on."""
-    frame = platoon(2, 150).assign(Driver2="ACC", Run="a")
-    return frame.to_csv(index=False).encode()
+    return mappings.foreign(platoon(2, 150)).assign(Run="a").to_csv(index=False).encode()
 
 
 def draw_mapping(draw: Random) -> bytes:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from accpinn import Parameters, Segment, cut
 from accpinn.errors import ConfigError
 from accpinn.inference.answer import (
     Answer,
@@ -25,11 +26,8 @@ from accpinn.inference.window_posterior import parameters_of
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, time_gap
 from accpinn.recordings.openacc import read
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
 from tests.support.samples import PLATOON
@@ -162,7 +160,7 @@ def test_case_i_has_one_set_and_case_ii_one_for_each() -> None:
 
 def test_what_other_cars_draw_away_from_the_windows_is_named() -> None:
     """These cars obey the CTHP, so their window says that there is no delay; real cars have one."""
-    segment = sample_of(PLATOON).segment
+    segment = sample_of(PLATOON, 120.0).segment
     one = answer((segment,))
     findings = (found for found in one.findings if isinstance(found, DrawnToOthers))
     drawn = {found.vehicle: found.symbols for found in findings}

@@ -6,16 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from accpinn import Parameters, ParameterSet, Segment
 from accpinn.inference.answer import Answer, answer
 from accpinn.inference.gain_check import LEAST, GainCheck, gain_checks
 from accpinn.inference.trust import Trust, trust
-from accpinn.model.cthp import Parameters
-from accpinn.model.published import ParameterSet
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables import Marked
 from accpinn.results.tables.stability import verdict_table
 from accpinn.results.vehicles import KnownVehicles
-from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 
 LOUD, CALM = Parameters([0.07], 0.1, 1.1), Parameters([0.05], 0.6, 2.5)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
+from accpinn import Case, Parameters, Segment, assess_quality, intervals, profiles
 from accpinn.inference.identifiability import (
     INCREASE,
     WIDE,
@@ -11,14 +12,9 @@ from accpinn.inference.identifiability import (
     Profile,
     WeakIdentification,
     identifiability,
-    profiles,
 )
-from accpinn.inference.intervals import intervals
 from accpinn.methods import least_squares
 from accpinn.methods.regression import Regression
-from accpinn.model.cthp import Case, Parameters
-from accpinn.segment import Segment
-from accpinn.segment.quality import assess_quality
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Parameters, Segment, Uncertainty, gap_band, intervals
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.evaluation.closed_loop import closed_loop
 from accpinn.inference import intervals as module
@@ -15,20 +16,15 @@ from accpinn.inference.intervals import (
     FewDraws,
     NotDetermined,
     OutsideInterval,
-    Uncertainty,
     gain_band,
     interval_ends,
-    intervals,
     parameter_intervals,
     within,
 )
-from accpinn.inference.prediction import SIMULATIONS, gap_band
+from accpinn.inference.prediction import SIMULATIONS
 from accpinn.methods import PAPERS, Law, least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
-from accpinn.methods.registry import METHODS
 from accpinn.methods.series import stride_of
-from accpinn.model.cthp import Parameters
-from accpinn.segment import Segment
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven, standing_still

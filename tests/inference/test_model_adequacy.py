@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from accpinn.inference import model_adequacy
+from accpinn import Parameters, Segment, model_forms
 from accpinn.inference.innovation_tests import InnovationTests, score_test
-from accpinn.inference.model_adequacy import FORMS, BetterForm, Inadequate, ModelForm, model_forms
+from accpinn.inference.model_adequacy import FORMS, BetterForm, Inadequate, ModelForm
 from accpinn.inference.posterior import sample
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.model.cthp import Parameters
-from accpinn.segment import Segment
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 
@@ -88,12 +86,6 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
         assert found.effective > 100
         ends.append(np.quantile(found.all_evenly(1000)[:, [0, -1]], (0.05, 0.95), axis=0))
     assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()
-
-
-@pytest.fixture
-def cthp_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For tests of the innovations, which are those of the CTHP."""
-    monkeypatch.setattr(model_adequacy, "FORMS", ("cthp",))
 
 
 @pytest.mark.usefixtures("cthp_alone")

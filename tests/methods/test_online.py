@@ -5,13 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from accpinn import Case, Fit, Recording, Segment, cut
 from accpinn.methods import dual_ukf, particle, recursive
-from accpinn.methods.fit import BoundActive, BoundActiveAtTimes, FilterDiverged, Fit, Outcome
+from accpinn.methods.fit import BoundActive, BoundActiveAtTimes, FilterDiverged, Outcome
 from accpinn.methods.online import TRACK_EVERY
-from accpinn.model.cthp import Case, regressors
-from accpinn.recordings import Recording
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
+from accpinn.model.cthp import regressors
 from tests.support.driving import LAW, MIXED, driven, in_turn, segment_of
 
 both_filters = pytest.mark.parametrize(

@@ -11,18 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from accpinn import Analysis, Case, Fit, ParameterSet, Recording, Segment, cut, preset, run
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import splines
-from accpinn.methods.fit import Fit
-from accpinn.methods.pinn.config import preset
-from accpinn.model.cthp import Case
-from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE, ParameterSet
-from accpinn.recordings import Recording
+from accpinn.model.published import ASTAZERO, ASTAZERO_ALIKE, CASALE
 from accpinn.recordings.openacc import read
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
-from accpinn.study import Analysis, single_window
-from accpinn.study.run import run
+from accpinn.study import single_window
 from tests.support.methods import train
 
 LIMIT_I = [[0.01045, 0.07176, 1.5222]]

@@ -10,16 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Analysis, Case, Fit, PinnConfig, Segment, cut
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import BoundActive, FilterUncertain, Fit, Outcome, WeaklyDetermined
-from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig
-from accpinn.methods.registry import METHODS
+from accpinn.methods.fit import BoundActive, FilterUncertain, Outcome, WeaklyDetermined
+from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.series import measured_of, series_of
-from accpinn.model.cthp import Case
 from accpinn.recordings.openacc import read
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
-from accpinn.study import Analysis
 from accpinn.study.comparison import compare, results_among
 from accpinn.units import Stretch
 from tests.support.command import ROOT

@@ -24,7 +24,7 @@ TRUTHS = {
 @pytest.mark.parametrize("key", ["cthp", "cthp-s0", "fvdm", "idm-delay"])
 def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
     model, truth = FOLLOWING[key], TRUTHS[key]
-    windows = [one for seed in range(3) for one in followed(model, truth, seed, 0.03, 100.0)]
+    windows = [one for seed in range(2) for one in followed(model, truth, seed, 0.03, 100.0)]
     groups = [list(range(k, len(windows), 2)) for k in range(2)]
     for found, theta in zip(estimate(model, Drives.of(windows, model), groups), truth, strict=True):
         assert found.converged

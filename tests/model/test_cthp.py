@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from accpinn.model.cthp import LINEAR_NAMES, TERMS, Parameters, collides, regressors, simulate
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.cthp import LINEAR_NAMES, Parameters, collides, regressors, simulate
 from accpinn.serial import dump, restore
 from accpinn.units import FloatArray
 
@@ -56,14 +55,6 @@ ROWS = [
 ]  # fmt: skip
 PLATOON = Parameters.of(ROWS)
 BARE = Parameters(PLATOON.alpha, PLATOON.beta, PLATOON.tau)
-
-
-def test_a_key_names_the_terms_in_the_order_of_the_complete_parameters() -> None:
-    assert {model: FOLLOWING[model].terms for model in CTHPS} == {
-        model: tuple(model.split("-")[1:]) for model in CTHPS
-    }
-    for at, term in enumerate(TERMS, 3):
-        np.testing.assert_array_equal(getattr(PLATOON, term), PLATOON.complete[:, at])
 
 
 @pytest.mark.parametrize("parameters", [PLATOON, PLATOON[1], BARE, PLATOON[[3, 3]]])

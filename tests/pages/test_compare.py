@@ -5,18 +5,16 @@ from dataclasses import replace
 
 import pytest
 
+from accpinn import METHODS, Result, messages
 from accpinn.errors import SegmentError
 from accpinn.inference.answer import Answer
 from accpinn.inference.answer import answer as answer_of
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
-from accpinn.methods.registry import METHODS
 from accpinn.recordings import Window
-from accpinn.results.messages import messages
 from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.messages.summary import agreement
 from accpinn.study.comparison import Refused, compare
-from accpinn.study.result import Result
 from accpinn.tasks import Status, Task
 from pages.ui.session.resources import sample, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
@@ -57,6 +55,7 @@ def test_before_a_training_the_answer_is_that_of_the_windows_it_would_take() -> 
     assert headline(whole) in open_page("Compare", session).plain()
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_rows_pictures_warnings_starts_and_earlier_fits(
     session: Workspace, monkeypatch: pytest.MonkeyPatch
 ) -> None:

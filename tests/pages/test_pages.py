@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Parameters, Recording, preset
 from accpinn.methods.fit import Continued, Outcome
-from accpinn.methods.pinn.config import CALIBRATED, FAST, preset
-from accpinn.methods.registry import METHODS
+from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
-from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.model.registry import BEST
-from accpinn.recordings import Recording, Window
+from accpinn.recordings import Window
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
@@ -49,6 +48,7 @@ from tests.support.apptest import (
 )
 from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, metadata, platoon, recording
+from tests.support.samples import frame
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -154,7 +154,7 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(tmp_path))
-    run = replace(recording(platoon(samples=4000)), source="part7.csv")
+    run = replace(recording(frame(3001), "AB"), source="part7.csv")
     for campaign, is_run in (("JRC low speed", False), ("Casale", True)):
         session = with_recording(replace(run, campaign=campaign))
         session.choose(CASALE_RUN.vehicles, CASALE_RUN.window)

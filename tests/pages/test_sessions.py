@@ -21,6 +21,7 @@ from pages.ui.snapshots.listing import restore_run
 from tests.support.apptest import WAIT, answer, fitted, open_page, with_sample
 from tests.support.command import PLATOON
 from tests.support.openacc_files import csv, platoon
+from tests.support.samples import frame
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
 
@@ -194,7 +195,7 @@ def test_no_page_waits_for_a_full_garbage_collection() -> None:
 # Finished trainings: none vanishes with a new recording, a reload or a restart
 
 
-def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None:
+def test_a_run_survives_another_recording_and_is_restored() -> None:
     session = fitted()
     before = session.result.parameters
     session.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
@@ -203,19 +204,10 @@ def test_runs_survive_another_recording_and_a_restart_and_are_restored() -> None
     (run,) = session.runs
     assert (run.source, run.window) == (PLATOON.name, "0–60 s")
 
-    sessions.workspaces.clear()  # as a restart of the server
-    page = open_page("Home", session=session.id)
-    again = page.workspace()
-    assert again is not session
-    assert again.id == session.id
-    page.press(f"home_runs_open_{run.id}")
-    assert again.result.parameters == before
-    again.open(*sample(PLATOON))
-    page.run()
-    page.press(f"runs_open_{run.id}")
-    assert again.result.parameters == before
-    assert again.recording is not None, "a sample is opened again"
-    assert again.window == Window(0.0, 60.0)
+    page = open_page("Home", session).press(f"home_runs_open_{run.id}")
+    assert session.result.parameters == before
+    assert session.recording.source == PLATOON.name, "a sample is opened again"
+    assert session.window == Window(0.0, 60.0)
     assert not page.error
     assert f"snapshot={run.id}" not in page.texts()
 
@@ -275,7 +267,7 @@ def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() 
 
 
 def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
-    session, own = sessions.workspaces().new(), read(csv(platoon(5)), "own.csv")
+    session, own = sessions.workspaces().new(), read(csv(frame()), "own.csv")
     session.open(own)
     answer(session)
     session.open(*sample(PLATOON))

@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from accpinn import Parameters, Result
 from accpinn.methods.pinn.config import PAPER
-from accpinn.model.cthp import Parameters
-from accpinn.results.vehicles import known_vehicles
-from accpinn.study.result import Result
 from accpinn.study.verification import QUICK, verify
 from pages.ui.session import sessions
 from pages.ui.session.resources import library, sample
@@ -137,13 +135,6 @@ class TestTwo:
             snapshot, replace(snapshot, infos=(replace(snapshot.info, names=names),))
         )
         assert f"{snapshot.info.labels[1]} stands beside 2 Lada." in said
-
-    def test_a_run_without_data_and_intervals_has_verdicts_alone(self) -> None:
-        """The lists of runs offer to compare also those of a recording that is not open."""
-        run = bare()
-        known = known_vehicles(replace(run, parts=type(run.parts)()))
-        assert known.report
-        assert known.uncertainty is None
 
 
 class TestLink:

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from accpinn import Brake, Parameters, Sinusoid, SpeedStep, simulate_platoon
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters
 from accpinn.model.published import CASALE
 from accpinn.platoon import (
     SETTLED,
@@ -22,9 +22,8 @@ from accpinn.platoon import (
     Reversal,
     TooShort,
     TransientLeft,
-    simulate_platoon,
 )
-from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
+from accpinn.platoon.leader import Leader, Recorded
 from accpinn.results.messages.platoon import disturbance
 from accpinn.stability.criteria import response
 from accpinn.units import FloatArray

@@ -35,7 +35,7 @@ def no_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fetched(server: Publisher, folder: Path, *runs: Run, **options: object) -> list[Download]:
-    downloads = download(runs, folder, server.url, stall=0.3, **options)
+    downloads = download(runs, folder, server.url, stall=0.1, **options)
     return sorted(downloads, key=lambda done: runs.index(done.run))
 
 
@@ -74,7 +74,7 @@ def test_interruptions_are_survived(
     ("fault", "words"),
     [
         ("break", "breaks off, 5"),
-        ("stall", "nothing arrives for 0.3 s, 5"),
+        ("stall", "nothing arrives for 0.1 s, 5"),
         ("503", "status 503, 5"),
     ],
 )

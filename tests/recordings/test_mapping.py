@@ -22,13 +22,6 @@ MAPPING = """{"time": {"column": "clock", "unit": "ms"},
  "modes": [{"vehicle": 2, "column": "engaged", "acc": ["1"], "human": ["0"]}]}"""
 
 
-@pytest.fixture(autouse=True)
-def mappings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "mappings"
-    monkeypatch.setenv("ACCPINN_MAPPINGS", str(folder))
-    return folder
-
-
 def foreign(frame: pd.DataFrame) -> pd.DataFrame:
     """An OpenACC frame with other names, units and origin of time."""
     return pd.DataFrame({
@@ -59,8 +52,8 @@ def test_columns_units_and_separators(separator: str) -> None:
     assert shown.names == tuple(foreign(frame).columns)
 
 
-def test_a_mapping_is_remembered_for_the_same_columns_only(mappings: Path) -> None:
-    frame = platoon(2, 100)
+def test_a_mapping_is_remembered_for_the_same_columns_only(tmp_path: Path) -> None:
+    frame, mappings = platoon(2, 100), tmp_path / "mappings"
     raw, mapping = foreign(frame).to_csv(index=False).encode(), parse_mapping(MAPPING)
     with pytest.raises(RecordingError, match="--mapping"):
         read(raw, "mine.csv")

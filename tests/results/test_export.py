@@ -10,14 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from accpinn import PUBLISHED, Parameters, Sinusoid, parameter_card, simulate_platoon, sumo_types
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters
-from accpinn.model.published import PUBLISHED
 from accpinn.model.registry import FOLLOWING
-from accpinn.platoon import simulate_platoon
-from accpinn.platoon.leader import Sinusoid
-from accpinn.results.documents import parameter_card
-from accpinn.results.export import snapshot_types, sumo_types
+from accpinn.results.export import snapshot_types
 from tests.support import sumo
 from tests.support.snapshots import small
 

@@ -13,19 +13,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from accpinn import load, render_report
 from accpinn.evaluation.closed_loop import closed_loop
-from accpinn.results.report import (
-    bundle,
-    fit_pictures,
-    motion_picture,
-    platoon_pictures,
-    render_report,
-    tables_of,
-)
+from accpinn.results.report import bundle, fit_pictures, motion_picture, platoon_pictures, tables_of
 from accpinn.results.tables.estimates import name_of
 from accpinn.results.tables.stability import GAIN
 from accpinn.results.vehicles import known_vehicles
-from accpinn.study.snapshot import load
 from accpinn.study.verification import QUICK, Verification, verify
 from tests.support.html import Reader
 from tests.support.snapshots import altered, delayed, small, whole

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from accpinn import Parameters, transfer_function
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING
 from accpinn.stability.criteria import (
     checked,
@@ -25,7 +25,6 @@ from accpinn.stability.criteria import (
     smallest_headway_l2,
     smallest_headway_paper,
     step_metrics,
-    transfer_function,
 )
 from accpinn.stability.head_to_tail import head_to_tail_gains, head_to_tail_peaks
 from tests.stability.references import TABLE, integral_of_magnitude

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+from accpinn import Parameters, stability_report
 from accpinn.errors import ParameterError
-from accpinn.model.cthp import Parameters
 from accpinn.results.messages.stability import reason
-from accpinn.stability import stability_report
 from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
 from accpinn.stability.head_to_tail import head_to_tail_gains
 from accpinn.stability.lagged import is_lagged, lagged_stability, step_gain

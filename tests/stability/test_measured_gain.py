@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import coherence, lfilter
 
+from accpinn import MeasuredGain, Parameters, Segment, measured_gain
 from accpinn.errors import SegmentError
-from accpinn.model.cthp import Parameters, Trajectories, simulate
-from accpinn.segment import Segment
+from accpinn.model.cthp import Trajectories, simulate
 from accpinn.stability.criteria import response
-from accpinn.stability.measured_gain import MeasuredGain, measured_gain
 from accpinn.units import FloatArray, Stretch
 from tests.support.driving import segment_of, standing_still
 from tests.support.holes import with_holes

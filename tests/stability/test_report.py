@@ -7,15 +7,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from accpinn.model.cthp import Parameters
+from accpinn import Parameters, stability_report
 from accpinn.model.registry import FOLLOWING
-from accpinn.stability import (
-    Behaviour,
-    VehicleStability,
-    peak_gains,
-    stability_at,
-    stability_report,
-)
+from accpinn.stability import Behaviour, VehicleStability, peak_gains, stability_at
 from accpinn.stability.criteria import MARGINAL
 from tests.stability.references import TABLE, Reference, integral_of_magnitude
 from tests.support.vehicles import (

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import accpinn
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.evaluation.closed_loop import closed_loop_errors
-from accpinn.methods import TaskContext
-from accpinn.methods.fit import CacheProblem, Continued, Outcome, ParameterTrack
+from accpinn.methods.fit import CacheProblem, ParameterTrack
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -131,17 +130,9 @@ def test_an_argument_out_of_range_is_named(asked: dict[str, Any], words: str) ->
     assert "\n" not in str(fault.value)
 
 
-ONE_THREAD = TaskContext(threads=1)
-
-
 @pytest.fixture(scope="module")
 def recording() -> Recording:
     return read(FOLDER / f"{NOISY}.csv")
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(tmp_path / "cache")
 
 
 def asked(recording: Recording, method: str = "splines", **changes: object) -> Analysis:
@@ -153,15 +144,6 @@ def problems(result: Result) -> list[str]:
 
 
 class TestRun:
-    def test_the_answer_is_the_methods_own(self, recording: Recording) -> None:
-        analysis = asked(recording)
-        result = run(analysis, recording)
-        fit = METHODS["splines"].fit(analysis.segments(recording)[0])
-        assert result.parameters == fit.parameters
-        assert (result.analysis, result.recording) == (analysis, recording)
-        assert result.info == result.segment.info
-        assert result.facts["samples"] == recording.samples
-
     def test_the_second_time_it_comes_from_the_store_with_its_parts(
         self, recording: Recording, store: Store, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -199,25 +181,6 @@ class TestRun:
         assert "\n" not in said
         assert again.parameters == first.parameters
         assert problems(run(asked(recording), recording, store=store)) == []
-
-    def test_a_training_that_was_stopped_goes_on_as_if_it_had_not(
-        self, recording: Recording, store: Store
-    ) -> None:
-        analysis = asked(recording, "pinn", settings=preset("paper", iterations=30))
-        at_once = run(analysis, recording, context=ONE_THREAD)
-        moments = iter([False] * 3 + [True] * 9)
-        stopping = replace(ONE_THREAD, should_stop=lambda: next(moments))
-        stopped = run(analysis, recording, store=store, context=stopping)
-        assert stopped.fit.outcome is Outcome.STOPPED
-        assert not store.has(analysis.fit_key), "an unfinished answer is none"
-        at = store.stopped_at(analysis)
-        assert at == stopped.fit.iterations
-        assert 0 < at < 30
-        done = run(analysis, recording, store=store, context=ONE_THREAD)
-        assert Continued(at) in done.fit.findings
-        assert done.parameters == at_once.parameters
-        np.testing.assert_array_equal(done.fit.surrogate.speeds, at_once.fit.surrogate.speeds)
-        assert store.stopped_at(analysis) is None
 
     def test_several_windows_share_one_likelihood(self, recording: Recording, store: Store) -> None:
         windows = [Window(0.0, 60.0), Window(60.0, 120.0)]

@@ -161,10 +161,7 @@ def test_what_is_known_needs_neither_workers_nor_the_files_contents(
     assert (again.windows, again.recordings, again.rows) == (first.windows, 1, first.rows)
 
 
-def test_results_by_another_mapping_are_not_taken(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ACCPINN_MAPPINGS", str(tmp_path / "mappings"))
+def test_results_by_another_mapping_are_not_taken(cluster: str, tmp_path: Path) -> None:
     frame(6).rename(columns={"Time": "t"}).to_csv(tmp_path / "own.csv", index=False)
     speeds = tuple(SpeedColumn(f"Speed{k}") for k in (1, 2))
     mapping = CsvMapping(speeds, (GapColumn("IVS1"),), TimeColumn("t"))
@@ -354,16 +351,12 @@ def test_settings_and_sources_that_cannot_be(
         batch(one, tmp_path / "other", scheduler="tcp://127.0.0.1:9")
 
 
-def following(samples: int = 4000, vehicles: int = 3) -> pd.DataFrame:
-    return platoon(vehicles, samples)
-
-
 def windows(found: Recording, longest: float = 150.0) -> list[tuple[tuple[int, ...], float, float]]:
     return [(one.vehicles, one.window.start, one.window.end) for one in plan(found, longest)]
 
 
 def test_a_complete_recording_is_cut_from_its_start() -> None:
-    found = recording(following())
+    found = recording(platoon(3, 4000))
     assert windows(found) == [((1, 2, 3), 0, 150), ((1, 2, 3), 150, 300), ((1, 2, 3), 300, 399.9)]
     assert windows(found, np.inf) == [((1, 2, 3), 0, 399.9)]
     assert {one.modes for one in plan(found, 150)} == {("ACC by flag",) * 2}
@@ -372,13 +365,13 @@ def test_a_complete_recording_is_cut_from_its_start() -> None:
 
 
 def test_a_recording_by_hand_has_no_window() -> None:
-    assert plan(recording(following(), acc="0"), 300) == ()
-    frame = following().assign(Driver2="Human", Driver3="Human")
+    assert plan(recording(platoon(3, 4000), acc="0"), 300) == ()
+    frame = platoon(3, 4000).assign(Driver2="Human", Driver3="Human")
     assert plan(recording(frame), 300) == ()
 
 
 def test_manual_driving_and_missing_samples_end_a_stretch() -> None:
-    frame = following().assign(Driver2="ACC", Driver3="ACC")
+    frame = platoon(3, 4000).assign(Driver2="ACC", Driver3="ACC")
     frame.loc[1500:1510, "Driver2"] = "Human"
     frame.loc[2500:2600, "Speed3"] = np.nan
     found = recording(frame)
@@ -391,21 +384,21 @@ def test_manual_driving_and_missing_samples_end_a_stretch() -> None:
 
 
 def test_a_follower_keeps_alone_what_the_others_interrupt() -> None:
-    frame = following().assign(Driver2="ACC", Driver3="ACC")
+    frame = platoon(3, 4000).assign(Driver2="ACC", Driver3="ACC")
     frame.loc[1000:, "Driver3"] = "Human"
     assert windows(recording(frame), np.inf) == [((1, 2, 3), 0, 99.9), ((1, 2), 100, 399.9)]
 
 
 @pytest.mark.parametrize(("seconds", "count"), [(8, 1), (40, 2)])
 def test_only_long_departures_from_car_following_interrupt(seconds: int, count: int) -> None:
-    frame = following(vehicles=2)
+    frame = platoon(2, 4000)
     first = 2000
     frame.loc[first : first + 10 * seconds, "IVS1"] += 60
     assert len(windows(recording(frame, "AB"), np.inf)) == count
 
 
 def test_speeds_in_another_unit_have_no_window_and_the_reason_is_told() -> None:
-    frame = following(vehicles=2)
+    frame = platoon(2, 4000)
     frame[["Speed1", "Speed2"]] *= 5.0
     found = recording(frame, "AB")
     assert plan(found, np.inf) == ()
@@ -413,7 +406,7 @@ def test_speeds_in_another_unit_have_no_window_and_the_reason_is_told() -> None:
 
 
 def test_a_long_distance_setting_is_car_following() -> None:
-    frame = following(vehicles=2)
+    frame = platoon(2, 4000)
     frame["IVS1"] += 22
     assert (frame["IVS1"] / frame["Speed2"]).median() > 2
     assert windows(recording(frame, "AB"), np.inf) == [((1, 2), 0, 399.9)]
@@ -422,13 +415,13 @@ def test_a_long_distance_setting_is_car_following() -> None:
 
 
 def test_a_long_chain_is_taken_in_parts() -> None:
-    found = recording(following(1000, 14), "ABCDEFGHIJKLMN")
+    found = recording(platoon(14, 1000), "ABCDEFGHIJKLMN")
     assert [one.vehicles for one in plan(found, 300)] == [tuple(range(1, 12)), (11, 12, 13, 14)]
 
 
 def test_no_follower_is_in_two_windows_at_once() -> None:
     rng = np.random.default_rng(3)
-    frame = following(6000, 4)
+    frame = platoon(4, 6000)
     for number in (2, 3, 4):
         hand = np.repeat(rng.random(12) < 0.3, 500)
         frame[f"Driver{number}"] = np.where(hand, "Human", "ACC")

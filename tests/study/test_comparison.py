@@ -6,19 +6,15 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Analysis, Parameters, Recording, cut, label_regimes, run, spread_of
 from accpinn.cli import main
 from accpinn.errors import SegmentError
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.methods import TaskContext
 from accpinn.methods.pinn.config import STARTS
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
-from accpinn.recordings import Recording, Window
+from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results.recording import regimes_table, sensitivity_table
-from accpinn.segment.cut import cut
-from accpinn.segment.quality import label_regimes
-from accpinn.study import Analysis
 from accpinn.study.comparison import (
     CHOICES,
     COMPARED,
@@ -26,9 +22,7 @@ from accpinn.study.comparison import (
     compare,
     results_among,
     sensitivity,
-    spread_of,
 )
-from accpinn.study.run import run
 from tests.support.command import STUDY, THREE, Capture, document
 from tests.support.driving import MIXED, driven
 from tests.support.snapshots import result_for
@@ -37,28 +31,9 @@ QUICK = ("least-squares", "splines", "recursive")
 SHORT = ("compare", str(THREE), "--duration", "60", "--vehicles", "1,2", "--methods")
 
 
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return read(THREE)
-
-
-@pytest.fixture(scope="module")
-def asked(recording: Recording) -> Analysis:
-    return Analysis.of(recording, [Window(0.0, 60.0)])
-
-
-@pytest.fixture
-def refusing(monkeypatch: pytest.MonkeyPatch) -> str:
-    """The key of a method that can serve no segment."""
-
-    def run(*_: object, **__: object) -> NoReturn:
-        raise SegmentError("Too little is left of the window; choose a longer one.")
-
-    monkeypatch.setitem(METHODS, "recursive", replace(METHODS["recursive"], run=run))
-    return "recursive"
-
-
-def test_a_stop_keeps_the_results_so_far(asked: Analysis, recording: Recording) -> None:
+def test_a_stop_keeps_the_results_so_far() -> None:
+    recording = read(THREE)
+    asked = Analysis.of(recording, [Window(0.0, 60.0)])
     moments = iter([*[False] * 2, *[True] * 9])
     context = TaskContext(threads=1, should_stop=lambda: next(moments))
     found = list(compare(asked, recording, QUICK, context=context))
@@ -67,8 +42,13 @@ def test_a_stop_keeps_the_results_so_far(asked: Analysis, recording: Recording) 
 
 
 def test_the_command_has_the_document_of_the_contract_and_the_method_that_refused(
-    capsys: Capture, refusing: str
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def run(*_: object, **__: object) -> NoReturn:
+        raise SegmentError("Too little is left of the window; choose a longer one.")
+
+    refusing = "recursive"
+    monkeypatch.setitem(METHODS, refusing, replace(METHODS[refusing], run=run))
     found = document(capsys, *SHORT, f"{refusing},least-squares,splines", "--no-cache")
     assert isinstance(found["warnings"], list)
     assert [form["form"] for form in found["forms"]] == list(FORMS)

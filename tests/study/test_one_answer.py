@@ -10,6 +10,7 @@ import pytest
 from pyarrow import parquet
 
 import accpinn
+from accpinn import Result, load
 from accpinn.errors import ConfigError
 from accpinn.inference.window_posterior import sampled
 from accpinn.methods.likelihood import Criterion
@@ -17,9 +18,7 @@ from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.registry import FOLLOWING
 from accpinn.results.tables.answer import answer_table
-from accpinn.study.result import Result
 from accpinn.study.rows import OF_ANSWER
-from accpinn.study.snapshot import load
 from tests.support.command import PLATOON, STUDY, Capture, document
 from tests.support.snapshots import small
 

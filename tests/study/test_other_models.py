@@ -11,7 +11,7 @@ import pytest
 import accpinn
 from accpinn.errors import ParameterError
 from accpinn.methods import Law
-from accpinn.methods.pinn.config import CALIBRATED, FAST
+from accpinn.methods.pinn.config import FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
@@ -198,15 +198,6 @@ def test_an_intercept_is_what_gaps_are_longer_by(method: str, law: Law) -> None:
     np.testing.assert_allclose(further, [0, 0, 0, 6.0, 0, 0], atol=0.05)
     if fit.surrogate:
         assert np.abs(fit.surrogate.gaps - shifted().gaps).max() < 0.5
-
-
-def test_the_calibrated_network_draws_the_likeliest_parameters_again() -> None:
-    run, law = shifted(), Law("cthp-s0")
-    fit = METHODS["pinn"].fit(run, settings=CALIBRATED, law=law)
-    likeliest = METHODS["maximum-likelihood"].fit(run, law=law).parameters
-    np.testing.assert_allclose(fit.parameters.values, likeliest.values, rtol=5e-3)
-    again = METHODS["pinn"].redraw(fit, run.time, run.window.duration)
-    np.testing.assert_allclose(again.gaps, fit.surrogate.gaps, atol=1e-9)
 
 
 def test_another_model_of_the_answer_does_not_estimate_again(tmp_path: Path) -> None:

@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from accpinn import Analysis, Library, Result, Store, preset
 from accpinn.errors import SnapshotError
-from accpinn.methods.pinn.config import preset
-from accpinn.study import Analysis
-from accpinn.study.result import Result
-from accpinn.study.snapshot_library import RESTORABLE, Library
-from accpinn.study.store import INDEX, SESSION_KEPT, Store
+from accpinn.study.snapshot_library import RESTORABLE
+from accpinn.study.store import INDEX, SESSION_KEPT
 from tests.support.driving import driven
 from tests.support.snapshots import asked_of, bits, numbered, small, small_bytes, two_windows, whole
 
@@ -36,11 +34,6 @@ def failing(fault: BaseException) -> Callable[..., Any]:
 
 def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if not path.name.startswith(INDEX)}
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(tmp_path)
 
 
 class TestStore:

@@ -138,11 +138,8 @@ def test_what_is_no_study_ends_in_one_sentence(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["", ".", "..", "../x", "a/b", "/etc", "a\\b", ".hidden", "x ", "x" * 61, "a\n", "out"]
 )
-def test_what_leads_out_of_the_folder_is_refused(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_leads_out_of_the_folder_is_refused(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "studies"
-    monkeypatch.setenv("ACCPINN_STUDIES", str(folder))
     folder.mkdir()
     (folder / "out").symlink_to(write_study(tmp_path / "elsewhere", row("A")))
     with pytest.raises(ConfigError, match="is no name"):
@@ -150,15 +147,13 @@ def test_what_leads_out_of_the_folder_is_refused(
     assert studies() == ()
 
 
-def test_studies_are_listed_the_latest_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ACCPINN_STUDIES", str(tmp_path))
+def test_studies_are_listed_the_latest_first(tmp_path: Path) -> None:
+    folder = tmp_path / "studies"
     assert studies() == ()
     for age, name in enumerate(("Meine Läufe (2)", "old")):
-        file = write_study(tmp_path / name, row("A")) / FILE
+        file = write_study(folder / name, row("A")) / FILE
         os.utime(file, (1e9 - age, 1e9 - age))
-    (tmp_path / "no study").mkdir()
+    (folder / "no study").mkdir()
     assert studies() == ("Meine Läufe (2)", "old")
 
 
@@ -265,15 +260,9 @@ def test_what_counts_as_a_group_a_window_and_a_vehicle() -> None:
 
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
-    several = (row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3))
-    return write_study(
-        tmp_path,
-        *several,
-        *(
-            row("C", model="Outlander PHEV, longest", method=key)
-            for key in ("least-squares", "splines")
-        ),
-    )
+    methods = ("least-squares", "splines")
+    longest = (row("C", model="Outlander PHEV, longest", method=key) for key in methods)
+    return write_study(tmp_path, *(row("Ä & B", alpha=0.1 * k) for k in (1, 2, 3)), *longest)
 
 
 def test_command_prints_every_format(capsys: Capture, study: Path) -> None:

@@ -11,21 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Analysis, Parameters, Result, load, preset, run
 from accpinn.errors import SnapshotError
 from accpinn.evaluation import of_blocks
 from accpinn.inference.intervals import from_draws, with_estimates
 from accpinn.methods.fit import Outcome
-from accpinn.methods.pinn.config import preset
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.segment import WindowShortened
 from accpinn.serial import flatten
-from accpinn.study import Analysis
-from accpinn.study.result import Result
-from accpinn.study.run import estimate, run
-from accpinn.study.snapshot import DOCUMENT, load, named, to_bytes
+from accpinn.study.run import estimate
+from accpinn.study.snapshot import DOCUMENT, named, to_bytes
 from accpinn.study.verification import HOWEVER_LONG, QUICK, Check, Verification, verify
 from tests.support.driving import driven
 from tests.support.samples import FOLDER, NOISY
@@ -116,7 +112,7 @@ class TestHonest:
         analysis = replace(whole().analysis, settings=settings)
         found = verify(replace(whole(), analysis=analysis, fits=(fit,), compared=()))
         (left,) = [check for check in found.unchecked if check.cure == "--refit"]
-        assert (left.part, left.seconds > 240) == ("fit", True)
+        assert (left.part, left.seconds > 120) == ("fit", True)
 
     def test_a_stopped_training_cannot_be_run_again(self) -> None:
         fit = replace(whole().fit, outcome=Outcome.STOPPED)

@@ -6,24 +6,21 @@ import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from streamlit.testing.v1 import AppTest
 
+from accpinn import Case, Result, Table
 from accpinn.methods import least_squares
-from accpinn.model.cthp import Case
 from accpinn.recordings import Window
-from accpinn.results.tables import Table
-from accpinn.study.result import Result, result_of
+from accpinn.study.result import result_of
 from accpinn.tasks import Task
 from pages.ui.session import sessions
 from pages.ui.session.resources import sample, store
 from pages.ui.session.workspace import Workspace
-from tests.support.command import PLATOON
+from tests.support.command import PLATOON, ROOT
 
-ROOT = Path(__file__).parents[2]
 PAGES = {"Home": "app.py"} | {
     path.stem[2:]: f"pages/{path.name}" for path in sorted((ROOT / "pages").glob("[0-9]*.py"))
 }

@@ -2,12 +2,9 @@
 
 from typing import Any
 
+from accpinn import METHODS, Case, Fit, PinnConfig, Segment
 from accpinn.methods import PAPERS, Law, TaskContext
-from accpinn.methods.fit import Fit
-from accpinn.methods.pinn.config import FAST, PinnConfig
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case
-from accpinn.segment import Segment
+from accpinn.methods.pinn.config import FAST
 
 RIVALS = {key: method.fit for key, method in METHODS.items() if not method.settings}
 """Every method but the network, which takes longer."""

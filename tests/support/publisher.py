@@ -64,7 +64,7 @@ def publisher(
             if fault in ("break", "stall"):
                 self.wfile.write(content[: len(content) // 2])
                 self.wfile.flush()
-                time.sleep(1.0 if fault == "stall" else 0.0)
+                time.sleep(0.3 if fault == "stall" else 0.0)
                 self.close_connection = True
                 return b""
             time.sleep(0.02)

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from accpinn import Segment, cut
 from accpinn.recordings.openacc import read
 from accpinn.recordings.synthetic import load_truth, truth_path
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
 from accpinn.units import FloatArray
 
 FOLDER = Path(__file__).parents[2] / "sample_data"

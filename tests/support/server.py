@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.support.command import ROOT
 
 FEW_DRAWS = "tests.support.draws"
 """The program whose posterior takes a tenth of the time, beside `streamlit`."""

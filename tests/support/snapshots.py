@@ -107,7 +107,7 @@ def platoon() -> Recording:
 @cache
 def trained() -> Result:
     """The PiNN's answer for the synthetic platoon."""
-    asked = Analysis.of(platoon(), [Window(0.0, 120.0)], settings=preset("fast", iterations=20))
+    asked = Analysis.of(platoon(), [Window(0.0, 60.0)], settings=preset("fast", iterations=20))
     return run(asked, platoon(), context=TaskContext(threads=1))
 
 
@@ -144,7 +144,7 @@ def delayed(vehicle: int = 2) -> Adequacy:
 def zipped(members: Mapping[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
     """A zip file."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", method) as archive:
+    with zipfile.ZipFile(buffer, "w", method, compresslevel=1) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
     return buffer.getvalue()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-STEP, SPEED, SETTLE, DURATION, LENGTH, ROAD = 0.05, 20.0, 20.0, 500.0, 5.0, 30_000.0
+STEP, SPEED, SETTLE, DURATION, LENGTH, ROAD = 0.05, 20.0, 20.0, 300.0, 5.0, 30_000.0
 NETWORK = f"""<net version="1.9">
 <location netOffset="0,0" convBoundary="0,0,{ROAD},0" origBoundary="0,0,{ROAD},0"
   projParameter="!"/>

@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from accpinn import Analysis, Fit, Parameters, PinnConfig, Recording, Result, Store
 from accpinn.errors import ConfigError
 from accpinn.methods import TaskContext
-from accpinn.methods.fit import Fit, History, Outcome, Progress
-from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig
-from accpinn.model.cthp import Parameters
-from accpinn.recordings import Recording
-from accpinn.study import Analysis, single_window
-from accpinn.study.result import Result, result_of
-from accpinn.study.store import Store
+from accpinn.methods.fit import History, Outcome, Progress
+from accpinn.methods.pinn.config import FAST, PAPER
+from accpinn.study import single_window
+from accpinn.study.result import result_of
 from accpinn.tasks import Status, Task, TaskQueue, training_task
 from tests.support.openacc_files import recording
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from accpinn import Case, Parameters, Segment, intervals
 from accpinn.evaluation.closed_loop import surrogate_errors
-from accpinn.inference.intervals import intervals
 from accpinn.methods import Law
 from accpinn.methods.fit import Outcome, Progress
 from accpinn.methods.likelihood import Criterion, search
@@ -17,9 +17,7 @@ from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Design, Evidence, LinearEvidence
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
-from accpinn.model.cthp import Case, Parameters
 from accpinn.results.figures.training import NORMAL_90
-from accpinn.segment import Segment
 from accpinn.units import FloatArray
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed

@@ -33,7 +33,7 @@ def test_fast_finds_lags_and_delays_that_are_not_typical(key: str) -> None:
     """Those are 0.4 s and 0.6 s; of two followers."""
     base = TRUTHS[key.rpartition("-")[0]]
     truth = np.column_stack([base, [0.3, 0.8]])
-    ahead, behind = driven(FOLLOWING[key], truth, 3, noise=0.03, seconds=180.0)
+    ahead, behind = driven(FOLLOWING[key], truth, 3, noise=0.01, seconds=120.0)
     platoon = segment_of(
         ahead.time,
         np.column_stack([ahead.speeds, behind.speeds[:, 1]]),

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 import torch
 
+from accpinn import METHODS, PinnConfig, Segment, preset
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods import Law
-from accpinn.methods.pinn.config import FAST, PAPER, PinnConfig, PresetName, preset
+from accpinn.methods.pinn.config import FAST, PAPER, PresetName
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.pinn.training import require_memory
-from accpinn.methods.registry import METHODS
-from accpinn.segment import Segment
 from tests.support.driving import segment_of
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample

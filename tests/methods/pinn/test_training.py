@@ -4,30 +4,26 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from accpinn import Case, Fit, Parameters, PinnConfig, Segment, Store, preset
 from accpinn.errors import ConfigError
 from accpinn.evaluation.closed_loop import closed_loop_errors
 from accpinn.methods import splines
 from accpinn.methods.fit import (
     Checkpoint,
     Continued,
-    Fit,
     HiddenLayersGain,
     HoldoutLoss,
     Outcome,
     Progress,
 )
 from accpinn.methods.pinn import training
-from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER, PinnConfig, preset
+from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.pinn.fast import FastTraining
-from accpinn.model.cthp import Case, Parameters
-from accpinn.segment import Segment
-from accpinn.study.store import Store
 from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.methods import WEIGHTED, train
 from tests.support.snapshots import asked_of
@@ -203,11 +199,6 @@ class TestPaperPreset:
         history = both.history
         second = history.total[history.iteration >= 65]
         assert (np.diff(second) < 0).all(), "each handful of its iterations lowers Ψ"
-
-
-@pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(tmp_path)
 
 
 class TestCheckpoints:

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import accpinn
-from accpinn.inference.identifiability import INCREASE, profiles
-from accpinn.inference.intervals import intervals
+from accpinn import Parameters, intervals, profiles
+from accpinn.inference.identifiability import INCREASE
 from accpinn.methods import recursive, splines
-from accpinn.model.cthp import Parameters
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.comparison import JOINT_DRAWN, joint
 from tests.support.command import STUDY
@@ -74,12 +73,11 @@ def test_profiles_reach_the_dashed_line_at_their_ends() -> None:
     assert bands[1].x1 == figure.layout.xaxis2.range[1], "it has no end"
 
 
-@pytest.mark.parametrize(("model", "panels"), [("cthp", 3), ("cthp-s0-delay", 10)])
-def test_each_pair_of_the_answers_parameters_has_a_panel(model: str, panels: int) -> None:
-    answer = accpinn.fit(STUDY, 0, 60, method="least-squares", model=model).answer
+def test_each_pair_of_the_answers_parameters_has_a_panel() -> None:
+    answer = accpinn.fit(STUDY, 0, 60, method="least-squares").answer
     figure = joint(answer, 0, COLOUR)
     clouds = [trace for trace in figure.data if len(trace.x) == JOINT_DRAWN]
     points = [trace for trace in figure.data if len(trace.x) == 1]
-    assert len(clouds) == len(points) == panels
+    assert len(clouds) == len(points) == 10
     assert (points[0].x[0], points[0].y[0]) == (answer.parameters.alpha, answer.parameters.beta)
     assert np.isin(clouds[0].x, answer.typical.alpha[:, 0]).all()

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from accpinn.model.cthp import Parameters
+from accpinn import Parameters, group
 from accpinn.results.figures import database as figures
 from accpinn.stability.criteria import l2_criterion
-from accpinn.study.groups import group
 from tests.support.figures import named, names
 from tests.support.studies import row, rows
 

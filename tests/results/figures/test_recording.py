@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from accpinn import cut, label_regimes
 from accpinn.recordings import Window
 from accpinn.results.figures import recording as figures
-from accpinn.segment.cut import cut
-from accpinn.segment.quality import label_regimes
 from tests.support.figures import names
 from tests.support.openacc_files import platoon, recording
 
