@@ -12,7 +12,6 @@ import accpinn.results.report  # noqa: F401  all modules that have findings
 from accpinn.findings import Finding, joined, probability
 from accpinn.inference.answer import HeterogeneousFollowers, HeterogeneousWindows
 from accpinn.inference.identifiability import WeakIdentification
-from accpinn.inference.intervals import ParameterInterval
 from accpinn.inference.model_adequacy import FORMS
 from accpinn.inference.trust import Trust
 from accpinn.methods.fit import HiddenLayersGain
@@ -30,9 +29,6 @@ KEYS = {"channel": ("Speed", "IVS"), "form": FORMS[1:], "problem": ("It is broke
 VALUES: dict[Any, tuple[Any, ...]] = {
     bool: (True, False), int: (0, 1, 2, 3), float: (0.0571, 0.8, 41.0), str: ("α", "31, {2"),
     Window: BLOCKS, NoneType: (None,),
-    ParameterInterval: (
-        ParameterInterval("α", 0.01, 0.2, 0.1, 0.05), ParameterInterval("τ", 0.5, None)
-    ),
 }  # fmt: skip
 OTHER: dict[Any, Any] = {
     bool: lambda known: not known,

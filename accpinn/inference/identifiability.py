@@ -14,18 +14,19 @@ Source: Raue et al., Bioinformatics 25 (2009) 1923-1929, for the use of profiles
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.findings import Finding, Labelled, Words, joined
-from accpinn.inference.intervals import ParameterInterval, Uncertainty, parameter_intervals
+from accpinn.inference.intervals import SYMBOLS, Uncertainty
 from accpinn.methods.regression import Regression, solve_bounded
 from accpinn.model.cthp import LARGEST, Case, Parameters
 from accpinn.recordings import LITTLE_LEADER_MOTION
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.quality import LARGE_CONDITION, LITTLE_RELATIVE_MOTION, Quality
-from accpinn.units import FloatArray, MetresPerSecond, Seconds, frozen
+from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, frozen
 
 WIDE = 5.0
 """Ratio of an interval's ends above which it gives little more than the order of magnitude."""
@@ -47,8 +48,8 @@ class WeakIdentification(Finding, frozen=True):
     text_if_narrow = "{vehicle}: treat the intervals with caution{reasons}."
 
     vehicle: int
-    wide: tuple[ParameterInterval, ...] = ()
-    """The wide intervals; empty if only the excitation is too small."""
+    wide: tuple[str, ...] = ()
+    """Symbols of the parameters; empty if only the excitation is too small."""
     leader_deviation: MetresPerSecond | None = None
     """Standard deviation of the leader's speed, if it is too small."""
     relative_deviation: MetresPerSecond | None = None
@@ -74,11 +75,9 @@ class WeakIdentification(Finding, frozen=True):
         if self.condition is not None:
             number = f"condition number {self.condition:.0f}"
             reasons.append(f"the model's terms are nearly proportional ({number})")
-        wide = joined([f"{interval.symbol} ({interval.ends})" for interval in self.wide])
+        spans = "interval of {} spans" if len(self.wide) == 1 else "intervals of {} span"
         return {
-            "spans": f"the interval of {wide} spans"
-            if len(self.wide) == 1
-            else f"the intervals of {wide} span",
+            "spans": f"the {spans.format(joined(self.wide))}",
             "limit": WIDE,
             "reasons": f", as {joined(reasons)}" if reasons else "",
         }
@@ -158,21 +157,16 @@ def _narrower(
     return (NarrowerIntervals(vehicles, duration, longer, is_excited),)
 
 
-def wide_intervals(uncertainty: Uncertainty, follower: int) -> tuple[ParameterInterval, ...]:
-    """The intervals of α, β and τ that give little more than the order of magnitude."""
-    return tuple(filter(_is_wide, parameter_intervals(uncertainty, follower)))
+def wide_intervals(uncertainty: Uncertainty) -> Mask:
+    """(M, 3) whether an interval of α, β or τ gives little more than the order of magnitude.
 
-
-def _is_wide(interval: ParameterInterval) -> bool:
-    """An interval that is not known is not wide, nor is one that contains only 0.
-
-    One whose ends are equal is: there all draws of the posterior collapsed on one, as where nothing
-    but noise moves, and they say nothing.
+    One that is not known does not, nor does one that contains only 0. One whose ends are equal
+    does: there all draws of the posterior collapsed on one, as where nothing but noise moves, and
+    they say nothing.
     """
-    lower, upper = interval.lower, interval.upper
-    if upper is None or not np.isfinite(lower):
-        return bool(np.isfinite(lower))
-    return upper > WIDE * lower or upper == lower > 0.0
+    lower, upper = uncertainty.lower.values, uncertainty.upper.values
+    is_open, is_point = ~np.isfinite(upper), (upper == lower) & (lower > 0.0)
+    return np.asarray(np.isfinite(lower) & (is_open | is_point | (upper > WIDE * lower)))
 
 
 def _identification(
@@ -182,7 +176,7 @@ def _identification(
     condition, is_alone = quality.condition[k], vehicle > 0
     return WeakIdentification(
         vehicle,
-        wide_intervals(uncertainty, k),
+        tuple(compress(SYMBOLS, wide_intervals(uncertainty)[k])),
         leader if leader < LITTLE_LEADER_MOTION else None,
         relative if is_alone and relative < LITTLE_RELATIVE_MOTION else None,
         condition if is_alone and condition > LARGE_CONDITION else None,

@@ -14,14 +14,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import compress
 from typing import Any, Literal
 
-import msgspec
 import numpy as np
 
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
-from accpinn.findings import Finding, Labelled, Words
+from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
 from accpinn.methods import Law, one_thread
 from accpinn.methods.fit import Fit, Outcome
@@ -46,6 +46,7 @@ BY_SIMULATION = "normal approximation about the best closed-loop simulation"
 """How draws are made: of a CTHP, and of any other model."""
 LEVEL = 0.9
 """Level of the intervals."""
+SYMBOLS = tuple(parameter.symbol for parameter in PARAMETERS)
 HUGE = 1e300
 """Stands for an infinite draw where quantiles are taken."""
 DRAWS = 2000
@@ -80,27 +81,6 @@ WHY: dict[Cause, str] = {
     "diverged": "training diverged",
 }
 """Why an estimate lies outside its interval, as the sentence says it."""
-_QUANTITIES = {quantity.symbol: quantity for quantity in PARAMETERS}
-
-
-class ParameterInterval(msgspec.Struct, frozen=True):
-    """The interval of one parameter of one follower, and estimates of it."""
-
-    symbol: str
-    """Symbol of the parameter: α, β or τ."""
-    lower: float
-    upper: float | None
-    """None where nothing is known."""
-    estimate: float | None = None
-    """The estimate that is compared with the interval."""
-    likeliest: float | None = None
-    """The maximum-likelihood estimate, which disturbances do not bias."""
-
-    @property
-    def ends(self) -> str:
-        """Both ends in words: "0.08 to 0.12"."""
-        text = _QUANTITIES[self.symbol].text
-        return f"{text(self.lower)} {'or more' if self.upper is None else f'to {text(self.upper)}'}"
 
 
 class NotDetermined(Finding, frozen=True):
@@ -117,18 +97,17 @@ class NotDetermined(Finding, frozen=True):
 class OutsideInterval(Finding, frozen=True):
     """Some of a follower's estimates lie outside their intervals."""
 
-    text = "{vehicle}: the estimate's {estimates} {lie} outside the interval; {why}."
+    text = "{vehicle}: the estimate's {named} outside the interval; {why}."
 
     vehicle: int
-    parameters: tuple[ParameterInterval, ...]
-    """The intervals, with the estimates outside of them."""
+    symbols: tuple[str, ...]
+    """Of the parameters: α, β or τ."""
     cause: Cause
     """Most probable cause; a key of `WHY`."""
 
     def _words(self, about: Labelled) -> Words:
-        estimates = " and ".join(map(_estimate, self.parameters))
-        lie = "lies" if len(self.parameters) == 1 else "lie"
-        return {"estimates": estimates, "lie": lie, "why": WHY[self.cause]}
+        verb = "lies" if len(self.symbols) == 1 else "lie"
+        return {"named": f"{joined(self.symbols)} {verb}", "why": WHY[self.cause]}
 
 
 class FewDraws(Finding, frozen=True):
@@ -144,14 +123,6 @@ class FewDraws(Finding, frozen=True):
 
 
 UncertaintyFinding = NotDetermined | OutsideInterval | FewDraws
-
-
-def _estimate(interval: ParameterInterval) -> str:
-    text = _QUANTITIES[interval.symbol].text
-    value = "undetermined" if interval.estimate is None else text(interval.estimate)
-    likeliest = interval.likeliest
-    best = "" if likeliest is None else f", maximum likelihood {text(likeliest)}"
-    return f"{interval.symbol} = {value} (interval {interval.ends}{best})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,11 +371,10 @@ def _findings(segment: Segment, fit: Fit, compared: Uncertainty) -> list[Uncerta
             findings.append(NotDetermined(vehicle))
         elif 1 < (effective := effective_draws(compared.draws.alpha[:, k])) < FEW:
             findings.append(FewDraws(vehicle, round(effective)))
-        rows = parameter_intervals(compared, k, fit.parameters)
-        pairs = zip(rows, compared.inside[k], strict=True)
-        outside = [row for row, yes in pairs if not yes and row.estimate is not None]
-        if outside:
-            findings.append(OutsideInterval(vehicle, tuple(outside), _cause(fit)))
+        outside = ~compared.inside[k] & np.isfinite(fit.parameters[k].values)
+        if outside.any():
+            symbols = tuple(compress(SYMBOLS, outside))
+            findings.append(OutsideInterval(vehicle, symbols, _cause(fit)))
     return findings
 
 
@@ -412,29 +382,3 @@ def _cause(fit: Fit) -> Cause:
     """Why an estimate may lie outside: bias, or an irregular likelihood for unbiased methods."""
     unbiased = fit.method == KEY or fit.config.get("preset") == UNBIASED
     return "apart" if unbiased else CAUSES.get(fit.outcome, "disturbances")
-
-
-def parameter_intervals(
-    uncertainty: Uncertainty, follower: int, estimates: Parameters | None = None
-) -> tuple[ParameterInterval, ...]:
-    """The intervals of α, β and τ of one follower.
-
-    Args:
-        uncertainty: the uncertainty of M followers.
-        follower: index of the follower, from 0.
-        estimates: (M,) estimates to be kept beside the intervals.
-    """
-    lower, upper = (
-        ends[follower].values.tolist() for ends in (uncertainty.lower, uncertainty.upper)
-    )
-    values = estimates[follower].values.tolist() if estimates else 3 * [float("nan")]
-    likeliest = uncertainty.centre[follower].values.tolist()
-    rows = zip(PARAMETERS, lower, upper, values, likeliest, strict=True)
-    return tuple(
-        ParameterInterval(quantity.symbol, low, _finite(high), _finite(value), _finite(best))
-        for quantity, low, high, value, best in rows
-    )
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

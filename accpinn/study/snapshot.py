@@ -49,7 +49,7 @@ from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
 FORMAT = "accpinn snapshot"
-SCHEMA = 7
+SCHEMA = 8
 LARGEST = 24_000_000
 """Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
 stays below."""

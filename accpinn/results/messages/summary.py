@@ -1,18 +1,18 @@
 """A result in a few sentences, what its numbers assume, and the checks and cautions about it."""
 
 from collections.abc import Sequence
-from math import ceil, isnan
+from itertools import compress
+from math import ceil
 from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
-from accpinn.channels import PARAMETERS
 from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual
 from accpinn.findings import joined, percent, spelled, who
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import WIDE, identifiability, wide_intervals
-from accpinn.inference.intervals import Uncertainty
+from accpinn.inference.intervals import SYMBOLS, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import Fit, Outcome
@@ -332,10 +332,7 @@ def checks(result: Result) -> tuple[Check, ...]:
 
 def _wide(info: SegmentInfo, uncertainty: Uncertainty) -> tuple[str, ...]:
     """For each follower the parameters with wide intervals, all where none is determined."""
-    said = []
-    for k, vehicle in enumerate(info.vehicles[1:]):
-        symbols = [interval.symbol for interval in wide_intervals(uncertainty, k)]
-        if isnan(uncertainty.centre.alpha[k]):
-            symbols = [quantity.symbol for quantity in PARAMETERS]
-        said += [f"{who(vehicle, info)}: {joined(symbols)}."] * bool(symbols)
-    return tuple(said)
+    are_wide = wide_intervals(uncertainty) | np.isnan(uncertainty.centre.alpha)[:, None]
+    pairs = zip(info.vehicles[1:], are_wide, strict=True)
+    named = ((who(vehicle, info), tuple(compress(SYMBOLS, row))) for vehicle, row in pairs)
+    return tuple(f"{label}: {joined(symbols)}." for label, symbols in named if symbols)
