@@ -315,10 +315,10 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
     for kind in _ASSESSED:
         alike = [k for k in range(total) if assessed(subject, k) == kind]
         if len(alike) == 1:
-            yield becomes(subject, alike, capital(spoken[alike[0]]), with_odds=True)
+            yield becomes(subject, alike, capital(spoken[alike[0]]), is_headline=True)
         elif alike:
             some = f"{capital(spelled(len(alike)))} of {spelled(total)} vehicles"
-            yield becomes(subject, alike, every if len(alike) == total else some, with_odds=True)
+            yield becomes(subject, alike, every if len(alike) == total else some, is_headline=True)
 
 
 def assessed(subject: KnownVehicles, follower: int) -> Assessment:
@@ -334,7 +334,7 @@ def becomes(
     alike: Sequence[int],
     named: str,
     are_several: bool | None = None,
-    with_odds: bool = False,
+    is_headline: bool = False,
 ) -> str:
     """What becomes of disturbances behind followers of one verdict, in a sentence.
 
@@ -343,7 +343,8 @@ def becomes(
         alike: the followers, 0 for the first.
         named: what they are called at the beginning.
         are_several: whether that is a plural; by default where they are several.
-        with_odds: whether probabilities and the frequency are said of every verdict.
+        is_headline: whether probabilities are told of every verdict, and of several vehicles that
+            amplify the most alone, with its frequency.
     """
     known, kind, peaks = subject.uncertainty, assessed(subject, alike[0]), {}
     assert known
@@ -351,21 +352,25 @@ def becomes(
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
     by = " by the model" * against
-    odds = _odds(known.probability_l2[alike]) if with_odds or kind == "open" else ""
+    odds = _odds(known.probability_l2[alike]) if is_headline or kind == "open" else ""
     if kind != "unstable":
         return f"{named} {verb}{by}{odds}."
     for k in alike:
         peak = subject.report.vehicles[k].peak
-        extent = grown(peak.gain, gain_of(peak.gain, known, k), known.level if with_odds else None)
-        at = f" at {three(peak.omega)} rad/s" if with_odds and peak.omega > 0 else ""
+        extent = grown(
+            peak.gain, gain_of(peak.gain, known, k), known.level if is_headline else None
+        )
+        at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
         peaks[k] = peak.gain, extent + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
     if peaks[least][0] == peaks[most][0]:
         return f"{named} {verb} {peaks[most][1]}{by}{odds}."
     spoken = subject.vehicles.spoken
+    if is_headline:
+        return f"{named} {verb}{by}{odds}, {spoken[most]} the most: {peaks[most][1]}."
     return (
-        f"{named} {verb}{by}{odds}: {spoken[least]} least, {peaks[least][1]}, and {spoken[most]}"
-        f" most, {peaks[most][1]}."
+        f"{named} {verb}{by}: {spoken[least]} least, {peaks[least][1]}, and {spoken[most]} most,"
+        f" {peaks[most][1]}."
     )
 
 
