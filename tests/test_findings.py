@@ -89,7 +89,10 @@ def test_a_sentence_has_its_vehicle_and_figures(kind: type[Finding]) -> None:
         (DrivenByHand((3,), (0.5,)), ["3 Audi", "50 %"]),
         (HiddenLayersGain(1.0, 0.5), ["1.000", "0.5000", "-50.0 %"]),
         (WeakIdentification(0, (), 0.05), ["All followers", "0.05 m/s"]),
-        (HeterogeneousWindows(2, 5, 0.012, 0.2), ["5 windows", "p = 0.012", "0.20 s"]),
+        (
+            HeterogeneousWindows((2, 3), 5, 0.012, 0.2),
+            ["5 windows", "and 3 Audi", "0.012", "0.20 s"],
+        ),
         (HeterogeneousFollowers(4, 1e-9), ["4 followers", "p < 0.001"]),
     ],
 )

@@ -53,24 +53,26 @@ SIGNIFICANCE = 0.05
 
 
 class HeterogeneousWindows(Finding, frozen=True):
-    """A follower's windows differ by more than sampling error explains."""
+    """Windows of some followers differ by more than sampling error explains."""
 
     text = (
-        "{vehicle}: its {windows} windows differ by more than sampling error explains"
+        "The {windows} windows of {named} differ by more than sampling error explains"
         " ({probability}){gaps}. A further window may differ as much: use the interval for one."
     )
 
-    vehicle: int
+    vehicles: tuple[int, ...]
     windows: int
     probability: float
+    """The largest of these followers."""
     spread: Seconds | None
-    """Largest difference between the windows' own time gaps, at the answer's `stated_speed`; None
-    where fewer than two have one."""
+    """Largest difference between a follower's windows' own time gaps, at the answer's
+    `stated_speed`; None where fewer than two have one."""
 
     def _words(self, about: Labelled) -> Words:
         known = self.spread is not None
         gaps = f", their time gaps by up to {self.spread:.2f} s" if known else ""
-        return {"probability": p_value(self.probability), "gaps": gaps}
+        named = _named(self.vehicles, about)
+        return {"probability": p_value(self.probability), "gaps": gaps, "named": named}
 
 
 class HeterogeneousFollowers(Finding, frozen=True):
@@ -90,16 +92,20 @@ class HeterogeneousFollowers(Finding, frozen=True):
 
 
 class DrawnToOthers(Finding, frozen=True):
-    """Parameters of a follower's answer lie beyond the intervals of all its windows."""
+    """Parameters of some followers' answer lie beyond the intervals of all their windows."""
 
-    text = (
-        "{vehicle}: in {symbols} the answer lies outside the intervals of its own windows, as it"
-        " also rests on how windows of other cars differ; with more windows it is drawn less."
-    )
+    text = "Drawn towards other cars, beyond what each window alone says: {symbols} of {named}."
 
-    vehicle: int
+    vehicles: tuple[int, ...]
     symbols: str
     """The parameters, as "β and d"."""
+
+    def _words(self, about: Labelled) -> Words:
+        return {"named": _named(self.vehicles, about)}
+
+
+def _named(vehicles: Sequence[int], about: Labelled) -> str:
+    return joined([about.label(number) if number else "all followers" for number in vehicles])
 
 
 AnswerFinding = HeterogeneousWindows | HeterogeneousFollowers | DrawnToOthers
@@ -326,6 +332,10 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         float(np.ptp(column[kept])) if kept.sum() > 1 else None
         for column, kept in zip(gaps.T, known.T, strict=True)
     ]
+    drawn_away: dict[str, list[int]] = {}
+    for vehicle, row in zip(vehicles, rows, strict=True):
+        if symbols := _drawn_away(model, parameters, low, high, row[0]):
+            drawn_away.setdefault(symbols, []).append(vehicle)
     return Answer(
         model=model,
         level=LEVEL,
@@ -352,16 +362,8 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),
         findings=(
-            *(
-                HeterogeneousWindows(vehicle, len(segments), float(p), spread)
-                for vehicle, p, spread in zip(vehicles, differ, spreads, strict=False)
-                if p < SIGNIFICANCE
-            ),
-            *(
-                DrawnToOthers(vehicle, symbols)
-                for vehicle, row in zip(vehicles, rows, strict=True)
-                if (symbols := _drawn_away(model, parameters, low, high, row[0]))
-            ),
+            *_unlike_windows(vehicles, len(segments), differ, spreads),
+            *(DrawnToOthers(tuple(numbers), symbols) for symbols, numbers in drawn_away.items()),
             *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
         ),
         seconds=time.perf_counter() - started,
@@ -429,6 +431,17 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
 def middle_of(drawn: FloatArray) -> FloatArray:
     """(p,) the mean of draws (n, p); a mean of equal values may round, so it lies among them."""
     return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
+
+
+def _unlike_windows(
+    vehicles: Sequence[int], count: int, differ: FloatArray, spreads: Sequence[float | None]
+) -> Iterator[HeterogeneousWindows]:
+    """The followers whose windows differ, in one finding."""
+    unlike = [k for k in range(len(vehicles)) if differ[k] < SIGNIFICANCE]
+    if unlike:
+        known = [spread for k in unlike if (spread := spreads[k]) is not None]
+        numbers, most = tuple(vehicles[k] for k in unlike), float(differ[unlike].max())
+        yield HeterogeneousWindows(numbers, count, most, max(known, default=None))
 
 
 def _unlike_followers(segment: Segment, model: str, held: Held) -> Iterator[AnswerFinding]:

@@ -163,7 +163,7 @@ def test_what_other_cars_draw_away_from_the_windows_is_named() -> None:
     segment = sample_of(PLATOON, 120.0).segment
     one = answer((segment,))
     findings = (found for found in one.findings if isinstance(found, DrawnToOthers))
-    drawn = {found.vehicle: found.symbols for found in findings}
+    drawn = {number: found.symbols for found in findings for number in found.vehicles}
     assert drawn.keys() == set(segment.vehicles[1:])
     assert all(symbols.endswith("d") for symbols in drawn.values())
     assert one.windows_upper.delay[0, 0] < one.span("delay", 0).value
@@ -182,7 +182,7 @@ def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> Non
     changed = answer([*windows(range(2)), *windows(range(2, 3), tau=TAU + 0.4)], model="cthp-s0")
     gaps = time_gap(changed.model, changed.windows, changed.stated_speed)[:, 0]
     assert changed.findings == (
-        HeterogeneousWindows(2, 3, float(changed.differ[0]), float(np.ptp(gaps))),
+        HeterogeneousWindows((2,), 3, float(changed.differ[0]), float(np.ptp(gaps))),
     )
     assert changed.differ[0] < 1e-4
     spans = [given.time_gap(28.0, 0) for given in (changed, usual())]

@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from accpinn.evaluation.closed_loop import SimulatedCollision
-from accpinn.inference.answer import Answer, DrawnToOthers, HeterogeneousWindows, Span, answer
+from accpinn.inference.answer import Answer, Span, answer
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.methods import least_squares
@@ -247,22 +247,6 @@ def test_followers_of_one_verdict_share_a_card_unless_something_is_against_them(
     assert alone == on_answer.cards(INFO, answered, against)[0]
     assert alone.is_contradicted
     assert len(others) == 1
-
-
-def test_windows_that_differ_are_one_sentence(answered: Answer) -> None:
-    assert on_answer.differing_windows(INFO, answered) == ""
-    finding = HeterogeneousWindows(FOLLOWER, 5, 3e-35, 0.12)
-    said = on_answer.differing_windows(INFO, replace(answered, findings=(finding,)))
-    assert not missing([f"5 windows of {INFO.label(FOLLOWER)}", "p < 0.001", "0.12 s"], said)
-
-
-def test_what_other_cars_draw_away_is_one_sentence(answered: Answer) -> None:
-    assert on_answer.drawn_to_others(INFO, replace(answered, findings=())) == ""
-    some = tuple(DrawnToOthers(number, "β and d") for number in INFO.vehicles[1:])
-    said = on_answer.drawn_to_others(INFO, replace(answered, findings=some))
-    assert "β and d of each follower" in said
-    said = on_answer.drawn_to_others(INFO, replace(answered, findings=some[:1]))
-    assert f"β and d of {INFO.label(FOLLOWER)}" in said
 
 
 def test_methods_are_as_far_from_the_answer_as_is_said() -> None:

@@ -1,16 +1,14 @@
 """The answer in sentences, one a follower, and the label of estimates that are the paper's."""
 
 from collections.abc import Iterator, Sequence
-from math import ceil, floor, inf, isnan, log10
+from math import ceil, inf, isnan
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, spelled, who
 from accpinn.inference.answer import (
     SPEEDS,
     Answer,
-    DrawnToOthers,
     HeterogeneousFollowers,
-    HeterogeneousWindows,
 )
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.trust import trust_of_several
@@ -128,39 +126,6 @@ def about_truth(truth: Parameters, answer: Answer) -> str:
         said.append(f"{column.title} {joined([*values])} {column.unit}")
     none = ", without s₀, lag or delay" if model == PAPER else ""
     return f"True values: made with the {TITLES[model]}{none}: {'; '.join(said)}."
-
-
-def differing_windows(info: SegmentInfo, answer: Answer) -> str:
-    """One sentence on all followers whose windows differ; empty where none do."""
-    findings = [found for found in answer.findings if isinstance(found, HeterogeneousWindows)]
-    if not findings:
-        return ""
-    named = joined([who(finding.vehicle, info) for finding in findings])
-    most = max(finding.probability for finding in findings)
-    unit = 10.0 ** floor(log10(max(most, 0.001)))
-    level = "p < 0.001" if most < 0.001 else f"p ≤ {ceil(most / unit) * unit:.1g}"
-    spreads = [finding.spread for finding in findings if finding.spread is not None]
-    gaps = f", their time gaps by up to {max(spreads):.2f} s" if spreads else ""
-    return (
-        f"The {findings[0].windows} windows of {named[0].lower() + named[1:]} differ by more than"
-        f" sampling error explains ({level}){gaps}: a further window may differ as much, as the"
-        " last column says."
-    )
-
-
-def drawn_to_others(info: SegmentInfo, answer: Answer) -> str:
-    """One sentence on all parameters that other cars draw away from the windows; may be empty."""
-    drawn: dict[str, list[str]] = {}
-    for found in answer.findings:
-        if isinstance(found, DrawnToOthers):
-            drawn.setdefault(found.symbols, []).append(who(found.vehicle, info))
-    if not drawn:
-        return ""
-    are_all = len(drawn) == 1 and len(*drawn.values()) == len(answer.trust)
-    each = "each follower" if len(info.vehicles) > 2 else "the follower"
-    named = {s: each if are_all else joined(labels) for s, labels in drawn.items()}
-    parts = "; ".join(f"{symbols} of {labels}" for symbols, labels in named.items())
-    return f"Drawn towards other cars, beyond what each window alone says: {parts}."
 
 
 def papers_estimate(fit: Fit) -> str:

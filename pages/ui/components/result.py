@@ -9,6 +9,7 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.evaluation.closed_loop import simulated
+from accpinn.inference.answer import HeterogeneousFollowers
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty
 from accpinn.inference.prediction import GapBand, gap_band
@@ -106,11 +107,9 @@ def _show_answer(result: Result, truth: Parameters | None) -> None:
     info, answer, case = result.info, result.answer, result.fit.case
     colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, case))
     show.table(answer_table(info, answer, case), colours)
-    found = (
-        tell(info, answer) for tell in (on_answer.differing_windows, on_answer.drawn_to_others)
-    )
-    about = (on_answer.about_answer(answer), *found)
-    st.caption(escape_markdown(" ".join(filter(None, about))))
+    found = [f for f in answer.findings if not isinstance(f, HeterogeneousFollowers)]
+    about = (on_answer.about_answer(answer), *messages(found, info))
+    st.caption(escape_markdown(" ".join(about)))
     if truth:
         st.caption(escape_markdown(on_answer.about_truth(truth, answer)))
 
