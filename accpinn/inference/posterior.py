@@ -60,6 +60,8 @@ GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
 no further round in the search for a part's maximum."""
 FREEDOM = 8.0
 """Degrees of freedom of Student's t; its tails are wider than those of all posteriors so far."""
+PAIRED = 4
+"""Draws per unknown above which their covariance is made exact."""
 INFLATION = 1.1
 """Factor on the proposal's deviations, for the same reason."""
 TRUST = 10.0
@@ -354,8 +356,13 @@ class Student:
     def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draws (count, P)."""
         free, root = self.root
-        normal = rng.standard_normal((count, len(root)))
-        stretch = FREEDOM / rng.chisquare(FREEDOM, count)
+        half = rng.standard_normal(((count + 1) // 2, len(root)))
+        # Opposite pairs of the exact covariance: few draws are as wide as many.
+        normal = np.concatenate([half, -half])[:count]
+        if count > PAIRED * len(root):
+            spread = np.linalg.cholesky(normal.T @ normal / count)
+            normal = solve_triangular(spread, normal.T, lower=True).T
+        stretch = np.resize(FREEDOM / rng.chisquare(FREEDOM, len(half)), count)
         drawn = np.tile(self.centre, (count, 1))
         drawn[:, free] += (normal * np.sqrt(stretch)[:, None]) @ root.T
         return drawn

@@ -144,6 +144,7 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
     info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
+    known = snapshot.known_answer
     vehicles, motion = known_vehicles(snapshot).vehicles, motion_picture(snapshot)
     places = on_platoon.Places(vehicles.spoken if len(vehicles) > 1 else ())
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
@@ -159,13 +160,14 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
         "snapshot": snapshot,
         "words": words,
         "on_answer": on_answer,
+        "about_windows": messages(known.findings if known else (), info),
         "cautions": words.cautions(snapshot),
         "sheets": sheets,
         "conditional": words.conditional(snapshot, adequacy),
         "forms": messages(adequacy.findings if adequacy else (), info),
         "label": on_answer.papers_estimate(fit),
         "name": tables.name_of(fit),
-        "assumption": on_answer.assumption(known) if (known := snapshot.known_answer) else "",
+        "assumption": on_answer.assumption(known) if known else "",
         "reasons": _reasons(snapshot),
         "measured": sentences.against_measured(snapshot.gain_checks, info),
         "run": run,
