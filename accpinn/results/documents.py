@@ -28,7 +28,7 @@ from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.openacc import make_and_model
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import papers_estimate
-from accpinn.results.tables.estimates import columns_of
+from accpinn.results.tables.estimates import columns_of, name_of
 from accpinn.segment import SegmentInfo
 from accpinn.stability import stability_at
 from accpinn.study.comparison import Refused, Spread
@@ -449,6 +449,8 @@ def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:
     """What was done to the data, each sentence once, then what the estimate shows."""
     fit = result.fit
     done = [said for info in result.infos for said in messages(info.findings, info)]
+    if label := papers_estimate(fit):
+        done.append(f"{name_of(fit)}: {label}.")
     is_joint = len(result.infos) > 1
     findings: list[Finding] = [] if is_joint else [*result.quality.findings]
     findings += fit.findings

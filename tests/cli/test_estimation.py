@@ -11,6 +11,7 @@ from accpinn.cli.estimation import fit_text
 from accpinn.evaluation.closed_loop import SimulatedCollision
 from accpinn.recordings.openacc import read
 from accpinn.results.documents import describe_fit
+from accpinn.results.messages.answer import PAPERS_ESTIMATE
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused, strict
 from tests.support.openacc_files import csv
 from tests.support.samples import frame
@@ -79,6 +80,7 @@ def test_the_paper_preset_with_its_options(capsys: Capture) -> None:
     assert found["loss"].keys() >= {"test_data", "test_physics"}
     (row,) = found["parameters"]
     assert 1.3 != row["tau"] == pytest.approx(1.3, abs=0.3)
+    assert any(PAPERS_ESTIMATE in note for note in found["notes"])
 
 
 def test_what_is_undetermined_is_null(capsys: Capture, tmp_path: Path) -> None:
