@@ -40,7 +40,6 @@ from accpinn.methods.fit import (
     Outcome,
     SimulatedSeparately,
     Undetermined,
-    WeaklyDetermined,
 )
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
@@ -103,7 +102,8 @@ class Drives:
             half = segment.time[0] + step / 2 * np.arange(2 * count + 1)
             channels = np.column_stack([segment.speeds, segment.gaps])
             values = np.array([np.interp(half, segment.time, part) for part in channels.T])
-            nearest = np.abs(segment.time[:, None] - half[None, ::2]).argmin(axis=0)
+            nearest = np.rint((half[::2] - segment.time[0]) / segment.sample_time).astype(int)
+            nearest = np.minimum(nearest, segment.samples - 1)
             parts.append((values, segment.counts[nearest, 0]))
         longest = max(len(counts) for _, counts in parts)
         ahead = np.empty((2 * longest - 1, len(parts)))
@@ -376,13 +376,20 @@ def estimates(
     Raises:
         SegmentError: where a window is too short.
     """
+    for segment in segments:
+        refuse_short(segment)
     followers = range(segments[0].followers)
     parts = [[part for s in segments for part in _stretches(s.pair(k))] for k in followers]
-    known = list(determined_followers(segments, case))
-    if not known:
+    if not any(parts):
+        raise SegmentError(
+            f"{segments[0].source}: without the instants left out, no follower has a stretch of"
+            f" {LEAST_STRETCH:g} s to simulate; leave out less, or choose another model."
+        )
+    usable = [k for k in determined_followers(segments, case) if parts[k]]
+    if not usable:
         return ()
     model = FOLLOWING[law.model]
-    rows = [known] if case == "I" else [[k] for k in known]
+    rows = [usable] if case == "I" else [[k] for k in usable]
     simulated = [[part for k in row for part in parts[k]] for row in rows]
     ends = np.cumsum([0, *map(len, simulated)]).tolist()
     groups = [range(*pair) for pair in pairwise(ends)]
@@ -393,23 +400,14 @@ def estimates(
 def _stretches(segment: Segment) -> list[Segment]:
     """The parts of one follower's window that are simulated, each from its own first state on.
 
-    A window from which instants are excluded has several: what was excluded would move the rest.
-
-    Raises:
-        SegmentError: where the window, or every stretch of it, is too short.
+    A window from which instants are excluded has several, or none that is long enough: what was
+    excluded would move the rest.
     """
-    refuse_short(segment)
     if segment.mask is None:
         return [segment]
     runs = [run for run in stretches(segment.mask[:, 0]) if len(run) > 1]
     parts = (segment.part(run.first, run.last + 1) for run in runs)
-    kept = [part for part in parts if part.window.duration >= LEAST_STRETCH]
-    if not kept:
-        raise SegmentError(
-            f"{segment.source}: without the instants left out, {segment.labels[1]} has no stretch"
-            f" of {LEAST_STRETCH:g} s to simulate; leave out less, or choose another method."
-        )
-    return kept
+    return [part for part in parts if part.window.duration >= LEAST_STRETCH]
 
 
 def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
@@ -442,17 +440,15 @@ def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law
     model, speeds = FOLLOWING[law.model], median_speeds(segments)
     theta = np.full((len(model.parameters), segment.followers), np.nan)
     findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
-    unknown = set(segment.vehicles[1:]) - {
-        segment.vehicles[k + 1] for k in determined_followers(segments, case)
-    }
-    findings += [WeaklyDetermined(vehicle) for vehicle in sorted(unknown)]
-    converged = True
+    symbols, converged = tuple(p.symbol for p in model.parameters), True
     for row, best in estimates(segments, case, law):
         theta[:, row] = best.theta[:, None]
         converged &= best.converged
         if best.undetermined:
-            vehicle = 0 if case == "I" else segment.vehicles[row[0] + 1]
+            vehicle = 0 if segment.shares(case) else segment.vehicles[row[0] + 1]
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
+    for k in np.flatnonzero(np.isnan(theta).all(axis=0)):
+        findings.append(Undetermined(segment.vehicles[k + 1], model.title, symbols))
     gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
     for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
         pair = segment.pair(int(k))

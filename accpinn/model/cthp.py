@@ -176,8 +176,6 @@ TYPICAL = Parameters(0.08, 0.2, 1.4)
 """The middle of published parameters of ACC cars; filters and searches start from it."""
 SPREAD = (1.0, 1.0, 0.3)
 """Standard deviations of ln α, ln β, ln τ about `TYPICAL`: 95 % of α lie in 0.01 to 0.6 1/s²."""
-LONGEST_HEADWAY: Seconds = 5.0
-"""Longest headway of a cruise control; their settings end near 3 s."""
 LARGEST = Parameters(10.0, 10.0, 100.0)
 """Bounds of searches: gains a hundred times, a headway fifty times what cars have."""
 LARGEST_ALPHA_TAU = 10.0

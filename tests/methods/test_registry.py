@@ -12,7 +12,13 @@ import pytest
 
 from accpinn import METHODS, Analysis, Case, Fit, PinnConfig, Segment, cut
 from accpinn.errors import SegmentError
-from accpinn.methods.fit import BoundActive, FilterUncertain, Outcome, WeaklyDetermined
+from accpinn.methods.fit import (
+    BoundActive,
+    FilterUncertain,
+    Outcome,
+    Undetermined,
+    WeaklyDetermined,
+)
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.series import measured_of, series_of
 from accpinn.recordings.openacc import read
@@ -119,7 +125,10 @@ class TestEvery:
         fit = estimate(standing_still(speed), "II")
         assert fit.outcome is not Outcome.DIVERGED
         assert not (fit.parameters.values[:, :2] < 0).any()
-        told = any(isinstance(one, WeaklyDetermined | FilterUncertain) for one in fit.findings)
+        told = any(
+            isinstance(one, WeaklyDetermined | FilterUncertain | Undetermined)
+            for one in fit.findings
+        )
         assert told == (fit.method not in DIRECT)
 
     @every_method

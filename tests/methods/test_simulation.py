@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from accpinn.errors import SegmentError
 from accpinn.methods import Law
 from accpinn.methods.registry import METHODS
 from accpinn.methods.simulation import Drives, Undetermined, estimate
 from accpinn.model.registry import FOLLOWING
+from tests.support.driving import LAW, driven
 from tests.support.following import driven as followed
 
 TRUTHS = {
@@ -80,3 +82,15 @@ def test_what_is_left_out_moves_nothing() -> None:
         for other in (window.gaps, gaps)
     ]
     np.testing.assert_allclose(fits[0].parameters.own, fits[1].parameters.own, rtol=1e-9)
+
+
+def test_a_follower_without_a_stretch_is_undetermined_and_the_others_are_estimated() -> None:
+    window = driven((LAW, LAW), duration=100.0)
+    mask = np.ones(window.gaps.shape, bool)
+    mask[::50, 1] = False
+    fit = METHODS["simulation"].fit(replace(window, mask=mask), law=Law("cthp"))
+    np.testing.assert_allclose(fit.parameters.values[0], LAW, rtol=0.01)
+    assert np.isnan(fit.parameters.values[1]).all()
+    assert [f.vehicle for f in fit.findings if isinstance(f, Undetermined)] == [3]
+    with pytest.raises(SegmentError, match="no follower has a stretch of 10 s"):
+        METHODS["simulation"].fit(replace(window, mask=np.tile(mask[:, 1:], 2)), law=Law("cthp"))

@@ -223,7 +223,7 @@ def test_a_card_has_time_gap_gains_disturbances_and_trust(answered: Answer) -> N
     assert "one window" in cards[0].trust
     check = GainCheck(FOLLOWER, 9, rms=3.0, contradiction="apart")
     against, *_ = on_answer.cards(INFO, answered, replace(judged, checks=(check,)))
-    assert "by the model" in against.lead
+    assert "By the model, it" in against.lead
     assert check.short in against.trust
     slow = replace(answered, speeds=0.0 * answered.speeds + 5.0)
     assert "at 50 km/h" in on_answer.cards(INFO, slow, subject(slow))[0].lead

@@ -227,12 +227,12 @@ class Design:
         return latest[1]
 
     def _factors(self, values: FloatArray) -> Factors | None:
-        key = self._of_physics(values)
-        if key != self._latest_prior[0]:
+        key, latest = self._of_physics(values), self._latest_prior
+        if key != latest[0]:
             prior = self.prior(values)
             factor, fault = lapack.dpbtrf(prior, lower=1)
-            self._latest_prior = key, prior, np.nan if fault else np.log(factor[0]).sum()
-        _, prior, log_prior = self._latest_prior
+            self._latest_prior = latest = key, prior, np.nan if fault else np.log(factor[0]).sum()
+        _, prior, log_prior = latest
         posterior, fault = lapack.dpbtrf(prior + self.data(values), lower=1, overwrite_ab=1)
         if fault or np.isnan(log_prior):
             return None

@@ -10,7 +10,6 @@ from accpinn.inference.answer import (
     Answer,
     HeterogeneousFollowers,
 )
-from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -70,7 +69,7 @@ def cards(
     """
     groups: dict[Assessment | int, list[int]] = {}
     for k in range(len(answer.trust)):
-        is_sure = not (answer.trust[k].is_contradicted or _against(info, answer, subject, k))
+        is_sure = not (answer.trust[k].is_contradicted or _against(info, answer, subject, [k]))
         is_known = not isnan(answer.time_gap(answer.stated_speed, k).value)
         is_shared = together and is_sure and is_known
         groups.setdefault(assessed(subject, k) if is_shared else k, []).append(k)
@@ -82,12 +81,13 @@ def _card(
 ) -> Card:
     trusts = [answer.trust[k] for k in followers]
     labels = [who(trust.vehicle, info) for trust in trusts]
-    against = _against(info, answer, subject, followers[0])
+    everyone = range(len(answer.speeds)) if trusts[0].vehicle == 0 else followers
+    against = _against(info, answer, subject, everyone)
     are_several = len(trusts) > 1 or trusts[0].vehicle == 0
     lead = (
         _headline(labels, are_several, answer, followers),
         *_gains("Their" if are_several else "Its", answer, followers),
-        *_disturbances(subject, followers, are_several),
+        *_disturbances(subject, everyone, are_several),
     )
     trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
     is_contradicted = trusts[0].is_contradicted or bool(against)
@@ -185,21 +185,22 @@ def _disturbances(
     """What becomes of disturbances behind followers of one verdict, where it is known."""
     if assessed(subject, followers[0]) == "not determined":
         return ()
-    return (becomes(subject, followers, "They" if are_several else "It", are_several),)
+    return (becomes(subject, followers, "they" if are_several else "it", are_several),)
 
 
 def _against(
-    info: SegmentInfo, answer: Answer, subject: KnownVehicles, follower: int
+    info: SegmentInfo, answer: Answer, subject: KnownVehicles, followers: Sequence[int]
 ) -> tuple[str, ...]:
-    """What is against an answer beside its own windows, in sentences."""
-    numbers = info.vehicles[1:] if answer.trust[0].vehicle == 0 else (info.vehicles[follower + 1],)
+    """What is against an answer of some followers beside its own windows, in sentences."""
+    numbers = [info.vehicles[k + 1] for k in followers]
     infos = subject.result.infos if subject.result else (info,)
     speed, said = answer.stated_speed, [*_unsound(infos, numbers)]
     unlike = (found for found in answer.findings if isinstance(found, HeterogeneousFollowers))
     said += [found.sentence(info) for found in unlike]
-    if not answer.is_driven(speed, follower):
+    if not all(answer.is_driven(speed, k) for k in followers):
         said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
-    check = _check_of(subject, follower)
+    checks = [check for check in subject.checks if check.vehicle in numbers]
+    check = max(checks, key=lambda check: (bool(check.contradiction), check.rms), default=None)
     if check and check.contradiction:
         said.append(f"The measured gain contradicts the model ({check.short}).")
     elif check and check.is_underrated:
@@ -217,9 +218,3 @@ def _unsound(infos: Sequence[SegmentInfo], numbers: Sequence[int]) -> Iterator[s
     large = [found for found in findings if isinstance(found, ValuesOutOfRange)]
     if any(found.is_in_another_unit and {*found.followers} & {*numbers} for found in large):
         yield "Do not trust it: measured values are too large; check their units."
-
-
-def _check_of(subject: KnownVehicles, follower: int) -> GainCheck | None:
-    """A follower's answer held against its measured gain; None where it was not."""
-    number = subject.vehicles.vehicles[follower + 1]
-    return next((check for check in subject.checks if check.vehicle == number), None)

@@ -71,6 +71,8 @@ CRITERIA = (
     " before it."
 )
 """What the criteria along the platoon are."""
+NAMED = 3
+"""Vehicles up to which those of one verdict are named, not counted."""
 FOLD, LEAST_GROWTH = 2.0, 0.005
 """Gain from which growth is said as a multiple, not in percent, and the least that is said."""
 
@@ -311,14 +313,14 @@ def headline(subject: KnownVehicles) -> str:
 def _verdicts(subject: KnownVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
-    every = "Both vehicles" if total == 2 else f"All {spelled(total)} vehicles"
+    every = "both vehicles" if total == 2 else f"all {spelled(total)} vehicles"
     for kind in _ASSESSED:
         alike = [k for k in range(total) if assessed(subject, k) == kind]
-        if len(alike) == 1:
-            yield becomes(subject, alike, capital(spoken[alike[0]]), is_headline=True)
-        elif alike:
-            some = f"{capital(spelled(len(alike)))} of {spelled(total)} vehicles"
-            yield becomes(subject, alike, every if len(alike) == total else some, is_headline=True)
+        named = joined([spoken[k] for k in alike]) if len(alike) <= NAMED else ""
+        named = named or f"{spelled(len(alike))} of {spelled(total)} vehicles"
+        if alike:
+            named = every if len(alike) == total > 1 else named
+            yield becomes(subject, alike, named, is_headline=True)
 
 
 def assessed(subject: KnownVehicles, follower: int) -> Assessment:
@@ -341,7 +343,7 @@ def becomes(
     Args:
         subject: whose posterior is known.
         alike: the followers, 0 for the first.
-        named: what they are called at the beginning.
+        named: what they are called within a sentence.
         are_several: whether that is a plural; by default where they are several.
         is_headline: whether probabilities are told of every verdict, and of several vehicles that
             amplify the most alone, with its frequency.
@@ -351,25 +353,25 @@ def becomes(
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
-    by = " by the model" * against
+    start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"
     odds = _odds(known.probability_l2[alike]) if is_headline or kind == "open" else ""
+    if kind == "not determined":
+        return f"Not determined by the data: {named}."
     if kind != "unstable":
-        return f"{named} {verb}{by}{odds}."
+        return f"{start}{odds}."
     for k in alike:
         peak = subject.report.vehicles[k].peak
-        extent = grown(
-            peak.gain, gain_of(peak.gain, known, k), known.level if is_headline else None
-        )
+        ends, level = gain_of(peak.gain, known, k), known.level if is_headline else None
         at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
-        peaks[k] = peak.gain, extent + at
+        peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
     if peaks[least][0] == peaks[most][0]:
-        return f"{named} {verb} {peaks[most][1]}{by}{odds}."
+        return f"{start} {peaks[most][1]}{odds}."
     spoken = subject.vehicles.spoken
     if is_headline:
-        return f"{named} {verb}{by}{odds}, {spoken[most]} the most: {peaks[most][1]}."
+        return f"{start}{odds}, {spoken[most]} the most: {peaks[most][1]}."
     return (
-        f"{named} {verb}{by}: {spoken[least]} least, {peaks[least][1]}, and {spoken[most]} most,"
+        f"{start}: {spoken[least]} least, {peaks[least][1]}, and {spoken[most]} most,"
         f" {peaks[most][1]}."
     )
 

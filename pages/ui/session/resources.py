@@ -94,7 +94,7 @@ def find_recording(
     Raises:
         RecordingError: where none is there.
     """
-    paths = [path for path in (*listed(), *samples()) if path.name == file]
+    paths = [path for path in (*samples(), *listed()) if path.name == file]
     for path in sorted(paths, key=lambda path: campaign not in path.parts):
         with suppress(RecordingError):  # another file of that name
             recording = files.read(path, trajectory=trajectory)
@@ -157,7 +157,7 @@ def _of_recording(
         kept: dict[Any, Known] = recording.__dict__.setdefault(f"_{function.__name__}", {})
         asked = chosen, tuple(named.items())
         if asked not in kept:
-            if len(kept) == KEPT_CHOICES:
+            while len(kept) >= KEPT_CHOICES:
                 kept.pop(next(iter(kept)), None)
             kept[asked] = function(recording, *chosen, **named)
         return kept[asked]
