@@ -22,10 +22,7 @@ class Outcome(NamedEnum):
     SOLVED = "Solved: no change of the estimate improves its criterion."
     CONVERGED = "Converged: further iterations would not noticeably change the estimate."
     FILTERED = "Filtered: every instant was processed once, in the order of time."
-    FINISHED = (
-        "Finished: all planned iterations were run; more of them, or other initial values, may"
-        " improve the result."
-    )
+    FINISHED = "Finished: all planned iterations were run; the estimate may still change."
     STOPPED = (
         "Stopped by the user: the parameters are those of the last iteration; it can be continued."
     )

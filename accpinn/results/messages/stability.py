@@ -367,11 +367,11 @@ def becomes(
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
     if peaks[least][0] == peaks[most][0]:
         return f"{start} {peaks[most][1]}{odds}."
-    spoken = subject.vehicles.spoken
     if is_headline:
-        return f"{start}{odds}, {spoken[most]} the most: {peaks[most][1]}."
+        return f"{start}{odds}, {subject.vehicles.spoken[most]} the most: {peaks[most][1]}."
+    labels = subject.vehicles.labels
     return (
-        f"{start}: {spoken[least]} least, {peaks[least][1]}, and {spoken[most]} most,"
+        f"{start}: {labels[least]} least, {peaks[least][1]}, and {labels[most]} most,"
         f" {peaks[most][1]}."
     )
 
