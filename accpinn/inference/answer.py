@@ -308,7 +308,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
     cars = [car_of(drawn[:, k], model, held) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
-    vehicles = (0,) if case == "I" else segments[0].vehicles[1:]
+    vehicles = (0,) if segments[0].shares(case) else segments[0].vehicles[1:]
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
         """(.., M) from coordinates (.., p) of each of M followers."""

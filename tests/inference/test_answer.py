@@ -158,6 +158,10 @@ def test_case_i_has_one_set_and_case_ii_one_for_each() -> None:
         shared.span("lag", 0)
 
 
+def test_one_follower_of_case_i_is_called_by_its_name() -> None:
+    assert answer(windows(range(1)), "I", "cthp-s0").trust[0].vehicle == 2
+
+
 def test_what_other_cars_draw_away_from_the_windows_is_named() -> None:
     """These cars obey the CTHP, so their window says that there is no delay; real cars have one."""
     segment = sample_of(PLATOON, 120.0).segment

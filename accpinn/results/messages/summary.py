@@ -28,6 +28,9 @@ from accpinn.segment import SegmentInfo
 from accpinn.study.judge import LEAST_WINDOWS, Describes, Judgement
 from accpinn.study.result import Result
 
+CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
+"""How an estimation ends that has come to its estimate."""
+
 
 def about_band(result: Result) -> str:
     """What a predictive band is, and where it is not that of the answer's model."""
@@ -267,9 +270,6 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
         "closed_loop": messages(snapshot.evaluation.all_findings, info),
     }
-
-
-CONVERGED = (Outcome.SOLVED, Outcome.CONVERGED, Outcome.FILTERED)
 
 
 class Check(NamedTuple):
