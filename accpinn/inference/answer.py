@@ -32,7 +32,7 @@ from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (
     count_of,
     free_of,
-    log_prior,
+    log_prior_of_likely,
     parameters_of,
     possible,
     window_posterior,
@@ -299,14 +299,16 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     windows = [window_posterior(segment, case, model, held) for segment in segments]
     speeds, followers = median_speeds(segments), range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
-    for row, k in np.ndindex(drawn.shape[:2]):
-        drawn[row, k] = possible(model, drawn[row, k], float(speeds[k]))
+    likely = np.array([window.likely for window in windows])
+    for some in (drawn, likely):
+        for row, k in np.ndindex(some.shape[:2]):
+            some[row, k] = possible(model, some[row, k], float(speeds[k]))
     alone = parameters_of(model, np.moveaxis(drawn, 2, 0), speeds)
     lower, upper = interval_ends(alone.everything, LEVEL)
     estimates = Parameters.of(np.array([window.estimates for window in windows]))
     if model not in CTHPS:
         estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
-    cars = [car_of(drawn[:, k], model, held) for k in followers]
+    cars = [car_of(likely[:, k], model, held) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
     vehicles = (0,) if segments[0].shares(case) else segments[0].vehicles[1:]
 
@@ -408,7 +410,8 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
     Args:
-        drawn: (K, n, p) draws of its windows; nan for a window that does not determine it.
+        drawn: (K, n, p) draws of its windows under the prior that other cars give, as
+            `WindowPosterior.likely`; nan for a window that does not determine it.
         model: whose coordinates φ they are.
         held: terms that keep their values.
     """
@@ -418,7 +421,7 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
-    free, prior = free_of(model, held), log_prior(model, drawn)
+    free, prior = free_of(model, held), log_prior_of_likely(model, drawn, held)
     sampled = sampled_population(drawn[..., free], prior, population_of(model, count).of(free))
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::THINNING], sampled.further[::THINNING]

@@ -86,6 +86,18 @@ class Population:
         return len(self.centre) + 4
 
 
+def log_of_window(population: Population, phi: FloatArray) -> FloatArray:
+    """(..) log density of what a window of a car not yet known has, (.., p), up to a constant.
+
+    It is Student's t with a scale of S + Σ₀, near the distribution that follows from all the
+    above.
+    """
+    p, away = len(population.centre), phi - population.centre
+    inverse = np.linalg.inv(population.cars + population.windows)
+    distance = np.einsum("...i,ij,...j->...", away, inverse, away)
+    return np.asarray(-0.5 * (TAILS + p) * np.log(1.0 + distance / TAILS))
+
+
 class Sampled(NamedTuple):
     """Draws of (μ, Σ) of one car."""
 

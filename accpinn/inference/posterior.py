@@ -28,7 +28,7 @@ Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (20
 Marin, Mira and Robert, Scandinavian Journal of Statistics 39 (2012) 798-812.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -51,7 +51,7 @@ LEAST_GAP: Seconds = 0.05
 """Least such time gap; draws below it are none of a car's."""
 STAGES = (150, 150, 150, 450)
 """Number of draws in each stage."""
-FURTHER = 3
+FURTHER = 8
 """Largest number of further stages, as large as the last one."""
 ENOUGH = 250
 """Effective draws at which a group needs no further stage."""
@@ -100,6 +100,11 @@ class Posterior:
     def effective(self) -> float:
         """The number of independent draws that would be equally precise."""
         return float(1.0 / (self.weights**2).sum())
+
+    def under(self, factor: FloatArray) -> "Posterior":
+        """The same draws under a density that has a further factor, whose logarithms are (n,)."""
+        with np.errstate(divide="ignore"):
+            return replace(self, weights=normalised(np.log(self.weights) + factor))
 
     def all_evenly(self, count: int) -> FloatArray:
         """(count, P) draws of z of equal weight, in no particular order of time."""
@@ -156,6 +161,7 @@ def sample(
     seed: int = 0,
     *,
     held: Held = (),
+    others: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[Posterior, ...]:
     """Sample the posterior of each group.
 
@@ -165,6 +171,8 @@ def sample(
         form: the form of the model.
         seed: the seed of the draws.
         held: terms of the form that keep their values.
+        others: the logarithms (n,) of a further factor of the density at draws (n, P), as what
+            other cars say; enough draws count with it, too.
     """
     criterion = Criterion(series, form, held)
     rng = np.random.default_rng(seed)
@@ -192,9 +200,10 @@ def sample(
         parts = each.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape)
         for g, w, z, priors, likelihoods in zip(wanted, drawn, *parts, strict=True):
             target = likelihoods + priors + w[:, 1] - z[:, 1]  # the last two are ln |dz/dw|
-            samplings[g].add(w, z, target, likelihoods)
+            factor = others(z) if others else np.zeros(count)
+            samplings[g].add(w, z, target, likelihoods, factor)
         if stage >= len(STAGES) - 1:
-            wanted = [g for g in wanted if samplings[g].posterior.effective < ENOUGH]
+            wanted = [g for g in wanted if samplings[g].lacks]
         if not wanted:
             break
     return tuple(sampling.posterior for sampling in samplings)
@@ -209,12 +218,26 @@ class _Sampling:
         self.posterior = Posterior(np.empty((0, size)), np.empty(0), np.empty(0))
         self._past: list[tuple[Proposal, float]] = []
         """Proposals so far, and the logarithms of how many draws each made."""
-        self._drawn, self._target = np.empty((0, size)), np.empty(0)
+        self._drawn, self._target, self._factor = np.empty((0, size)), np.empty(0), np.empty(0)
         self._log_density = np.empty(0)
         """(n,) of all past proposals together, up to a constant."""
 
+    @property
+    def lacks(self) -> bool:
+        """Whether too few draws count, by themselves or with the further factor."""
+        return min(self.posterior.effective, self._with_factor.effective) < ENOUGH
+
+    @property
+    def _with_factor(self) -> Posterior:
+        return self.posterior.under(self._factor)
+
     def add(
-        self, drawn: FloatArray, z: FloatArray, target: FloatArray, log_likelihood: FloatArray
+        self,
+        drawn: FloatArray,
+        z: FloatArray,
+        target: FloatArray,
+        log_likelihood: FloatArray,
+        factor: FloatArray,
     ) -> None:
         """Weigh all draws anew with these of the proposal, which adapts to them.
 
@@ -223,6 +246,7 @@ class _Sampling:
             z: (n, P)
             target: (n,) log posterior over w, up to a constant.
             log_likelihood: (n,)
+            factor: (n,) logarithms of the further factor.
         """
         before = [weight + proposal.log_density(drawn) for proposal, weight in self._past]
         self._past.append((self.proposal, float(np.log(len(drawn)))))
@@ -230,6 +254,7 @@ class _Sampling:
         self._log_density = np.append(self._log_density, np.logaddexp.reduce([none, *before]))
         self._drawn = np.concatenate([self._drawn, drawn])
         self._target = np.append(self._target, target)
+        self._factor = np.append(self._factor, factor)
         densities = self.proposal.log_densities(self._drawn)
         own = self._past[-1][1] + np.logaddexp.reduce(densities)
         self._log_density = np.logaddexp(self._log_density, own)
@@ -239,6 +264,8 @@ class _Sampling:
             normalised(ratios),
             np.append(self.posterior.log_likelihood, log_likelihood),
         )
+        if self._with_factor.effective < ENOUGH <= self.posterior.effective:
+            ratios = ratios + self._factor
         self.proposal = self.proposal.adapted(self._drawn, _tempered(ratios), densities)
 
 

@@ -3,6 +3,11 @@
 Of a CTHP they are drawn from the posterior of the exact likelihood (see `inference.posterior`), of
 any other model from the normal approximation of `methods.simulation`.
 
+Where a window contradicts what is known of other cars, few draws of its own posterior are probable
+under that. So those that an answer is made from, `likely`, have as their prior not the wide one
+but what a window of any car has (`log_of_window` in `inference.population`), and sampling goes on
+until enough draws count under both.
+
 They stand in coordinates φ, in which windows of a car, and cars, are compared. Of a CTHP these are
 ln α, ln β, ln of the time gap at 100 km/h and its further terms (see `features` in
 `inference.posterior`). Of any other model they are its parameters in standard deviations of their
@@ -12,10 +17,11 @@ vehicle's median speed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from accpinn.inference.population import log_of_window, population_of
 from accpinn.inference.posterior import AT_SPEED, Posterior, features, log_prior_of_features, sample
 from accpinn.methods import Law, one_thread, simulation
 from accpinn.methods.likelihood import Maximum
@@ -41,6 +47,8 @@ class WindowPosterior:
     """(M, 6 + n) parameters of greatest likelihood, as `Parameters.everything`."""
     drawn: FloatArray
     """(M, n, p) draws of φ of equal weight from the posterior."""
+    likely: FloatArray
+    """(M, n, p) the same with what other cars say as the prior; see `log_prior_of_likely`."""
     log_likelihood: FloatArray
     """(M, n) of the window's data at each draw, shared by all followers in Case I; nan for a model
     that is no CTHP."""
@@ -66,13 +74,16 @@ def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) 
         return simulated_posterior((segment,), case, Law(model, held))
     form, followers = model, segment.followers
     estimates = np.full((followers, 6), np.nan)
-    drawn = np.full((followers, DRAWS, count_of(model)), np.nan)
+    drawn, likely = np.full((2, followers, DRAWS, count_of(model)), np.nan)
     log_likelihood = np.full((followers, DRAWS), np.nan)
     for row, maximum, posterior in sampled((segment,), case, form, held):
         estimates[row] = maximum.complete
         drawn[row] = features(form, posterior.all_evenly(DRAWS))
         log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
-    return WindowPosterior(estimates, drawn, log_likelihood, model, median_speeds((segment,)))
+        told = posterior.under(_of_others(form, held, posterior.coordinates))
+        likely[row] = features(form, told.all_evenly(DRAWS))
+    speeds = median_speeds((segment,))
+    return WindowPosterior(estimates, drawn, likely, log_likelihood, model, speeds)
 
 
 @lru_cache(maxsize=64)
@@ -87,7 +98,8 @@ def sampled(
     if not known:
         return ()
     maxima = joint_maxima(segments, case, model, known, held)
-    posteriors = sample(series_of(segments, case, known), maxima, model, held=held)
+    others = partial(_of_others, model, held)
+    posteriors = sample(series_of(segments, case, known), maxima, model, held=held, others=others)
     rows = [list(known)] if case == "I" else [[k] for k in known]
     return tuple(zip(rows, maxima, posteriors, strict=True))
 
@@ -103,7 +115,13 @@ def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> 
         for k in row:
             drawn[k] = possible(key, estimate.draws(DRAWS), speeds[k])
     unknown = np.full((followers, DRAWS), np.nan)
-    return WindowPosterior(estimates, drawn, unknown, key, speeds)
+    return WindowPosterior(estimates, drawn, drawn, unknown, key, speeds)
+
+
+def _of_others(model: str, held: Held, z: FloatArray) -> FloatArray:
+    """(n,) log of what other cars say of coordinates z (n, P), over the prior of a posterior."""
+    phi = features(model, z)
+    return log_prior_of_likely(model, phi, held) - log_prior(model, phi)
 
 
 def count_of(model: str) -> int:
@@ -122,6 +140,14 @@ def log_prior(model: str, phi: FloatArray) -> FloatArray:
     if model in CTHPS:
         return log_prior_of_features(model, phi)
     return np.asarray(-0.5 * (phi**2).sum(axis=-1))
+
+
+def log_prior_of_likely(model: str, phi: FloatArray, held: Held) -> FloatArray:
+    """(..) log density of the prior of `WindowPosterior.likely` at (.., p), up to a constant."""
+    if model not in CTHPS:
+        return log_prior(model, phi)
+    free = free_of(model, held)
+    return log_of_window(population_of(model, count_of(model)).of(free), phi[..., free])
 
 
 def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Parameters:

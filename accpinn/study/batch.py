@@ -193,7 +193,7 @@ def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Computed:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
         posterior = window_posterior(segment, analysis.case, analysis.model)
         rows = rows_of(result, posterior, job.recording, job.modes)
-        return Computed(analysis, rows, posterior.drawn)
+        return Computed(analysis, rows, posterior.likely)
     except AccpinnError as fault:
         return Computed(analysis, reason=str(fault))
     except Exception as fault:  # a fault of the program, told and tried again another time

@@ -34,7 +34,7 @@ from accpinn.units import FloatArray, Seconds
 FILE, RESULTS, FAILURES, SCHEMA, LOCK = (
     "study.sqlite", "results.parquet", "failures.csv", "schema.json", ".lock",
 )  # fmt: skip
-FORMAT = 4
+FORMAT = 5
 """Raised whenever an older program could not read the SQLite file, or the reverse."""
 PATIENCE: Seconds = 30.0
 """Longest wait for a reader or a writer of the SQLite file."""

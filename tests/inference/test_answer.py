@@ -15,6 +15,7 @@ from accpinn.inference.answer import (
     HeterogeneousWindows,
     answer,
 )
+from accpinn.inference.population import population_of, sampled_population
 from accpinn.inference.posterior import (
     AT_SPEED,
     features,
@@ -22,11 +23,17 @@ from accpinn.inference.posterior import (
     log_prior_of_theta,
     sample,
 )
-from accpinn.inference.window_posterior import parameters_of
+from accpinn.inference.window_posterior import (
+    log_prior,
+    log_prior_of_likely,
+    parameters_of,
+    sampled,
+    window_posterior,
+)
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
-from accpinn.model.registry import FOLLOWING, time_gap
+from accpinn.model.registry import BEST, FOLLOWING, time_gap
 from accpinn.recordings.openacc import read
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
@@ -38,6 +45,14 @@ pytestmark = pytest.mark.usefixtures("all_draws")
 ALPHA, BETA, TAU, S0 = 0.07, 0.3, 0.95, 7.0
 """A car near the middle of those that were learned from: an interval is nominal for a population
 of cars, and a car far from its middle is pulled towards it."""
+
+CONTRARY = [
+    ("Cherasco/Cher-JRC_240918_rec1_part2.csv", 60.0, (1, 2)),
+    ("Cherasco/Cher-JRC_240918_rec2_part1.csv", 296.3, (1, 2)),
+    ("ZalaZone/dynamic_part10.csv", 120.0, (3, 4)),
+]
+"""Windows of real cars, and vehicles."""
+ENDS = 0.05, 0.5, 0.95
 
 
 @cache
@@ -102,6 +117,32 @@ def test_the_end_of_the_ridge_is_sampled(openacc_dir: Path) -> None:
     for seed in (0, 1):
         (found,) = sample(series, maxima, model, seed)
         assert found.effective > 80
+
+
+@pytest.mark.parametrize(("file", "start", "pair"), CONTRARY)
+def test_draws_count_where_a_minute_contradicts_other_cars(
+    openacc_dir: Path, file: str, start: float, pair: tuple[int, int]
+) -> None:
+    """With at most 2,250 draws, 5 to 7 counted here, and 14 in one beside what other cars say."""
+    recording = read(openacc_dir / file)
+    segment = cut(recording, start, 60.0, pair)
+    ((_, _, found),) = sampled((segment,), "II", BEST, ())
+    phi = features(BEST, found.coordinates)
+    told = found.under(log_prior_of_likely(BEST, phi, ()) - log_prior_of_features(BEST, phi))
+    assert min(found.effective, told.effective) > 150
+
+
+def test_the_prior_under_which_windows_are_drawn_cancels() -> None:
+    """Draws of a window alone and those beside other cars lead to the same answer."""
+    window = window_posterior(windows(range(1))[0], "II", BEST)
+    alone, told = window.drawn[0], window.likely[0]
+    priors = log_prior(BEST, alone), log_prior_of_likely(BEST, told, ())
+    population = population_of(BEST, len(FOLLOWING[BEST].parameters))
+    ends = [
+        np.quantile(sampled_population(drawn[None], prior[None], population).value, ENDS, axis=0)
+        for drawn, prior in zip((alone, told), priors, strict=True)
+    ]
+    assert (np.abs(ends[0] - ends[1]) < 0.3 * np.ptp(ends[0], axis=0)).all()
 
 
 def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:

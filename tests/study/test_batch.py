@@ -57,7 +57,7 @@ def no_posterior(segment: Segment, _: Case, model: str) -> WindowPosterior:
     """As of a window that determines nothing; `test_one_answer` is about the true one."""
     estimates = np.full((segment.followers, 6), np.nan)
     drawn = np.full((segment.followers, DRAWS, count_of(model)), np.nan)
-    return WindowPosterior(estimates, drawn, drawn[..., 0], model, estimates[:, 0])
+    return WindowPosterior(estimates, drawn, drawn, drawn[..., 0], model, estimates[:, 0])
 
 
 @pytest.fixture(autouse=True)
