@@ -18,7 +18,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.population import PARTS, Population, sampled_population
-from accpinn.inference.window_posterior import count_of, log_prior, window_posterior
+from accpinn.inference.window_posterior import count_of, log_prior_of_likely, window_posterior
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
@@ -53,14 +53,15 @@ def windows_of(
     return windows
 
 
-def learn(cars: Sequence[FloatArray], model: str, rounds: int = ROUNDS) -> Population:
-    """The population of cars, each of which is known by draws (K, n, p)."""
+def learn(
+    cars: Sequence[FloatArray], priors: Sequence[FloatArray], model: str, rounds: int = ROUNDS
+) -> Population:
+    """The population of cars, each of which is known by draws (K, n, p) under a prior (K, n)."""
     cthp = [*START[0], *(START[1][term] for term in FOLLOWING[model].terms)]
     between = np.diag(cthp if model in CTHPS else count_of(model) * [START_OTHERS]) ** 2
     means = np.array([drawn.mean(axis=(0, 1)) for drawn in cars])
     population = Population(np.median(means, axis=0), np.cov(means.T) + between, between)
     weights = np.array([len(drawn) - 1.0 for drawn in cars])
-    priors = [log_prior(model, drawn) for drawn in cars]
     for _ in range(rounds):
         sampled = [sampled_population(*car, population) for car in zip(cars, priors, strict=True)]
         values = np.array([car.value.mean(axis=0) for car in sampled])
@@ -78,7 +79,7 @@ def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, Float
     """(K, n, p) posterior draws of the K windows of each car over all its runs in a campaign."""
     together = defaultdict[Car, list[FloatArray]](list)
     for car, segments in windows.items():
-        drawn = [window_posterior(segment, "II", model).drawn[0] for segment in segments]
+        drawn = [window_posterior(segment, "II", model).likely[0] for segment in segments]
         together[car[:2]] += [rows for rows in drawn if np.isfinite(rows).all()]
     return {car: np.array(drawn) for car, drawn in together.items() if drawn}
 
@@ -88,7 +89,7 @@ def main() -> None:
     windows = windows_of(sys.argv[1])
     for model in sys.argv[2:] or FOLLOWING:
         cars = list(cars_of(windows, model).values())
-        population = learn(cars, model)
+        population = learn(cars, [log_prior_of_likely(model, car, ()) for car in cars], model)
         for part in PARTS:
             for row in np.atleast_2d(getattr(population, part)).round(4).tolist():
                 print(model, part, *row, sep=",", flush=True)

@@ -146,7 +146,9 @@ def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[tuple[Metres, F
     for run in runs:
         drawn[run.car[:2]] += list(run.drawn)
     taught = [np.array(draws) for name, draws in drawn.items() if draws and name != car]
-    population, rng, scored = regularised(learn(taught, BEST, ROUNDS)), np.random.default_rng(0), []
+    priors = [log_prior_of_features(BEST, drawn) for drawn in taught]
+    population = regularised(learn(taught, priors, BEST, ROUNDS))
+    rng, scored = np.random.default_rng(0), []
     for run in runs:
         for k, left_out in enumerate(run.windows if run.car[:2] == car and run.errors else ()):
             others, away = np.delete(run.drawn, k, axis=0), run.drawn[k] - run.drawn[k].mean(axis=0)

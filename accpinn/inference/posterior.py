@@ -186,7 +186,7 @@ def sample(
         inside = (_inside(criterion, g, part, speed) if is_ridge else part for part in first)
         ends = least, speed if is_ridge else np.inf
         first_proposal = Proposal.at([_by_time_gap(part, speed) for part in inside], *ends)
-        samplings.append(_Sampling(first_proposal, criterion.size))
+        samplings.append(Sampling(first_proposal, criterion.size))
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*STAGES, *[STAGES[-1]] * FURTHER)):
         drawn = [samplings[g].proposal.draw(count, rng) for g in wanted]
@@ -209,7 +209,7 @@ def sample(
     return tuple(sampling.posterior for sampling in samplings)
 
 
-class _Sampling:
+class Sampling:
     """The draws of one group so far, and the proposal of the next ones."""
 
     def __init__(self, proposal: "Proposal", size: int) -> None:

@@ -22,7 +22,16 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 
 from accpinn.inference.population import log_of_window, population_of
-from accpinn.inference.posterior import AT_SPEED, Posterior, features, log_prior_of_features, sample
+from accpinn.inference.posterior import (
+    AT_SPEED,
+    Posterior,
+    Proposal,
+    Sampling,
+    Student,
+    features,
+    log_prior_of_features,
+    sample,
+)
 from accpinn.methods import Law, one_thread, simulation
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -35,6 +44,8 @@ from accpinn.units import FloatArray, Mask
 
 DRAWS = 400
 """Draws of equal weight that stand for a window's posterior."""
+PROPOSED = (400,) * 5
+"""Draws in each stage of which these are chosen, where the posterior is a normal approximation."""
 STABILITY_DRAWS = 200
 """Draws of these that probabilities of string stability are taken from."""
 
@@ -109,13 +120,44 @@ def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> 
     key, speeds = law.model, median_speeds(segments)
     followers, count = len(speeds), count_of(key)
     estimates = np.full((followers, 6 + count), np.nan)
-    drawn = np.full((followers, DRAWS, count), np.nan)
+    drawn, likely = np.full((2, followers, DRAWS, count), np.nan)
     for row, estimate in simulation.estimates(segments, case, law):
         estimates[row] = parameters_of(key, estimate.scores, speeds[row]).everything
+        told = _beside_others(estimate, law)
         for k in row:
             drawn[k] = possible(key, estimate.draws(DRAWS), speeds[k])
+            likely[k] = possible(key, told, speeds[k])
     unknown = np.full((followers, DRAWS), np.nan)
-    return WindowPosterior(estimates, drawn, drawn, unknown, key, speeds)
+    return WindowPosterior(estimates, drawn, likely, unknown, key, speeds)
+
+
+def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
+    """Draws (n, p) of equal weight of an estimate with what other cars say as the prior.
+
+    They are chosen among proposals from the estimate's normal distribution, and from about its
+    product with that of other cars.
+    """
+    model, free = law.model, free_of(law.model, law.held)
+    population, square = population_of(model, count_of(model)).of(free), np.ix_(free, free)
+    variances, vectors = np.linalg.eigh(estimate.covariance[square])
+    own = vectors / np.minimum(variances, 1.0) @ vectors.T  # no wider than the prior
+    others = np.linalg.inv(population.cars + population.windows)
+    scale = np.linalg.inv(own - np.eye(len(own)) + others)
+    centre = scale @ (own @ estimate.scores[free] + others @ population.centre)
+    parts = [Student(estimate.scores, estimate.covariance)]
+    parts.append(Student(estimate.scores.copy(), np.zeros_like(estimate.covariance)))
+    parts[1].centre[free], parts[1].scale[square] = centre, scale
+    proposal = Proposal(tuple(parts), np.full(2, 0.5))
+    lower, upper = simulation.bounds_of(FOLLOWING[model])
+    sampling, rng = Sampling(proposal, count_of(model)), np.random.default_rng(0)
+    for count in PROPOSED:
+        phi = sampling.proposal.draw(count, rng)
+        away, none = (phi - estimate.scores)[:, free], np.zeros(count)
+        log = log_prior_of_likely(model, phi, law.held) - log_prior(model, phi)
+        log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)
+        log[((phi < lower) | (phi > upper)).any(axis=1)] = -np.inf
+        sampling.add(phi, phi, log, none, none)
+    return sampling.posterior.all_evenly(DRAWS)
 
 
 def _of_others(model: str, held: Held, z: FloatArray) -> FloatArray:
@@ -144,8 +186,6 @@ def log_prior(model: str, phi: FloatArray) -> FloatArray:
 
 def log_prior_of_likely(model: str, phi: FloatArray, held: Held) -> FloatArray:
     """(..) log density of the prior of `WindowPosterior.likely` at (.., p), up to a constant."""
-    if model not in CTHPS:
-        return log_prior(model, phi)
     free = free_of(model, held)
     return log_of_window(population_of(model, count_of(model)).of(free), phi[..., free])
 
