@@ -12,9 +12,9 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,7 +24,7 @@ from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 Job = TypeVar("Job")
 
@@ -182,8 +182,8 @@ def run_all(
         RecordingError: when the scheduler is away, or the workers of this machine have died and no
             others start.
     """
+    executor, alive = client.get_executor(pure=False), time.monotonic()
     running: dict[Future[Any], Job] = {}
-    ended, alive = threading.Event(), time.monotonic()
     try:
         while True:
             slots, now = threads_of(client), time.monotonic()
@@ -197,29 +197,19 @@ def run_all(
             # What has ended is written before another file is read.
             while (
                 len(running) < room
-                and not (running and ended.is_set())
+                and not any(future.done() for future in running)
                 and (job := next(jobs, None))
             ):
-                future = client.submit(run, job, pure=False)
-                running[future] = job
-                future.add_done_callback(lambda _: ended.set())
+                running[executor.submit(run, job)] = job
             if not running:
                 return
-            ended.wait(POLL)
-            ended.clear()
-            for future in [future for future in running if future.done()]:
-                yield running.pop(future), _outcome(future), slots
+            for future in wait(running, POLL, FIRST_COMPLETED).done:
+                if future.cancelled():
+                    raise _lost()
+                yield running.pop(future), future.exception() or future.result(), slots
             yield None
     finally:
-        for future in running:
-            future.cancel()
-
-
-def _outcome(future: "Future[Any]") -> Any:
-    """What a job that has ended answers, or the exception it ended with."""
-    if future.status not in ("finished", "error"):
-        raise _lost()
-    return future.result() if future.status == "finished" else future.exception()
+        executor.shutdown(wait=False)
 
 
 def serve(workers: int) -> None:
