@@ -139,16 +139,6 @@ def _require_package(client: "Client", scheduler: str) -> None:
         )
 
 
-def threads_of(client: "Client") -> int:
-    """How many jobs the workers run at a time; workers may come and go."""
-    try:
-        if client.status in ("running", "connecting"):
-            return sum(client.nthreads().values())
-    except Exception as fault:  # the connection broke while it was asked
-        raise _lost() from fault
-    raise _lost()
-
-
 def _lost() -> RecordingError:
     return RecordingError(
         "The scheduler no longer answers; what was finished is kept, and the same call goes on"
@@ -186,7 +176,10 @@ def run_all(
     running: dict[Future[Any], Job] = {}
     try:
         while True:
-            slots, now = threads_of(client), time.monotonic()
+            try:
+                slots, now = sum(client.nthreads().values()), time.monotonic()
+            except Exception as fault:  # the connection broke
+                raise _lost() from fault
             alive = now if slots or not is_local else alive
             if now - alive > WORKERLESS:
                 raise RecordingError(
