@@ -125,8 +125,8 @@ def run_fit(options: argparse.Namespace) -> int:
         check_texts(options.name, options.note)
         writable_path(Path(options.out), "snapshot")
     elif idle := [name for name in _KEPT if getattr(options, name)]:
-        named = ", ".join(f"--{name.replace('_', '-')}" for name in idle)
-        note(f"Note: {named} has no effect without --out.")
+        listed = ", ".join(f"--{name.replace('_', '-')}" for name in idle)
+        note(f"Note: {listed} has no effect without --out.")
     if settings and settings.preset != "calibrated":
         start_loading()  # while the recording is read
     analysis, recording = chosen_analysis(options, options.method, settings)
@@ -137,20 +137,14 @@ def run_fit(options: argparse.Namespace) -> int:
     asked = options.intervals or options.out is not None or options.method == KEY
     with_intervals = asked and result.fit.outcome is not Outcome.STOPPED
     try:  # before it is printed, as whoever reads that may close the pipe after the first line
-        saved = _saved(result, options)
+        if options.out is not None:
+            about = {name: getattr(options, name) for name in _KEPT}
+            save(named(result, **about), options.out)
     finally:
         show_result(options, describe_fit, fit_text, result, with_intervals)
-    if saved:
-        note(f"Saved as {saved}.")
+    if options.out is not None:
+        note(f"Saved as {options.out}.")
     return 130 if result.fit.outcome is Outcome.STOPPED else 0
-
-
-def _saved(result: Result, options: argparse.Namespace) -> Path | None:
-    """Where the result was saved; None where that was not asked for."""
-    if options.out is None:
-        return None
-    about = {name: getattr(options, name) for name in _KEPT}
-    return save(named(result, **about), options.out)
 
 
 def _settings(options: argparse.Namespace) -> PinnConfig | None:

@@ -38,16 +38,13 @@ def flush() -> None:
     Raises:
         OSError: when it cannot be written.
     """
-    faults = []
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except OSError as fault:
-            faults.append(fault)
+        except OSError:
             with suppress(OSError):  # not every stream is a file
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-    if faults:
-        raise faults[0]
+            raise
 
 
 def show_result(

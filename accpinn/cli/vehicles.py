@@ -56,35 +56,30 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
         ConfigError: when they are missing, given twice, or differ in number.
         SnapshotError: when the snapshot cannot be read.
     """
-    values = {name: getattr(options, name) for name in PARAMETER_KEYS if getattr(options, name)}
-    path = options.file or options.snapshot
+    given = {name: getattr(options, name) for name in (*PARAMETER_KEYS, *TERMS)}
+    given = {name: values for name, values in given.items() if values}
     if options.file and options.snapshot:
         raise ConfigError("snapshot: give one snapshot, not two.")
-    if path:
-        both = [name for name in (*PARAMETER_KEYS, *TERMS) if getattr(options, name)]
-        if both:
-            raise ConfigError(f"parameters: give --{both[0]} or --snapshot, not both.")
+    if path := options.file or options.snapshot:
+        for name in given:
+            raise ConfigError(f"parameters: give --{name} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
         return known_vehicles(load(path))
-    missing = [f"--{name}" for name in PARAMETER_KEYS if name not in values]
+    missing = [f"--{name}" for name in PARAMETER_KEYS if name not in given]
     if missing:
         listed = " and ".join(missing)
         raise ConfigError(f"parameters: {listed} missing; give all three, or --snapshot FILE.")
-    counts = {name: len(given) for name, given in values.items()}
-    if len(set(counts.values())) > 1:
-        listed = ", ".join(f"{count} of --{name}" for name, count in counts.items())
+    counts = {name: len(values) for name, values in given.items()}
+    count = counts["alpha"]
+    if not count == counts["beta"] == counts["tau"]:
+        listed = ", ".join(f"{counts[name]} of --{name}" for name in PARAMETER_KEYS)
         raise ConfigError(f"parameters: {listed}; give as many of each as there are vehicles.")
-    count = max(counts.values())
-    terms = {name: getattr(options, name) or [0.0] for name in TERMS}
-    for name, given in terms.items():
-        if len(given) not in (1, count):
-            raise ConfigError(f"parameters: {len(given)} of --{name}; give one, or {count}.")
-        if name != "s0" and min(given) < 0:
-            raise ConfigError(f"parameters: --{name} {min(given):g} is negative; give 0 or more.")
+    for name, number in counts.items():
+        if number not in (1, count):
+            raise ConfigError(f"parameters: {number} of --{name}; give one, or {count}.")
     labels = tuple(f"Vehicle {k + 1}" for k in range(count))
-    parameters = Parameters(*values.values(), **terms)
-    return KnownVehicles(ParameterSet("parameters given", labels, parameters))
+    return KnownVehicles(ParameterSet("parameters given", labels, Parameters(**given)))
 
 
 def run_stability(options: argparse.Namespace) -> int:

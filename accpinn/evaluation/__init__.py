@@ -29,11 +29,9 @@ import numpy as np
 
 from accpinn.errors import SegmentError
 from accpinn.evaluation.closed_loop import (
+    ClosedLoop,
     ClosedLoopFinding,
     TrackingErrors,
-    closed_loop,
-    closed_loop_errors,
-    closed_loop_findings,
     collision_times,
     simulable,
     surrogate_errors,
@@ -52,17 +50,6 @@ BLOCKS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """A held-out block, and the errors on it of parameters fitted to the rest of the window."""
-
-    window: Window
-    errors: TrackingErrors | None
-    """Closed loop; None where the rest of the window is too short or leaves τ undetermined, or
-    where nothing can be simulated."""
-    findings: tuple[ClosedLoopFinding, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
 class Evaluation:
     """How good a fit is on its data, one window or several, and outside of them."""
 
@@ -72,8 +59,9 @@ class Evaluation:
     """Errors of the closed-loop simulation on the segment; None where nothing is simulated."""
     holdout: TrackingErrors | None
     """Closed-loop errors on all blocks together, each with parameters fitted to the others."""
-    blocks: tuple[Block, ...]
-    """The blocks one by one; empty where nothing was held out."""
+    blocks: tuple[ClosedLoop, ...]
+    """The blocks one by one, without errors where too little is left to estimate from; empty where
+    nothing was held out."""
     out_of_window: TrackingErrors | None
     """Closed-loop errors outside the window; None where nothing is simulated there."""
     out_of_window_seconds: Seconds
@@ -114,22 +102,22 @@ def evaluate(
     fits = (fit,) if isinstance(fit, Fit) else tuple(fit)
     pairs = [*zip(segments, fits, strict=True)]
     blocks = cross_validate(segments[0], estimate) if estimate else ()
-    parts, outside = _out_of_window(segments, fits[0], recording) if recording else ([], [])
-    events = (closed_loop_findings(part, closed_loop(part, fit)) for part, fit in pairs)
+    inside = [ClosedLoop.of(part, fit) for part, fit in pairs]
+    outside = list(_outside(segments, fits[0], recording)) if recording else []
     return Evaluation(
         surrogate=pooled((part.samples, surrogate_errors(part, fit)) for part, fit in pairs),
-        closed_loop=pooled((part.samples, closed_loop_errors(part, fit)) for part, fit in pairs),
+        closed_loop=_of_windows(segments, inside),
         holdout=of_blocks(blocks),
         blocks=blocks,
-        out_of_window=pooled(parts),
-        out_of_window_seconds=float(sum(seconds for seconds, _ in parts)),
+        out_of_window=of_blocks(outside),
+        out_of_window_seconds=float(sum(part.window.duration for part in outside)),
         whiteness=whiteness(*pairs[0]),
-        findings=tuple(event for found in events for event in found),
-        out_of_window_findings=tuple(outside),
+        findings=tuple(event for part in inside for event in part.findings),
+        out_of_window_findings=tuple(event for part in outside for event in part.findings),
     )
 
 
-def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tuple[Block, ...]:
+def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tuple[ClosedLoop, ...]:
     """Hold out each block of the window in turn, and simulate it with parameters from the rest.
 
     A block in which at no instant all vehicles are measured has nothing to compare, so none is
@@ -167,26 +155,34 @@ def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErro
     )
 
 
-def of_blocks(blocks: Sequence[Block]) -> TrackingErrors | None:
-    """The errors of all held-out blocks, by their durations."""
+def of_blocks(blocks: Sequence[ClosedLoop]) -> TrackingErrors | None:
+    """The errors of all blocks together, by their durations."""
     return pooled((block.window.duration, block.errors) for block in blocks)
 
 
-def _out_of_window(
-    segments: Sequence[Segment], fit: Fit, recording: Recording
-) -> tuple[list[tuple[Seconds, TrackingErrors]], list[ClosedLoopFinding]]:
-    """Durations, errors and events of the simulations outside the window."""
-    parts: list[tuple[Seconds, TrackingErrors]] = []
-    events: list[ClosedLoopFinding] = []
-    for window in _outside(segments, recording):
+def _of_windows(segments: Sequence[Segment], parts: Sequence[ClosedLoop]) -> TrackingErrors | None:
+    """The errors of all windows of a fit together, by their samples."""
+    samples = [segment.samples for segment in segments]
+    return pooled(zip(samples, [part.errors for part in parts], strict=True))
+
+
+def _outside(segments: Sequence[Segment], fit: Fit, recording: Recording) -> Iterator[ClosedLoop]:
+    """The simulations in complete windows beside the segments, each long enough for one."""
+    pieces = complete_windows(recording, segments[0].vehicles)
+    for segment in segments:
+        end = segment.start + segment.window.duration
+        pieces = tuple(
+            part
+            for window in pieces
+            for part in (Window(window.start, min(window.end, segment.start)),
+                         Window(max(window.start, end), window.end))
+            if part.end - part.start >= MINIMUM_DURATION
+        )  # fmt: skip
+    for window in pieces:
         piece = cut(recording, window.start, window.duration, segments[0].vehicles)
-        if fit.model not in CTHPS:
-            piece = from_following(piece)
-        errors = closed_loop_errors(piece, fit)
-        if errors is not None:
-            parts.append((piece.window.duration, errors))
-            events.extend(closed_loop_findings(piece, closed_loop(piece, fit)))
-    return parts, events
+        found = ClosedLoop.of(piece if fit.model in CTHPS else from_following(piece), fit)
+        if found.errors:
+            yield found
 
 
 def from_following(segment: Segment) -> Segment:
@@ -215,29 +211,14 @@ def without(segment: Segment, first: int, end: int) -> Segment:
     return replace(segment, speeds=speeds, gaps=gaps, mask=mask)
 
 
-def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment], Fit]) -> Block:
+def _block(
+    segment: Segment, first: int, end: int, estimate: Callable[[Segment], Fit]
+) -> ClosedLoop:
     held = segment.part(first, end)
     try:
-        fit = estimate(without(segment, first, end))
+        return ClosedLoop.of(held, estimate(without(segment, first, end)))
     except SegmentError:  # too little is left for this method
-        return Block(held.window, None)
-    events = closed_loop_findings(held, closed_loop(held, fit))
-    return Block(held.window, closed_loop_errors(held, fit), events)
-
-
-def _outside(segments: Sequence[Segment], recording: Recording) -> list[Window]:
-    """Complete windows beside the segments, each long enough to be simulated."""
-    pieces = complete_windows(recording, segments[0].vehicles)
-    for segment in segments:
-        end = segment.start + segment.window.duration
-        pieces = tuple(
-            part
-            for window in pieces
-            for part in (Window(window.start, min(window.end, segment.start)),
-                         Window(max(window.start, end), window.end))
-            if part.end - part.start >= MINIMUM_DURATION
-        )  # fmt: skip
-    return [*pieces]
+        return ClosedLoop(held.window, None)
 
 
 def _bridge(segment: Segment, near: int, far: int) -> tuple[FloatArray, FloatArray]:
@@ -312,10 +293,11 @@ def validate(fit: Fit, segments: Sequence[Segment], other: Segment) -> Validatio
             f"{other.source}, {other.window}: {other.followers} followers cannot validate the"
             f" parameters of {segments[0].followers}; choose as many."
         )
+    learned, validated = [ClosedLoop.of(part, fit) for part in segments], ClosedLoop.of(other, fit)
     return Validation(
-        pooled((segment.samples, closed_loop_errors(segment, fit)) for segment in segments),
-        closed_loop_errors(other, fit),
-        closed_loop_findings(other, closed_loop(other, fit)),
+        _of_windows(segments, learned),
+        validated.errors,
+        validated.findings,
         tuple(_cautions(segments, other)),
     )
 

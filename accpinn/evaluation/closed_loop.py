@@ -10,6 +10,7 @@ may bridge, the simulation ends, and starts anew once all vehicles are measured 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
 from accpinn.model.registry import simulate
+from accpinn.recordings import Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import BRIDGE, SLACK
 from accpinn.units import (
@@ -170,32 +172,37 @@ def simulable(segment: Segment) -> list[Stretch]:
     return [piece for piece in pieces if len(piece) > 1]
 
 
-def closed_loop_errors(segment: Segment, fit: Fit) -> TrackingErrors | None:
-    """Errors of the closed-loop simulation, nan from the first follower that diverges on.
+@dataclass(frozen=True, eq=False)
+class ClosedLoop:
+    """How far the closed-loop simulation is off in one window, and what happens in it."""
 
-    Returns:
-        None where there is no simulation.
-    """
-    simulated = closed_loop(segment, fit)
-    if simulated is None:
-        return None
-    void = np.logical_or.accumulate(_diverged(segment, simulated).any(axis=0))
-    speeds = np.where(np.r_[False, void], np.nan, simulated.speeds)
-    gaps = np.where(void, np.nan, simulated.gaps)
-    return tracking_errors(segment, Trajectories(simulated.time, speeds, gaps))
+    window: Window
+    errors: TrackingErrors | None
+    """They are nan from the first follower that diverges on; None where nothing is simulated."""
+    findings: tuple[ClosedLoopFinding, ...] = ()
+
+    @classmethod
+    def of(cls, segment: Segment, fit: Fit) -> Self:
+        """The simulation of a fit behind the leader of a segment."""
+        motion = closed_loop(segment, fit)
+        if motion is None:
+            return cls(segment.window, None)
+        void = np.logical_or.accumulate(_diverged(segment, motion).any(axis=0))
+        speeds = np.where(np.r_[False, void], np.nan, motion.speeds)
+        gaps = np.where(void, np.nan, motion.gaps)
+        errors = tracking_errors(segment, Trajectories(motion.time, speeds, gaps))
+        return cls(segment.window, errors, closed_loop_findings(segment, motion))
 
 
 def closed_loop_findings(
-    segment: Segment, simulated: Trajectories | None
+    segment: Segment, simulated: Trajectories
 ) -> tuple[ClosedLoopFinding, ...]:
     """Collisions, reversing and divergence in a closed-loop simulation, follower by follower.
 
     Args:
         segment: the data; a collision counts only where the measured gap is positive.
-        simulated: the closed-loop simulation on the segment's instants; None gives no findings.
+        simulated: the closed-loop simulation on the segment's instants.
     """
-    if simulated is None:
-        return ()
     touching = collides(simulated.gaps) & (segment.measured_gaps > 0)
     diverged = _diverged(segment, simulated)
     floor = np.minimum(BACKWARDS, segment.speeds[:, 1:].min(axis=0))

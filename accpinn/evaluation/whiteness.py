@@ -30,8 +30,7 @@ from scipy.special import ndtr, ndtri
 from accpinn.findings import Finding, Labelled
 from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, OneSecondMeans, one_second_means
-from accpinn.model.cthp import regressors
-from accpinn.model.registry import FOLLOWING
+from accpinn.model.registry import FOLLOWING, value_of
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -140,17 +139,11 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 
 def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray]:
     """The seconds of a segment, and the residuals (M, K) in m/s² of a fit's model."""
-    steps, parameters = one_second_means(segment), fit.parameters
-    gaps, speeds = segment.gaps, segment.speeds
-    if parameters.own.size:
-        model = FOLLOWING[fit.model]
-        command = model.acceleration(gaps, speeds[:, 1:], speeds[:, :-1], parameters.own.T, np)
-    else:
-        theta = np.nan_to_num(parameters.theta)
-        terms = np.einsum("mnc,mc->nm", regressors(speeds, gaps), theta)
-        command = terms - theta[:, 0] * parameters.s0
+    steps, model, speeds = one_second_means(segment), FOLLOWING[fit.model], segment.speeds
+    theta = np.nan_to_num([value_of(fit.model, fit.parameters, name) for name in model.names])
+    command = model.acceleration(segment.gaps, speeds[:, 1:], speeds[:, :-1], theta, np)
     reached = np.asarray(command, float).copy()
-    for k, (lag, delay) in enumerate(parameters.complete[:, 4:]):
+    for k, (lag, delay) in enumerate(fit.parameters.complete[:, 4:]):
         late = np.interp(segment.time - delay, segment.time, command[:, k])
         reached[:, k] = _lagged(late, np.exp(-segment.sample_time / lag)) if lag > 0 else late
     return steps, steps.rates - steps.means(reached)

@@ -268,19 +268,15 @@ def _ends(increase: Callable[[float], float], best: float, limit: float) -> tupl
     """The values on either side of the best one at which the profile crosses `INCREASE`."""
     from scipy.optimize import brentq  # imported late: it takes a quarter of a second
 
-    if not np.isfinite(best):
-        return 0.0, float("inf")
-
     def beyond(value: float) -> float:
         return increase(value) - INCREASE
 
-    lower = float(brentq(beyond, 0.0, best)) if best > 0 and beyond(0.0) > 0 else 0.0
-    far = max(2 * best, 1e-3)
-    while beyond(far) < 0:
-        if far >= limit:
-            return lower, float("inf")
-        far = min(2 * far, limit)
-    return lower, float(brentq(beyond, best, far))
+    if not np.isfinite(best):
+        return 0.0, float("inf")
+    lower, far = 0.0, max(limit, 2 * best)
+    if beyond(0.0) > 0:
+        lower = float(brentq(beyond, 0.0, best))
+    return lower, float(brentq(beyond, best, far)) if beyond(far) > 0 else float("inf")
 
 
 def _grid(best: float, lower: float, upper: float, limit: float) -> FloatArray:

@@ -25,7 +25,7 @@ from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
 from accpinn.inference.intervals import DRAWS, LEVEL, ends_of, shared
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import one_thread
-from accpinn.methods.kalman import Innovations, innovations
+from accpinn.methods.kalman import innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, search
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import Series, determined_followers, series_of
@@ -215,15 +215,11 @@ def _held_out_density(series: Series, maxima: Sequence[Maximum], form: str) -> F
     learned = maximise(
         series.until(LEARNED), form, near=[maximum.coordinates for maximum in maxima]
     )
-    density = _innovations(series, learned).log_density[:, :2]
+    z = np.array([learned[g].coordinates for g in series.group])
+    _, found = innovations(Criterion(series, form).model(z), series.measured)
+    density = found.log_density[:, :2]
     late = density[round(LEARNED * len(density)) :].sum(axis=(0, 1))
     return np.asarray(np.bincount(series.group, late, series.groups), float)
-
-
-def _innovations(series: Series, maxima: Sequence[Maximum]) -> Innovations:
-    """The innovations of each series under the unknowns of its group."""
-    z = np.array([maxima[g].coordinates for g in series.group])
-    return innovations(Criterion(series, maxima[0].form).model(z), series.measured)[1]
 
 
 def _inadequate(subjects: Sequence[tuple[int, int]], tests: InnovationTests) -> list[Inadequate]:

@@ -71,6 +71,11 @@ class Transfer:
     size: int | None
     """Bytes of the whole file; None where the server does not say."""
 
+    @property
+    def share(self) -> float:
+        """The share of the file that has arrived, 0 to 1; 0 where its size is not known."""
+        return min(1.0, self.received / self.size) if self.size else 0.0
+
 
 OnTransfer = Callable[[Transfer], None]
 """Called from several threads."""

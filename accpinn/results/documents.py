@@ -9,12 +9,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from accpinn.channels import by_key, fields
-from accpinn.evaluation.closed_loop import (
-    TrackingErrors,
-    closed_loop,
-    closed_loop_errors,
-    closed_loop_findings,
-)
+from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
 from accpinn.findings import Finding, Labelled
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.inference.gain_check import GainCheck
@@ -141,6 +136,7 @@ def _window(result: Result, k: int) -> dict[str, Any]:
         _values(ends[k], answer.model) for ends in (answer.windows_lower, answer.windows_upper)
     )
     ends = [{name: [a[name], b[name]] for name in a} for a, b in zip(low, high, strict=True)]
+    driven = ClosedLoop.of(segment, fit)
     return {
         **fields(segment.window, "start", "duration"),
         **fields(segment, "source", "samples"),
@@ -148,10 +144,8 @@ def _window(result: Result, k: int) -> dict[str, Any]:
         "parameters": _parameters(result.info, answer.windows[k], answer.model),
         "intervals": _of_followers(result.info, ends),
         "fit": {
-            "closed_loop_mae": _errors(closed_loop_errors(segment, fit)),
-            "incidents": messages(
-                closed_loop_findings(segment, closed_loop(segment, fit)), segment
-            ),
+            "closed_loop_mae": _errors(driven.errors),
+            "incidents": messages(driven.findings, segment),
         },
     }
 

@@ -188,16 +188,12 @@ class Analysis:
         kind = METHODS[self.method].settings
         return kind.from_json(self.settings) if kind else None
 
-    def segments(
-        self, recording: Recording | None, known: tuple[Segment, ...] = ()
-    ) -> tuple[Segment, ...]:
-        """(K,) the data of the windows: those that are known already, else cut from the recording.
+    def segments(self, recording: Recording | None) -> tuple[Segment, ...]:
+        """(K,) the data of the windows, cut from the recording.
 
         Raises:
             SegmentError: one sentence of what is wrong with a window, and what would be possible.
         """
-        if known:
-            return known
         if recording is None:
             raise SegmentError(f"{self.source.name}: the data are not at hand; open the recording.")
         return tuple(self._segment(recording, window) for window in self.windows)

@@ -12,9 +12,9 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,7 +24,7 @@ from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.units import Seconds
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
 
 Job = TypeVar("Job")
 
@@ -139,16 +139,6 @@ def _require_package(client: "Client", scheduler: str) -> None:
         )
 
 
-def threads_of(client: "Client") -> int:
-    """How many jobs the workers run at a time; workers may come and go."""
-    try:
-        if client.status in ("running", "connecting"):
-            return sum(client.nthreads().values())
-    except Exception as fault:  # the connection broke while it was asked
-        raise _lost() from fault
-    raise _lost()
-
-
 def _lost() -> RecordingError:
     return RecordingError(
         "The scheduler no longer answers; what was finished is kept, and the same call goes on"
@@ -182,11 +172,14 @@ def run_all(
         RecordingError: when the scheduler is away, or the workers of this machine have died and no
             others start.
     """
+    executor, alive = client.get_executor(pure=False), time.monotonic()
     running: dict[Future[Any], Job] = {}
-    ended, alive = threading.Event(), time.monotonic()
     try:
         while True:
-            slots, now = threads_of(client), time.monotonic()
+            try:
+                slots, now = sum(client.nthreads().values()), time.monotonic()
+            except Exception as fault:  # the connection broke
+                raise _lost() from fault
             alive = now if slots or not is_local else alive
             if now - alive > WORKERLESS:
                 raise RecordingError(
@@ -197,29 +190,19 @@ def run_all(
             # What has ended is written before another file is read.
             while (
                 len(running) < room
-                and not (running and ended.is_set())
+                and not any(future.done() for future in running)
                 and (job := next(jobs, None))
             ):
-                future = client.submit(run, job, pure=False)
-                running[future] = job
-                future.add_done_callback(lambda _: ended.set())
+                running[executor.submit(run, job)] = job
             if not running:
                 return
-            ended.wait(POLL)
-            ended.clear()
-            for future in [future for future in running if future.done()]:
-                yield running.pop(future), _outcome(future), slots
+            for future in wait(running, POLL, FIRST_COMPLETED).done:
+                if future.cancelled():
+                    raise _lost()
+                yield running.pop(future), future.exception() or future.result(), slots
             yield None
     finally:
-        for future in running:
-            future.cancel()
-
-
-def _outcome(future: "Future[Any]") -> Any:
-    """What a job that has ended answers, or the exception it ended with."""
-    if future.status not in ("finished", "error"):
-        raise _lost()
-    return future.result() if future.status == "finished" else future.exception()
+        executor.shutdown(wait=False)
 
 
 def serve(workers: int) -> None:

@@ -90,7 +90,7 @@ def compare(
         window = analysis.window
         segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
     analyses = [analysis.with_method(key) for key in methods]
-    segments = analyses[0].segments(recording, segments)
+    segments = segments or analyses[0].segments(recording)
     context = context or TaskContext()
     for asked in analyses:
         try:

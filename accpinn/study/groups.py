@@ -59,7 +59,6 @@ PLACE = ["sha256", "start", "vehicle"]
 """Columns that name one follower of one window, whatever the method."""
 POSTERIOR = "posterior"
 """The column of the frame with each follower's posterior draws; it is in no file."""
-PROBABILITIES = ("p_l2_stable", "p_linf_stable")
 FURTHEST = 100.0
 """Largest coordinate that a draw can have, as in a file that somebody has changed."""
 KEPT_CARS = 1024
@@ -187,19 +186,14 @@ class Groups:
 def read_study(study: str | Path) -> pd.DataFrame:
     """The rows of a batch with the columns of `COLUMNS` and `POSTERIOR`, also while it runs.
 
-    What is no number, or no probability where one should be, is nan. ``attrs["model"]`` is the
-    answer's model.
+    What is no number is nan. ``attrs["model"]`` is the answer's model.
 
     Raises:
         RecordingError: where there is no batch, or its file is damaged.
     """
     folder = Path(study)
     frame = pd.DataFrame(read_rows(folder), columns=[column.name for column in COLUMNS])
-    for column in COLUMNS:
-        if column.kind == "double":
-            frame[column.name] = pd.to_numeric(frame[column.name], errors="coerce")
-    for name in PROBABILITIES:
-        frame[name] = frame[name].where(frame[name].between(0.0, 1.0))
+    frame = frame.astype({column.name: float for column in COLUMNS if column.kind == "double"})
     request = read_request(folder)
     model = request.model if request else BEST
     drawn = read_posteriors(folder, count_of(model))
@@ -227,15 +221,10 @@ def group(rows: pd.DataFrame, by: Sequence[str] = BY, level: float = LEVEL) -> G
         raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
     model = rows.attrs.get("model", BEST)
     part = rows.drop_duplicates(PLACE)
-    groups = [_group(key, part[at], model, level) for key, at in _parts_by(part, by)]
+    part = part.assign(**{name: part[name].fillna("").astype(str) for name in by})
+    parts = part.groupby(list(by)) if by else [((), part)] * (len(part) > 0)
+    groups = [_group(key, own, model, level) for key, own in parts]
     return Groups(tuple(by), model, level, tuple(groups))
-
-
-def _parts_by(rows: pd.DataFrame, by: Sequence[str]) -> Iterable[tuple[Any, Any]]:
-    """The values of each group in order, and which rows it has."""
-    labels = rows[list(by)].fillna("").astype(str) if by else rows[[]]
-    keys = pd.Series(list(labels.itertuples(index=False, name=None)), rows.index, object)
-    return [(key, keys == key) for key in sorted(keys.unique())]
 
 
 def _group(key: Iterable[Any], rows: pd.DataFrame, model: str, level: float) -> Group:

@@ -317,7 +317,7 @@ class Result:
     @property
     def adequacy(self) -> Adequacy:
         """The CTHP beside further forms of the model, which takes about a second a follower."""
-        return self._part("adequacy", lambda: model_forms(self._data, self.fit.case))
+        return self._part("adequacy", lambda: model_forms(self._every_window[0], self.fit.case))
 
     @cached_property
     def stability(self) -> StabilityReport | None:
@@ -423,10 +423,6 @@ class Result:
             known = compute()
             setattr(self.parts, name, known)
         return known
-
-    @property
-    def _data(self) -> Segment:
-        return self._every_window[0]
 
     @property
     def _every_window(self) -> tuple[Segment, ...]:

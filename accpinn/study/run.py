@@ -44,7 +44,7 @@ def run(
         AccpinnError: one sentence that names what is wrong with window, data or settings.
     """
     problems: list[str] = []
-    segments = analysis.segments(recording, segments)
+    segments = segments or analysis.segments(recording)
     known = store.find(analysis, problems.append) if store else None
     if known:
         cached = tuple(replace(fit, cached=True) for fit in known.fits)

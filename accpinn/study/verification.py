@@ -175,15 +175,12 @@ class Verification:
         return f"{agreeing:,} of {numbers:,} numbers agree{open_parts}"
 
 
-OnRefit = Callable[[str, Seconds], None]
-
-
 def verify(
     result: Result,
     recording: Recording | None = None,
     *,
     refit_within: Seconds = PATIENCE,
-    on_refit: OnRefit | None = None,
+    on_refit: Callable[[str, Seconds], None] | None = None,
     parameters_only: bool = False,
 ) -> Verification:
     """Run the analysis of a snapshot again as far as that is possible, and compare.

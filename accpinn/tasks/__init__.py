@@ -109,6 +109,8 @@ class Task(Generic[Found]):
         self._began: Seconds | None = None
         self.surrogate: Trajectories | None = None
         """The running estimation's latest curves."""
+        self.latest: Any = None
+        """How far work is that tells it in its own terms, with a ``share``; see `tasks.batches`."""
 
     @property
     def is_active(self) -> bool:
@@ -140,6 +142,8 @@ class Task(Generic[Found]):
     @property
     def share(self) -> float:
         """The share of the work that is done, 0 to 1."""
+        if self.latest is not None:
+            return float(self.latest.share)
         with self._lock:
             done, now = len(self.results), self._recent[-1] if self._recent else None
         weights = self._weights or (1.0,) * len(self.names)

@@ -79,7 +79,7 @@ class _Shown:
         if result := workspace.result:
             return result
         asked = workspace.training_analysis(CALIBRATED) or row.analysis
-        data = asked.segments(workspace.recording, () if workspace.recording else (self.segment,))
+        data = asked.segments(workspace.recording) if workspace.recording else (self.segment,)
         return replace(row, analysis=asked, parts=Parts()).on(data, workspace.recording)
 
     @property

@@ -9,11 +9,11 @@ import pytest
 from accpinn.evaluation import cross_validate, evaluate
 from accpinn.evaluation.closed_loop import (
     DIVERGED,
+    ClosedLoop,
     SimulatedCollision,
     SimulatedDivergence,
     SimulatedReversing,
     closed_loop,
-    closed_loop_errors,
     closed_loop_findings,
     collision_times,
     simulated,
@@ -69,7 +69,7 @@ class TestTrackingErrors:
 class TestClosedLoop:
     def test_the_true_parameters_reproduce_the_data_without_findings(self) -> None:
         segment = driven(MIXED)
-        errors = closed_loop_errors(segment, fit_with(segment, TRUTH))
+        errors = ClosedLoop.of(segment, fit_with(segment, TRUTH)).errors
         assert max(errors.gap_mae.max(), errors.speed_mae.max()) < 1e-3
         found = closed_loop_findings(segment, simulated(segment, "cthp", TRUTH))
         assert found == ()
@@ -96,7 +96,7 @@ class TestFindings:
         assert trajectories.gaps[index, 0] <= 0.0
         assert (trajectories.gaps[:index, 0] > 0.0).all()
         assert found.smallest_gap == trajectories.gaps.min()
-        errors = closed_loop_errors(segment, fit_with(segment, SWAYING))
+        errors = ClosedLoop.of(segment, fit_with(segment, SWAYING)).errors
         assert np.isfinite(errors.gap_mae).all()
         later = closed_loop_findings(replace(segment, start=250.0), trajectories)
         times = collision_times(later, segment.vehicles)
@@ -111,7 +111,7 @@ class TestFindings:
     def test_divergence_takes_the_errors_of_all_behind_it(self) -> None:
         segment = driven(MIXED)
         parameters = Parameters.of([MIXED[0], BRAKING, MIXED[2]])
-        errors = closed_loop_errors(segment, fit_with(segment, parameters))
+        errors = ClosedLoop.of(segment, fit_with(segment, parameters)).errors
         assert np.isfinite(errors.gap_mae).tolist() == [True, False, False]
         assert np.isfinite(errors.speed_rmse).tolist() == [True, True, False, False]
         trajectories = simulated(segment, "cthp", parameters)
@@ -132,7 +132,7 @@ class TestFindings:
         """Table I, experiment 1: 0.47 m for the network's curve; simulated 13.6 m and a crash."""
         segment = cut(casale, 0, 300)
         parameters = Parameters([0.0104], [0.0718], [1.52])
-        errors = closed_loop_errors(segment, fit_with(segment, parameters))
+        errors = ClosedLoop.of(segment, fit_with(segment, parameters)).errors
         assert errors.gap_mae[0] == pytest.approx(13.6, abs=0.15)
         (found,) = closed_loop_findings(segment, simulated(segment, "cthp", parameters))
         assert isinstance(found, SimulatedCollision)
@@ -154,7 +154,7 @@ def fit() -> Fit:
 
 
 READERS: dict[str, Callable[[Segment], object]] = {
-    "closed loop": lambda segment: closed_loop_errors(segment, fit()),
+    "closed loop": lambda segment: ClosedLoop.of(segment, fit()).errors,
     "surrogate": lambda segment: surrogate_errors(
         segment, replace(fit(), method="splines", surrogate=closed_loop(whole(), fit()))
     ),
@@ -183,11 +183,11 @@ def test_nothing_is_read_of_what_was_not_measured(reader: str) -> None:
 class TestMissingSamples:
     def test_errors_are_those_of_the_samples_that_are_left(self) -> None:
         run = closed_loop(whole(), fit())
-        errors = closed_loop_errors(with_holes(whole(), OWN), fit())
+        errors = ClosedLoop.of(with_holes(whole(), OWN), fit()).errors
         off = run.speeds[:, 1] - whole().speeds[:, 1]
         assert errors.speed_mae[1] == pytest.approx(np.abs(off[LEFT]).mean())
         assert errors.speed_rmse[1] == pytest.approx(np.sqrt((off[LEFT] ** 2).mean()))
-        complete = closed_loop_errors(whole(), fit())
+        complete = ClosedLoop.of(whole(), fit()).errors
         np.testing.assert_allclose(errors.speed_mae[2:], complete.speed_mae[2:])
         np.testing.assert_allclose(errors.gap_mae[2:], complete.gap_mae[2:])
 
@@ -200,7 +200,7 @@ class TestMissingSamples:
             first = round(piece.start / piece.sample_time)
             rows = slice(first, first + piece.samples)
             np.testing.assert_allclose(run.gaps[rows], alone.gaps)
-        errors = closed_loop_errors(segment, fit())
+        errors = ClosedLoop.of(segment, fit()).errors
         assert (errors.gap_mae < 0.2).all()
         assert closed_loop_findings(segment, run) == ()
         second = closed_loop(with_holes(whole(), {0: [Stretch(200, 209)]}), fit())

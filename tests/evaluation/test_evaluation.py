@@ -9,7 +9,6 @@ import pytest
 from accpinn import METHODS, Fit, Parameters, Recording, Segment, cut, evaluate
 from accpinn.errors import SegmentError
 from accpinn.evaluation import (
-    Block,
     OtherVehicles,
     ValidationOverlaps,
     cross_validate,
@@ -18,7 +17,7 @@ from accpinn.evaluation import (
     validate,
     without,
 )
-from accpinn.evaluation.closed_loop import TrackingErrors
+from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
 from accpinn.methods import Law, least_squares, splines
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
@@ -78,11 +77,11 @@ def test_too_little_for_a_method_is_no_error() -> None:
 
 def test_blocks_are_pooled_by_duration() -> None:
     one, three = (TrackingErrors(*(np.full(n, x) for n in (2, 1, 2, 1))) for x in (1.0, 3.0))
-    first = Block(Window(0.0, 10.0), one)
-    both = of_blocks((first, Block(Window(20.0, 50.0), three)))
+    first = ClosedLoop(Window(0.0, 10.0), one)
+    both = of_blocks((first, ClosedLoop(Window(20.0, 50.0), three)))
     assert both.gap_mae[0] == pytest.approx(2.5)
     assert both.gap_rmse[0] == pytest.approx(((10 + 30 * 9) / 40) ** 0.5)
-    assert of_blocks((first, Block(Window(20.0, 50.0), None))) is None
+    assert of_blocks((first, ClosedLoop(Window(20.0, 50.0), None))) is None
 
 
 def test_an_evaluation_holds_what_it_is_given_data_for() -> None:

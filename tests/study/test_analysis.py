@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import accpinn
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods.fit import CacheProblem, ParameterTrack
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
@@ -192,8 +192,8 @@ class TestRun:
         assert [one.start for one in again.segments] == [0.0, 60.0]
         alone = run(replace(analysis, windows=windows[1:]), recording)
         assert again.qualities[1].condition == alone.quality.condition
-        each = [closed_loop_errors(*pair) for pair in zip(joint.segments, joint.fits, strict=True)]
-        mean = np.mean([errors.gap_mae for errors in each], axis=0)
+        pairs = zip(joint.segments, joint.fits, strict=True)
+        mean = np.mean([ClosedLoop.of(*pair).errors.gap_mae for pair in pairs], axis=0)
         assert again.evaluation.closed_loop.gap_mae == pytest.approx(mean, rel=1e-3)
         left = recording.duration - 120.0
         assert joint.evaluation.out_of_window_seconds == pytest.approx(left, abs=1.0)

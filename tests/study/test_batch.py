@@ -6,7 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +40,7 @@ from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, l
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import FILE, Request, read_failures, read_request
 from accpinn.tasks import Status, TaskQueue
-from accpinn.tasks.batches import StudyTask
+from accpinn.tasks.batches import batch_task
 from tests.support.command import ROOT, Capture, document
 from tests.support.dying import DEATHS, dying
 from tests.support.openacc_files import csv, metadata, platoon, recording
@@ -201,7 +201,7 @@ def test_workers_that_die_are_replaced_and_none_runs_what_the_server_calls_its_m
     monkeypatch.setitem(sys.modules, "__main__", main)
     monkeypatch.setenv(DEATHS, str(tmp_path))
     request = Request((str(folder),), METHODS_USED[:1], 200.0, workers=1)
-    queue, task = TaskQueue(prepare=lambda: None), StudyTask("me", study, request)
+    queue, task = TaskQueue(prepare=lambda: None), batch_task("me", study, request)
     with monkeypatch.context() as patched:
         patched.setattr(batches, "answer_all", dying)
         queue.submit(task)
@@ -209,7 +209,7 @@ def test_workers_that_die_are_replaced_and_none_runs_what_the_server_calls_its_m
     queue.close()
     assert not (tmp_path / "ran").exists()
     assert (task.status, task.share, task.error) == (Status.DONE, 1.0, "")
-    assert (task.summary.rows, task.summary.failed) == (1, 1)
+    assert (task.latest.rows, task.latest.failed) == (1, 1)
     assert read_request(study) == replace(request, is_finished=True)
     tries = [(tmp_path / name).read_text() for name in ("copy.csv", "run2.csv")]
     assert tries == ["x", "xx"], "another worker tried again"
@@ -219,38 +219,6 @@ def test_workers_that_die_are_replaced_and_none_runs_what_the_server_calls_its_m
     again = batch(folder, study, methods=METHODS_USED[:1], window=200, scheduler=cluster)
     assert again.failed == 0
     assert not [one for one in read_failures(study) if one.start == 0]
-
-
-class Late:
-    """A client of one worker, and its job's future, whose callback comes after it was seen."""
-
-    status = "finished"
-
-    def nthreads(self) -> dict[str, int]:
-        self.status = "running"
-        return {"worker": 1}
-
-    def submit(self, run: Callable[[int], int], job: int, pure: bool) -> "Late":
-        self.status, self.answer = "finished", run(job)
-        return self
-
-    def add_done_callback(self, told: Callable[[Any], None]) -> None:
-        self.told = told
-
-    def done(self) -> bool:
-        return True
-
-    def result(self) -> int:
-        self.told(self)
-        self.status = "running"
-        return self.answer
-
-
-def test_every_job_is_done_though_workers_are_heard_of_late() -> None:
-    client = Late()
-    client.status = "running"
-    ended = clusters.run_all(client, lambda job: job**2, iter(range(1, 5)), is_local=True)
-    assert [part[1] for part in ended if part] == [1, 4, 9, 16]
 
 
 def test_without_workers_it_ends_with_a_word(

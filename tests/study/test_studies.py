@@ -286,10 +286,3 @@ def test_what_cannot_be_grouped(capsys: Capture, study: Path, tmp_path: Path) ->
     assert "colour is not known" in refused(capsys, 2, "table", study, "--by", "colour")
     assert "level" in refused(capsys, 2, "table", study, "--level", 1)
     assert "no batch is there" in refused(capsys, 1, "table", tmp_path / "none")
-
-
-def test_a_number_that_is_no_probability_is_unknown(tmp_path: Path) -> None:
-    study = write_study(tmp_path / "s", row("A", p_linf_stable=2**62), row("A"))
-    found = read_study(study)
-    assert found["p_linf_stable"].isna().tolist() == [True, False]
-    assert not found["p_l2_stable"].isna().any()

@@ -11,13 +11,14 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
+from accpinn.recordings.download import Download
 from accpinn.recordings.files import File
 from accpinn.recordings.mapping import write_mapping
 from accpinn.recordings.openacc import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
-from accpinn.tasks import Status
-from accpinn.tasks.batches import DownloadTask
+from accpinn.tasks import Status, Task
+from accpinn.tasks.batches import download_task
 from pages.ui.components import show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown
@@ -242,8 +243,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
         help="All runs that the Joint Research Centre publishes. Those that are not here"
         " yet are downloaded into the folder of recordings.",
     )  # fmt: skip
-    submitted = resources.download_queue().of(workspace.id, "download")
-    task = submitted if isinstance(submitted, DownloadTask) else None
+    task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
         watch(task, lambda: _line_of(task))
         stop_button(task, "Stop the download", "data_download_stop")
@@ -252,7 +252,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
             "Open this run", on_click=open_file, args=(workspace, run.path(root), run.file)
         )  # fmt: skip
     elif run is not None:
-        latest = task.status if task and task.run == run else None
+        latest = task.status if task and task.names == (run.key,) else None
         if task and latest is Status.FAILED:
             show.messages(task.error, "error", "cloud_off")
         stopped = latest is Status.STOPPED
@@ -265,12 +265,12 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
 
 def _download(workspace: Workspace, run: Run, root: Path) -> None:
     base = os.environ.get(MIRROR_VARIABLE) or PUBLISHED_AT
-    resources.download_queue().submit(DownloadTask(workspace.id, run, root, base))
+    resources.download_queue().submit(download_task(workspace.id, run, root, base))
 
 
-def _line_of(task: DownloadTask) -> str:
+def _line_of(task: Task[Download]) -> str:
     now, waits = task.latest, task.status is Status.QUEUED
     if waits or now is None:
         return "Waiting: another download is running." if waits else "Connecting …"
     size = f" of {now.size / 1e6:.1f}" if now.size else ""
-    return f"{task.run.file}: {now.received / 1e6:.1f}{size} MB"
+    return f"{now.run.file}: {now.received / 1e6:.1f}{size} MB"

@@ -13,10 +13,11 @@ from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, TITLES
 from accpinn.results.database import estimate_line, progress_line, summary_line
 from accpinn.segment.cut import DURATION
+from accpinn.study.batch import BatchProgress
 from accpinn.study.plan import BatchEstimate, estimate_batch, files_of
 from accpinn.study.studies import Request, studies, study_path
-from accpinn.tasks import Status
-from accpinn.tasks.batches import StudyTask
+from accpinn.tasks import Status, Task
+from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import stop_button, watch
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
@@ -34,15 +35,14 @@ KEPT_CHOICES = ("database_by", "database_tabs", "database_units")
 DEFAULT_NAME = "OpenACC"
 
 
-def _task(study: str) -> StudyTask | None:
-    task = batch_queue().of(study, "batch")
-    return task if isinstance(task, StudyTask) else None
+def _task(study: str) -> Task[BatchProgress] | None:
+    return batch_queue().of(study, "batch")
 
 
 def _start(study: str, request: Request) -> None:
     task = _task(study)
     if task is None or not task.is_active:
-        batch_queue().submit(StudyTask(study, study_path(study), request))
+        batch_queue().submit(batch_task(study, study_path(study), request))
 
 
 # Watching
@@ -59,8 +59,8 @@ def show_batch(study: str, request: Request | None) -> None:
             stop_button(task, "Stop", "database_stop")
         return
     show_refusal(study)
-    if task is not None and task.summary is not None:
-        said = summary_line(task.summary)
+    if task is not None and task.status is not Status.FAILED and task.latest:
+        said = summary_line(task.latest)
     elif request is not None and not request.is_finished:
         said = "The batch of this study did not come to its end; what it found is kept."
     else:
@@ -92,20 +92,21 @@ def _is_at_hand(request: Request) -> bool:
     return all(Path(source).resolve().is_relative_to(root) for source in request.sources)
 
 
-def _watch(task: StudyTask) -> None:
+def _watch(task: Task[BatchProgress]) -> None:
     """The bar, again and again; now and then the whole page, with the rows found meanwhile."""
-    drawn, rows = time.monotonic(), task.latest.rows
+    drawn, rows = time.monotonic(), task.latest.rows if task.latest else 0
 
     def has_more() -> bool:
-        return task.latest.rows > rows and time.monotonic() - drawn > REDRAWN
+        found = task.latest.rows if task.latest else 0
+        return found > rows and time.monotonic() - drawn > REDRAWN
 
     watch(task, lambda: _line_of(task), has_more)
 
 
-def _line_of(task: StudyTask) -> str:
+def _line_of(task: Task[BatchProgress]) -> str:
     if task.status is Status.QUEUED:
         return "Waiting: another batch is running."
-    if not task.latest.files:
+    if not task.latest:
         return "Getting ready …"
     parts = ["Stopping …"] if task.is_stopping else []
     parts.append(progress_line(task.latest))

@@ -11,7 +11,7 @@ import pytest
 
 from accpinn import Case, Fit, Parameters, PinnConfig, Segment, Store, preset
 from accpinn.errors import ConfigError
-from accpinn.evaluation.closed_loop import closed_loop_errors
+from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import splines
 from accpinn.methods.fit import (
     Checkpoint,
@@ -161,7 +161,7 @@ class TestBounds:
         assert fit.parameters[0].alpha == 0
         assert np.isnan(fit.parameters[0].tau)
         assert fit.parameters[0].beta == pytest.approx(0.5, rel=0.01)
-        assert closed_loop_errors(segment, fit) is None
+        assert ClosedLoop.of(segment, fit).errors is None
 
     def test_the_paper_preset_never_leaves_them(self) -> None:
         seen: list[Progress] = []
