@@ -145,7 +145,7 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     assert "Hyundai amplifies disturbances" in page.plain()
     session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page("Stability", session)
-    assert "One of two vehicles amplifies disturbances: Vehicle 2" in again.plain()
+    assert "Vehicle 2 amplifies disturbances by up to 38 %" in again.plain()
     assert "Vehicle 2" in open_page("Platoon", session).plain()
 
 

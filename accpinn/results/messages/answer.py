@@ -183,7 +183,7 @@ def _disturbances(
     subject: KnownVehicles, followers: Sequence[int], are_several: bool
 ) -> tuple[str, ...]:
     """What becomes of disturbances behind followers of one verdict, where it is known."""
-    if assessed(subject, followers[0]) == "not determined":
+    if subject.uncertainty is None or assessed(subject, followers[0]) == "not determined":
         return ()
     return (becomes(subject, followers, "they" if are_several else "it", are_several),)
 

@@ -271,43 +271,13 @@ def three(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def _amplification(subject: KnownVehicles) -> str:
-    """The number of vehicles that amplify disturbances, and the one that amplifies most."""
-    chosen, report = subject.vehicles, subject.report
-    amplifying = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
-    count, total = len(amplifying), len(chosen)
-    if not amplifying:
-        growing = any(not vehicle.linf_exact.stable for vehicle in report.vehicles)
-        peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
-        if total == 1:
-            return f"{capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
-        return f"None of the vehicles amplifies any frequency.{peaks}"
-    name, most = _most(subject, amplifying)
-    if total == 1:
-        return f"{capital(name)} amplifies disturbances {most}."
-    if count == 1:
-        return f"One of {spelled(total)} vehicles amplifies disturbances: {name}, {most}."
-    every = "both" if total == 2 else f"all {spelled(total)}"
-    start = every if count == total else f"{spelled(count)} of {spelled(total)}"
-    return f"{capital(start)} vehicles amplify disturbances, {name} the most: {most}."
-
-
-def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
-    """Which of some vehicles amplifies most, and how much."""
-    peaks = [vehicle.peak for vehicle in subject.report.vehicles]
-    worst = max(amplifying, key=lambda k: peaks[k].gain)
-    at = f" at {three(peaks[worst].omega)} rad/s" if peaks[worst].omega > 0 else ""
-    return subject.vehicles.spoken[worst], grown(peaks[worst].gain) + at
-
-
 def headline(subject: KnownVehicles) -> str:
     """The headline on L₂ string stability, by the posterior where it is known, and who drives.
 
     A verdict that the measured gain contradicts is called the model's.
     """
-    said = [*_verdicts(subject)] if subject.uncertainty else [_amplification(subject)]
-    said += [_contradicted(subject), _understated(subject), not_acc(subject.vehicles)]
-    return " ".join(filter(None, said))
+    said = [*_verdicts(subject), _contradicted(subject), _understated(subject)]
+    return " ".join(filter(None, [*said, not_acc(subject.vehicles)]))
 
 
 def _verdicts(subject: KnownVehicles) -> Iterator[str]:
@@ -321,14 +291,18 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
         if alike:
             named = every if len(alike) == total > 1 else named
             yield becomes(subject, alike, named, is_headline=True)
+        if kind == "stable" and len(alike) == total:
+            if not all(vehicle.linf_exact.stable for vehicle in subject.report.vehicles):
+                yield "But peaks can still grow: see the L∞ gain."
 
 
 def assessed(subject: KnownVehicles, follower: int) -> Assessment:
-    """The verdict on a follower (0 for the first) by its posterior."""
-    known = subject.uncertainty
-    if known is None or not subject.has_report:
+    """The verdict on a follower (0 for the first), by its posterior where it is known."""
+    if not subject.has_report:
         return "not determined"
-    return assessment(float(known.probability_l2[follower]))
+    if subject.uncertainty:
+        return assessment(float(subject.uncertainty.probability_l2[follower]))
+    return "stable" if subject.report.vehicles[follower].l2.stable else "unstable"
 
 
 def becomes(
@@ -341,7 +315,7 @@ def becomes(
     """What becomes of disturbances behind followers of one verdict, in a sentence.
 
     Args:
-        subject: whose posterior is known.
+        subject: the vehicles, with or without a posterior.
         alike: the followers, 0 for the first.
         named: what they are called within a sentence.
         are_several: whether that is a plural; by default where they are several.
@@ -349,19 +323,19 @@ def becomes(
             amplify the most alone, with its frequency.
     """
     known, kind, peaks = subject.uncertainty, assessed(subject, alike[0]), {}
-    assert known
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
     start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"
-    odds = _odds(known.probability_l2[alike]) if is_headline or kind == "open" else ""
+    odds = _odds(known.probability_l2[alike]) if known and (is_headline or kind == "open") else ""
     if kind == "not determined":
         return f"Not determined by the data: {named}."
     if kind != "unstable":
         return f"{start}{odds}."
     for k in alike:
         peak = subject.report.vehicles[k].peak
-        ends, level = gain_of(peak.gain, known, k), known.level if is_headline else None
+        ends = gain_of(peak.gain, known, k) if known else None
+        level = known.level if known and is_headline else None
         at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
         peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
