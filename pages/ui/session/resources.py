@@ -85,22 +85,20 @@ def download_queue() -> TaskQueue:
 
 
 def find_recording(
-    file: str, sha256: str, trajectory: str | None = None, campaign: str | None = None
+    file: str, sha256: str, trajectory: str | None = None
 ) -> tuple[Recording, Truth | None]:
     """The recording with that content, from the server's folder or the samples, and its truth.
-
-    Several campaigns have files of the same name; that of ``campaign`` is looked at first.
 
     Raises:
         RecordingError: where none is there.
     """
-    paths = [path for path in (*samples(), *listed()) if path.name == file]
-    for path in sorted(paths, key=lambda path: campaign not in path.parts):
+    name = file.partition(", trajectory ")[0]
+    for path in (path for path in (*samples(), *listed()) if path.name == name):
         with suppress(RecordingError):  # another file of that name
-            recording = files.read(path, trajectory=trajectory)
-            if recording.sha256 == sha256:
+            known = files.opened(path)
+            if known.content.sha256(trajectory) == sha256:
                 truth = truth_path(path)
-                return recording, load_truth(truth) if truth.exists() else None
+                return known.read(trajectory), load_truth(truth) if truth.exists() else None
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
