@@ -1,5 +1,6 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
+from functools import lru_cache
 from pathlib import Path
 
 import streamlit as st
@@ -7,7 +8,6 @@ import streamlit as st
 from accpinn.errors import SegmentError
 from accpinn.evaluation import validate
 from accpinn.methods import least_squares
-from accpinn.model.cthp import Case
 from accpinn.recordings import MOVING, Recording, Window
 from accpinn.recordings.files import read
 from accpinn.results import recording as tables
@@ -17,13 +17,14 @@ from accpinn.results.tables.estimates import validation_table
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, DrivenByHand, Segment
 from accpinn.segment.cut import chains, complete_windows, cut, first_window
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
-from accpinn.study.comparison import SensitivityResult, sensitivity
+from accpinn.study.comparison import sensitivity
 from accpinn.units import Seconds
 from pages.ui.components import show
 from pages.ui.components.show import bound, pick_follower, select
 from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import Workspace
 
+_sensitivity = lru_cache(maxsize=32)(sensitivity)
 SHORTEST: Seconds = 10.0
 """Of a window for validation."""
 REGIMES = {
@@ -134,8 +135,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    digests = (segment.info.digest, recording.digest)
-    results = _sensitivity(digests, workspace.case, segment, recording)
+    with st.spinner("Estimating with and without them …"):
+        results = _sensitivity(segment, recording, workspace.case)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -145,14 +146,6 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))
     label = segment.labels[1 + follower]
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
-
-
-@st.cache_resource(max_entries=32, show_spinner="Estimating with and without them …")
-def _sensitivity(
-    digests: tuple[str, str], case: Case, _segment: Segment, _recording: Recording
-) -> tuple[SensitivityResult, ...]:
-    """``digests`` are those of the segment and the recording."""
-    return sensitivity(_segment, _recording, case)
 
 
 # A window that nothing is learned from

@@ -1,10 +1,8 @@
 """What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
 
-from collections.abc import Callable
 from contextlib import suppress
-from functools import wraps
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import streamlit as st
 
@@ -24,12 +22,10 @@ from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
 from accpinn.tasks import TaskQueue
 
-Chosen = ParamSpec("Chosen")
-Known = TypeVar("Known")
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-KEPT_CHOICES = 4
-"""The latest choices of vehicles and window for which is kept what follows for a recording."""
+KEPT_CHOICES = 16
+"""The latest choices of recording, vehicles and window for which is kept what follows."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
@@ -145,25 +141,7 @@ def listed() -> list[Path]:
 # What follows for a recording that is open, computed once
 
 
-def _of_recording(
-    function: Callable[Concatenate[Recording, Chosen], Known],
-) -> Callable[Concatenate[Recording, Chosen], Known]:
-    """The function with a memory, which forgets a recording that no session has open any more."""
-
-    @wraps(function)
-    def known(recording: Recording, /, *chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
-        kept: dict[Any, Known] = recording.__dict__.setdefault(f"_{function.__name__}", {})
-        asked = chosen, tuple(named.items())
-        if asked not in kept:
-            while len(kept) >= KEPT_CHOICES:
-                kept.pop(next(iter(kept)), None)
-            kept[asked] = function(recording, *chosen, **named)
-        return kept[asked]
-
-    return known
-
-
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def whole_drive(
     recording: Recording, vehicles: tuple[int, ...]
 ) -> tuple[Segment, Regimes, Information]:
@@ -173,7 +151,7 @@ def whole_drive(
     return whole, regimes, Information.of(whole, regimes)
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
     """The windows in which all followers are in car-following; empty for fewer than two."""
     with suppress(SegmentError):
@@ -182,7 +160,7 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
     return ()
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def first_segment(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
@@ -191,7 +169,7 @@ def first_segment(
     return segment
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def rated(
     recording: Recording,
     windows: tuple[Window, ...],
@@ -204,7 +182,7 @@ def rated(
     return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def judged_subjects(
     recording: Recording, vehicles: tuple[int, ...], window: Window
 ) -> tuple[Subject, ...]:

@@ -1,7 +1,7 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 
 import streamlit as st
 
@@ -24,6 +24,7 @@ from pages.ui.session.sessions import SNAPSHOT, may_delete, owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
+_verify = lru_cache(maxsize=16)(verify)
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
 LONGEST: Seconds = 300.0
@@ -254,18 +255,8 @@ def _again(snapshot: Result) -> str:
 
 def _verified(snapshot: Result, recording: Recording | None) -> Verification:
     """All of it computed anew, and the methods run again where the user asked for that."""
-    again = bool(st.session_state.get(_again(snapshot)))
-    return _verification(
-        snapshot.digest, recording.digest if recording else "", again, snapshot, recording
-    )
-
-
-@st.cache_resource(max_entries=16, show_spinner=False)
-def _verification(
-    file: str, data: str, again: bool, _snapshot: Result, _recording: Recording | None
-) -> Verification:
-    """What was found before for the same file and recording is not computed again."""
-    return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
+    again = st.session_state.get(_again(snapshot))
+    return _verify(snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
 
 
 def _show_standing(snapshot: Result, recording: Recording | None) -> None:
