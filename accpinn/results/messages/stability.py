@@ -276,8 +276,8 @@ def headline(subject: KnownVehicles) -> str:
 
     A verdict that the measured gain contradicts is called the model's.
     """
-    said = [*_verdicts(subject), _contradicted(subject), _understated(subject)]
-    return " ".join(filter(None, [*said, not_acc(subject.vehicles)]))
+    said = (*_verdicts(subject), *against_model(subject), not_acc(subject.vehicles))
+    return " ".join(filter(None, said))
 
 
 def _verdicts(subject: KnownVehicles) -> Iterator[str]:
@@ -350,17 +350,6 @@ def becomes(
     )
 
 
-def _understated(subject: KnownVehicles) -> str:
-    """The vehicles whose measured peak is far above the model's; empty where none is."""
-    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    over = [
-        f"{names[check.vehicle]} by {check.peak - check.model_peak:.1f} dB"
-        for check in subject.checks
-        if check.is_underrated and not check.contradiction and check.vehicle in names
-    ]
-    return f"The measured gain peaks above the model's: {joined(over)}." if over else ""
-
-
 def not_acc(chosen: ParameterSet) -> str:
     """The vehicles that a driver controls, and how long; empty where none does."""
     pairs = [*zip(chosen.labels, chosen.by_hand, strict=False)]
@@ -373,14 +362,22 @@ def not_acc(chosen: ParameterSet) -> str:
     return " ".join(said)
 
 
-def _contradicted(subject: KnownVehicles) -> str:
-    """The vehicles whose verdict the measured gain contradicts; empty where it does none."""
-    against = [check for check in subject.checks if check.contradiction]
-    if not against:
-        return ""
+def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[str]:
+    """What the measured gain has against the model for all vehicles, or those of some numbers."""
     names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    named = [f"{names.get(c.vehicle, f'vehicle {c.vehicle}')} ({c.short})" for c in against]
-    return f"The measured gain contradicts the model for {joined(named)}."
+    against, over = list[str](), list[str]()
+    for check in subject.checks:
+        name = names.get(check.vehicle, f"vehicle {check.vehicle}")
+        if numbers and check.vehicle not in numbers:
+            continue
+        if check.contradiction:
+            against.append(f"{name} ({check.short})")
+        elif check.is_underrated:
+            over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
+    if against:
+        yield f"The measured gain contradicts the model for {joined(against)}."
+    if over:
+        yield f"The measured gain peaks above the model's: {joined(over)}."
 
 
 def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:
