@@ -161,10 +161,14 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
 
 
 @lru_cache(maxsize=KEPT_CHOICES)
-def first_segment(
+def segment_of(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
-    """The data of a window; it is cut once."""
+    """The data of a window.
+
+    Raises:
+        SegmentError: as `Analysis.segments` does.
+    """
     (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
     return segment
 
@@ -177,8 +181,7 @@ def rated(
     excluded: tuple[str, ...],
 ) -> tuple[Rating, ...]:
     """What the windows are worth together: for each question the worst of them."""
-    asked = Analysis.of(recording, windows, vehicles, excluded=excluded)
-    segments = asked.segments(recording)
+    segments = [segment_of(recording, window, vehicles, excluded) for window in windows]
     return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
 
 
