@@ -255,12 +255,6 @@ def grown(gain: float, ends: Estimate | None = None, level: float | None = None)
     return f"{said} ({percent(level) + ' interval ' if level else ''}{within})"
 
 
-def gain_of(value: float, known: Uncertainty, follower: int) -> Estimate:
-    """A follower's peak gain with its interval; 0 for the first."""
-    ends = known.peak_gain
-    return Estimate(value, float(ends.lower[follower]), float(ends.upper[follower]))
-
-
 def verdict_in_words(verdict: Verdict) -> str:
     """As in "L₂ string stability: unstable"."""
     return ("stable" if verdict.stable else "unstable") + " (marginal)" * verdict.marginal
@@ -334,8 +328,10 @@ def becomes(
         return f"{start}{odds}."
     for k in alike:
         peak = subject.report.vehicles[k].peak
-        ends = gain_of(peak.gain, known, k) if known else None
-        level = known.level if known and is_headline else None
+        ends, level = None, known.level if known and is_headline else None
+        if known:
+            spread = known.peak_gain
+            ends = Estimate(peak.gain, float(spread.lower[k]), float(spread.upper[k]))
         at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
         peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))

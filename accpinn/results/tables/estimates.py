@@ -357,7 +357,8 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         now: the present result of each method; where there is none, no differences are shown.
         vehicle: its number in the file.
     """
-    rows = [(result, k) for result in earlier for k in _places_of(vehicle, result)]
+    followers = ((result, result.info.vehicles[1:]) for result in earlier)
+    rows = [(row, numbers.index(vehicle)) for row, numbers in followers if vehicle in numbers]
     then = [result.parameters[k] for result, k in rows]
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [earlier_title(result) for result, _ in rows]),
@@ -369,20 +370,14 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         differs: list[str | None] = [None] * len(rows)
         for at, ((row, _), before) in enumerate(zip(rows, then, strict=True)):
             present = now.get(row.fit.method)
-            if present is None:
-                continue
-            for k in _places_of(vehicle, present):
+            if present and vehicle in present.info.vehicles[1:]:
+                k = present.info.vehicles.index(vehicle) - 1
                 change[at] = present.parameters[k].values - before.values
                 asked = differences(row.analysis, present.analysis)
                 differs[at] = "; ".join(asked) or "nothing"
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
-
-
-def _places_of(vehicle: int, result: Result) -> list[int]:
-    """The place of a vehicle among the followers of a result; none where it is not one."""
-    return [k for k, number in enumerate(result.info.vehicles[1:]) if number == vehicle]
 
 
 def _gap_error(result: Result, k: int) -> float:
