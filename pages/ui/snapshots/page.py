@@ -60,15 +60,10 @@ def show_page() -> None:
         st.caption("No snapshot is kept here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: _view(workspace, entry.id),
+        entries, "snapshots", lambda entry: setattr(workspace, "viewed", entry.id),
         lambda entry: _delete_button(workspace, entry),
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
-
-
-def _view(workspace: Workspace, name: str) -> None:
-    workspace.viewed = name
-    show.forget_flash()
 
 
 def _save_form(workspace: Workspace) -> None:
@@ -205,9 +200,7 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
 def _show_buttons(
     workspace: Workspace, snapshot: Result, recording: Recording | None, title: str
 ) -> None:
-    # The title with nothing in it that a file name cannot have.
-    stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
-    stem = stem.strip("._")[:60] or snapshot.id
+    stem = show.stem_of(title)[:60] or snapshot.id
 
     def open_it() -> None:
         with show.flashing():
@@ -241,11 +234,10 @@ def _show_buttons(
 
 
 def back_button(workspace: Workspace) -> None:
-    def back() -> None:
-        workspace.viewed = ""
-        show.forget_flash()
-
-    st.button("All snapshots", icon=":material/arrow_back:", key="snapshots_back", on_click=back)
+    st.button(
+        "All snapshots", icon=":material/arrow_back:", key="snapshots_back",
+        on_click=setattr, args=(workspace, "viewed", ""),
+    )  # fmt: skip
 
 
 def _again(snapshot: Result) -> str:
