@@ -320,15 +320,9 @@ def _learned(
     if item.run is None or printed is not item.verdicts[0]:
         return None  # the other platoon's run is not known
     if item.starts:
-        task, segment = workspace.starts, workspace.segment
-        run, recording = item.run, workspace.recording
-        is_same = (
-            segment is not None
-            and recording is not None
-            and recording.campaign in (None, run.campaign)
-            and (segment.source, segment.window, segment.vehicles)
-            == (run.file, run.window, run.vehicles)
-        )
+        task, recording, run = workspace.starts, workspace.recording, item.run
+        chosen = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        is_same = recording is not None and run.is_of(recording) and chosen
         learned = [result.parameters[0] for result in task.results] if task and is_same else []
         return Parameters.stack(learned) if len(learned) == len(printed.vehicles) else None
     runs = runs_of(workspace, item.run)
