@@ -178,7 +178,8 @@ def _out_of_window(
     """Durations, errors and events of the simulations outside the window."""
     parts: list[tuple[Seconds, TrackingErrors]] = []
     events: list[ClosedLoopFinding] = []
-    for window in _outside(segments, recording):
+    learned = [segment.window for segment in segments]
+    for window in complete_windows(recording, segments[0].vehicles, learned):
         piece = cut(recording, window.start, window.duration, segments[0].vehicles)
         if fit.model not in CTHPS:
             piece = from_following(piece)
@@ -223,21 +224,6 @@ def _block(segment: Segment, first: int, end: int, estimate: Callable[[Segment],
         return Block(held.window, None)
     events = closed_loop_findings(held, closed_loop(held, fit))
     return Block(held.window, closed_loop_errors(held, fit), events)
-
-
-def _outside(segments: Sequence[Segment], recording: Recording) -> list[Window]:
-    """Complete windows beside the segments, each long enough to be simulated."""
-    pieces = complete_windows(recording, segments[0].vehicles)
-    for segment in segments:
-        end = segment.start + segment.window.duration
-        pieces = tuple(
-            part
-            for window in pieces
-            for part in (Window(window.start, min(window.end, segment.start)),
-                         Window(max(window.start, end), window.end))
-            if part.end - part.start >= MINIMUM_DURATION
-        )  # fmt: skip
-    return [*pieces]
 
 
 def _bridge(segment: Segment, near: int, far: int) -> tuple[FloatArray, FloatArray]:
