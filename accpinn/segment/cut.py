@@ -382,9 +382,13 @@ def _on_grid(
 
 
 def parse_vehicles(text: str) -> tuple[int, ...]:
-    """The vehicles of a text as 1-5, 1,2 or 4, which a recording need not have."""
+    """The vehicles of a text as 1-5, 1,2 or 4, which a recording need not have.
+
+    Raises:
+        SegmentError: for a text that names none.
+    """
     numbers: list[int] = []
-    for part in text.replace(" ", "").split(","):
+    for part in re.split(r"\s*,\s*|\s+", re.sub(r"\s*[-–]\s*", "-", text.strip())):
         match = _PART.fullmatch(part)
         if not match:
             raise SegmentError(f'"{text[:40]}" names no vehicles; write them as 1-5 or as 1,2.')
