@@ -96,6 +96,21 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
     )
 
 
+def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
+    """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
+    report, vehicles = subject.report, subject.vehicles
+    found = [
+        (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
+        for label, own in zip(vehicles.labels, report.vehicles, strict=True)
+    ]
+    if len(found) > 1:
+        platoon = report.platoon
+        verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
+        said = [(verdict, reason(verdict, report, vehicles.spoken)) for verdict in verdicts]
+        found.append(("The platoon", said))
+    return found
+
+
 def reason(
     verdict: Verdict, of: VehicleStability | StabilityReport, names: Sequence[str] = ()
 ) -> str:
