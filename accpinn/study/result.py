@@ -26,6 +26,7 @@ from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
@@ -317,7 +318,7 @@ class Result:
     @property
     def adequacy(self) -> Adequacy:
         """The CTHP beside further forms of the model, which takes about a second a follower."""
-        return self._part("adequacy", lambda: model_forms(self._data, self.fit.case))
+        return self._part("adequacy", lambda: model_forms(self._every_window[0], self.fit.case))
 
     @cached_property
     def stability(self) -> StabilityReport | None:
@@ -334,6 +335,13 @@ class Result:
     def simulated(self) -> Trajectories | None:
         """The closed-loop simulation on the window; None where the data are not at hand."""
         return closed_loop(self.segment, self.fit) if self.segment else None
+
+    @property
+    def gap_band(self) -> GapBand | None:
+        """The space-gaps that the posterior predicts; None without data or intervals."""
+        if self.segment is None or not self.is_finished:
+            return None
+        return gap_band(self.segment, self.uncertainty, self.fit.case, self.analysis.law)
 
     def transfer_function(self) -> tuple["TransferFunction", ...]:
         """From the speed ahead to the own speed, one python-control object a follower.
@@ -423,10 +431,6 @@ class Result:
             known = compute()
             setattr(self.parts, name, known)
         return known
-
-    @property
-    def _data(self) -> Segment:
-        return self._every_window[0]
 
     @property
     def _every_window(self) -> tuple[Segment, ...]:

@@ -28,7 +28,6 @@ from plotly.offline import get_plotlyjs
 from accpinn import __version__
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.errors import ParameterError
-from accpinn.inference.prediction import gap_band
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
 from accpinn.platoon import PlatoonRun, simulate_platoon
@@ -247,11 +246,9 @@ def motion_picture(snapshot: Result) -> Picture | None:
 
 def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     """Per follower: the method's curve, with the data and the closed loop where these are known."""
-    fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
+    fit, segment, predicted = snapshot.fit, snapshot.segment, snapshot.gap_band
     if segment is None and fit.surrogate is None:
         return
-    asked = uncertainty, fit.case, snapshot.analysis.law
-    predicted = gap_band(segment, *asked) if segment else None
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(
