@@ -40,7 +40,7 @@ from accpinn.evaluation.whiteness import Whiteness, whiteness
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.methods.fit import Fit
 from accpinn.model.registry import CTHPS
-from accpinn.recordings import Recording, Window
+from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.cut import MINIMUM_DURATION, complete_windows, cut
 from accpinn.units import FloatArray, Seconds
@@ -168,17 +168,8 @@ def _of_windows(segments: Sequence[Segment], parts: Sequence[ClosedLoop]) -> Tra
 
 def _outside(segments: Sequence[Segment], fit: Fit, recording: Recording) -> Iterator[ClosedLoop]:
     """The simulations in complete windows beside the segments, each long enough for one."""
-    pieces = complete_windows(recording, segments[0].vehicles)
-    for segment in segments:
-        end = segment.start + segment.window.duration
-        pieces = tuple(
-            part
-            for window in pieces
-            for part in (Window(window.start, min(window.end, segment.start)),
-                         Window(max(window.start, end), window.end))
-            if part.end - part.start >= MINIMUM_DURATION
-        )  # fmt: skip
-    for window in pieces:
+    learned = [segment.window for segment in segments]
+    for window in complete_windows(recording, segments[0].vehicles, learned):
         piece = cut(recording, window.start, window.duration, segments[0].vehicles)
         found = ClosedLoop.of(piece if fit.model in CTHPS else from_following(piece), fit)
         if found.errors:

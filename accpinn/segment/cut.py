@@ -158,13 +158,29 @@ def _driven_by_hand(
         yield DrivenByHand(tuple(compress(followers, manual)), tuple(shares[manual].tolist()))
 
 
-def complete_windows(recording: Recording, vehicles: Sequence[int]) -> tuple[Window, ...]:
+def complete_windows(
+    recording: Recording, vehicles: Sequence[int], outside: Sequence[Window] = ()
+) -> tuple[Window, ...]:
     """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
+
+    Args:
+        recording: the data.
+        vehicles: consecutive numbers in the file, leader first.
+        outside: windows that are left out of these.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
     """
-    return _platoon(recording, check_vehicles(recording, vehicles)).complete()
+    pieces = _platoon(recording, check_vehicles(recording, vehicles)).complete()
+    for taken in outside:
+        pieces = tuple(
+            part
+            for piece in pieces
+            for part in (Window(piece.start, min(piece.end, taken.start)),
+                         Window(max(piece.start, taken.end), piece.end))
+            if part.duration >= MINIMUM_DURATION
+        )  # fmt: skip
+    return pieces
 
 
 def first_window(
@@ -366,9 +382,13 @@ def _on_grid(
 
 
 def parse_vehicles(text: str) -> tuple[int, ...]:
-    """The vehicles of a text as 1-5, 1,2 or 4, which a recording need not have."""
+    """The vehicles of a text as 1-5, 1,2 or 4, which a recording need not have.
+
+    Raises:
+        SegmentError: for a text that names none.
+    """
     numbers: list[int] = []
-    for part in text.replace(" ", "").split(","):
+    for part in re.split(r"\s*,\s*|\s+", re.sub(r"\s*[-–]\s*", "-", text.strip())):
         match = _PART.fullmatch(part)
         if not match:
             raise SegmentError(f'"{text[:40]}" names no vehicles; write them as 1-5 or as 1,2.')

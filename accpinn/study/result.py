@@ -26,6 +26,7 @@ from accpinn.inference.gain_check import GainCheck, gain_checks
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
+from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.window_posterior import parameters_of, window_posterior
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
@@ -334,6 +335,13 @@ class Result:
     def simulated(self) -> Trajectories | None:
         """The closed-loop simulation on the window; None where the data are not at hand."""
         return closed_loop(self.segment, self.fit) if self.segment else None
+
+    @property
+    def gap_band(self) -> GapBand | None:
+        """The space-gaps that the posterior predicts; None without data or intervals."""
+        if self.segment is None or not self.is_finished:
+            return None
+        return gap_band(self.segment, self.uncertainty, self.fit.case, self.analysis.law)
 
     def transfer_function(self) -> tuple["TransferFunction", ...]:
         """From the speed ahead to the own speed, one python-control object a follower.

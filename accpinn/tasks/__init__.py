@@ -26,7 +26,6 @@ from threadpoolctl import threadpool_limits
 
 from accpinn.errors import AccpinnError
 from accpinn.inference.model_adequacy import Adequacy
-from accpinn.inference.prediction import gap_band
 from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.fit import History, Outcome, Progress, Recorder
 from accpinn.methods.pinn.config import STARTS
@@ -378,8 +377,7 @@ def training_task(
     def answer(context: TaskContext | None) -> Result:
         result = run(analysis, recording, segments=segments, store=store, context=context)
         _ = result.answer, result.qualities, result.evaluation, result.gain_checks
-        if result.segment:
-            gap_band(result.segment, result.uncertainty, result.fit.case, result.analysis.law)
+        _ = result.uncertainty, result.gap_band
         if store and result.is_finished:
             store.record_shown(owner, result)
         return result

@@ -101,13 +101,14 @@ def _button(
     workspace: Workspace, label: str, page: str, key: str, help: str, icon: str = "",
     act: Callable[[], object] = lambda: None, **look: Any,
 ) -> None:  # fmt: skip
-    """A button that does something and turns to a page; a refusal, which ``act`` returns, stays."""
+    """A button that does something and turns to a page; where that is refused, it says why."""
     picture = f":material/{icon}:" if icon else None
     if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
-        if refusal := act():
-            show.messages(str(refusal), "error")
-        else:
+        workspace.refusal = ""
+        act()
+        if not workspace.refusal:
             frame.go(page, workspace)
+        show.messages(workspace.refusal, "error")
 
 
 def _ways_in(workspace: Workspace) -> None:
@@ -135,20 +136,14 @@ def _ways_in(workspace: Workspace) -> None:
         )  # fmt: skip
 
 
-def _open(workspace: Workspace, path: Path) -> str:
-    """Open a sample; why it is refused, or nothing."""
-    open_sample(workspace, path)
-    return workspace.refusal
-
-
 def _train_sample(
     workspace: Workspace, path: Path, config: PinnConfig, case: Case | None = None
-) -> str:
-    if not _open(workspace, path):
+) -> None:
+    open_sample(workspace, path)
+    if not workspace.refusal:
         workspace.preset = config.preset
         workspace.choose(case=case)
         workspace.train(config)
-    return workspace.refusal
 
 
 # What can be opened at one click
@@ -164,7 +159,7 @@ def _show_samples(workspace: Workspace) -> None:
             st.caption(about.capitalize())
             _button(
                 workspace, "Open", frame.DATA, f"open_{path.stem}", width="stretch",
-                help="Page Data, with this sample.", act=partial(_open, workspace, path),
+                help="Page Data, with this sample.", act=partial(open_sample, workspace, path),
             )  # fmt: skip
 
 
@@ -296,21 +291,20 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> No
         )  # fmt: skip
 
 
-def _train_starts(workspace: Workspace, path: Path) -> str:
-    if not _open(workspace, path):
+def _train_starts(workspace: Workspace, path: Path) -> None:
+    open_sample(workspace, path)
+    if not workspace.refusal:
         workspace.train_starts(FAST)
-    return workspace.refusal
 
 
 def _open_run(
     workspace: Workspace, run: paper.PrintedRun, opening: Callable[[], None] | None
-) -> str:
+) -> None:
     """Open the paper's recording with its window."""
     if opening:
         opening()
         if not workspace.refusal:
             workspace.choose(run.vehicles, run.window, run.case)
-    return workspace.refusal
 
 
 def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
@@ -326,15 +320,9 @@ def _learned(
     if item.run is None or printed is not item.verdicts[0]:
         return None  # the other platoon's run is not known
     if item.starts:
-        task, segment = workspace.starts, workspace.segment
-        run, recording = item.run, workspace.recording
-        is_same = (
-            segment is not None
-            and recording is not None
-            and recording.campaign in (None, run.campaign)
-            and (segment.source, segment.window, segment.vehicles)
-            == (run.file, run.window, run.vehicles)
-        )
+        task, recording, run = workspace.starts, workspace.recording, item.run
+        chosen = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        is_same = recording is not None and run.is_of(recording) and chosen
         learned = [result.parameters[0] for result in task.results] if task and is_same else []
         return Parameters.stack(learned) if len(learned) == len(printed.vehicles) else None
     runs = runs_of(workspace, item.run)

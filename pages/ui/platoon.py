@@ -1,6 +1,5 @@
 """The page Platoon: controls, the simulation in words, speeds and time-space diagram, and tabs."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import cycle
@@ -26,6 +25,7 @@ from accpinn.results.messages.stability import not_acc, probabilities
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
+from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
@@ -229,27 +229,16 @@ def parse_order(text: str, count: int) -> list[int]:
     """Indices from numbers and ranges such as "1-3, 2, 2"; the first vehicle is 1.
 
     Raises:
-        ParameterError: for anything else, and for vehicles that there are not.
+        AccpinnError: for anything else, and for vehicles that there are not.
     """
-    order: list[int] = []
-    for part in filter(None, re.split(r"[,\s]+", re.sub(r"\s*[-–]\s*", "-", text))):
-        match = re.fullmatch(r"(\d{1,3})(?:-(\d{1,3}))?", part)
-        if not match:
-            raise ParameterError(
-                f"Order of followers: “{part}” is not a number; write numbers from 1 to {count}"
-                " with commas between them, such as 1-3, 2."
-            )
-        first, last = int(match[1]), int(match[2] or match[1])
-        if not (1 <= first <= count and 1 <= last <= count):
-            raise ParameterError(
-                f"Order of followers: there is no vehicle {part}; give numbers from 1 to {count}."
-            )
-        step = 1 if last >= first else -1
-        order += [vehicle - 1 for vehicle in range(first, last + step, step)]
-    if not 0 < len(order) <= MOST_FOLLOWERS:
+    order = [number - 1 for number in parse_vehicles(text)]
+    if wrong := [k + 1 for k in order if not 0 <= k < count]:
         raise ParameterError(
-            f"Order of followers: there are {len(order)}; give at least one and at most"
-            f" {MOST_FOLLOWERS}."
+            f"Order of followers: there is no vehicle {wrong[0]}; give numbers from 1 to {count}."
+        )
+    if len(order) > MOST_FOLLOWERS:
+        raise ParameterError(
+            f"Order of followers: there are {len(order)}; give at most {MOST_FOLLOWERS}."
         )
     return order
 

@@ -1,6 +1,5 @@
 """The page Stability: the verdict beside the Bode magnitude, a table, and details in tabs."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +18,7 @@ from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.summary import conditional
 from accpinn.results.tables import stability as tables
 from accpinn.results.vehicles import KnownVehicles
-from accpinn.stability import CERTAIN, StabilityReport, VehicleStability, Verdict
+from accpinn.stability import CERTAIN
 from accpinn.stability.lagged import is_lagged
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import RadiansPerSecond
@@ -37,6 +36,10 @@ WHOLE = -1
 """Stands for the platoon in place of one vehicle's index."""
 MOST_REASONS = 5
 """Vehicles and platoon whose reasons stand together; of more, one is chosen."""
+PLATOON = (
+    "Strictly stable means that no vehicle amplifies anything, weakly that nothing has grown at the"
+    " last one."
+)
 PLANES: dict[figures.Plane, str] = {"beta": "β and τ", "alpha": "α and τ"}
 NO_DATA = (
     "The measured gain needs the recorded speeds, which are not here: open a recording, or a"
@@ -103,8 +106,7 @@ def _show_answer(source: KnownVehicles) -> None:
             of = "estimates" if result else "parameters"
             st.markdown(
                 f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
-                help="Strictly: no vehicle amplifies anything. Weakly: nothing has grown at the"
-                " last one.",
+                help=PLATOON,
             )
         assumed = words.GIVEN_PARAMETERS
         if result:
@@ -286,23 +288,17 @@ def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
 
 def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
-    chosen, report = source.vehicles, source.report
-    texts = []
-    for label, vehicle in zip(chosen.labels, report.vehicles, strict=True):
-        verdicts: tuple[Verdict, ...] = (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact)
-        texts.append(
-            f"**{escape_markdown(label)}.** {words.BEHAVIOURS[vehicle.behaviour]}\n"
-            + _listed(verdicts, vehicle)
-        )
-    if len(chosen) > 1:
-        platoon = report.platoon
-        verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
-        texts.append(
-            "**The platoon.** Strictly stable means that no vehicle amplifies anything, weakly that"
-            " nothing has grown at the last one.\n" + _listed(verdicts, report, chosen.spoken)
-        )
+    about = [words.BEHAVIOURS[vehicle.behaviour] for vehicle in source.report.vehicles]
+    reasons, texts = words.reasons(source), []
+    for (label, said), behaviour in zip(reasons, [*about, PLATOON], strict=False):
+        lines = [
+            f"\n- {words.TITLES[verdict.criterion]}: **{words.verdict_in_words(verdict)}**."
+            f" {escape_markdown(why)}"
+            for verdict, why in said
+        ]
+        texts.append(f"**{escape_markdown(label)}.** {behaviour}\n{''.join(lines)}")
     if len(texts) > MOST_REASONS:
-        names = ("The platoon", *chosen.labels)
+        names = ("The platoon", *source.vehicles.labels)
         which = select(
             "Vehicle", dict(enumerate(names, -1)), WHOLE, "stability_reasons", workspace,
             labelled=False, width=240,
@@ -314,16 +310,6 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
         pair = texts[at : at + 2]
         for column, text in zip(st.columns(len(pair), gap="large"), pair, strict=True):
             column.markdown(text)
-
-
-def _listed(
-    verdicts: tuple[Verdict, ...], of: VehicleStability | StabilityReport, names: Sequence[str] = ()
-) -> str:
-    return "".join(
-        f"\n- {words.TITLES[verdict.criterion]}: **{words.verdict_in_words(verdict)}**."
-        f" {escape_markdown(words.reason(verdict, of, names))}"
-        for verdict in verdicts
-    )
 
 
 def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:

@@ -16,7 +16,6 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES, has_terms_of
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.segment import Segment
-from accpinn.segment.cut import cut
 from accpinn.study.result import Result
 from accpinn.tasks import Task
 from accpinn.units import Seconds
@@ -25,7 +24,7 @@ from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import BANDS, banner, recording_needed, show_result
 from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.data.views import show_validation
-from pages.ui.session.resources import store
+from pages.ui.session.resources import segment_of, store
 from pages.ui.session.workspace import MODEL, Workspace
 from pages.ui.snapshots.listing import show_runs
 
@@ -130,16 +129,29 @@ def _show_page(workspace: Workspace) -> None:
 
 
 def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
-    """The curves of a training that runs; folded where the result before it stands below."""
-    training, recording = workspace.training, workspace.recording
-    if not (running and training):
+    """What is known of a training that runs; folded where the result before it stands below."""
+    training, recording, case = workspace.training, workspace.recording, workspace.case
+    history = training.history() if running and training else None
+    if training is None or history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
-    asked = training.analysis
-    if asked and recording and asked.window != workspace.window:  # the first of several
-        window = asked.window
-        segment = cut(recording, window.start, window.duration, asked.vehicles)
+    asked, truth = training.analysis, workspace.true_parameters
+    if asked and recording:  # of several windows the first
+        segment = segment_of(recording, asked.window, asked.vehicles, asked.excluded)
+    model = asked.law.model if asked else PAPER
+    step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
+    drawn, curves = _live_figures(training, segment, case, model, truth, step)
     with st.expander("The running training") if workspace.result else nullcontext():
-        _show_live(training, segment, workspace.case, workspace.true_parameters)
+        has_truth, is_cthp = truth is not None and has_terms_of(model, truth), model in CTHPS
+        show.follower_key(segment, has_truth, segment.shares(case), with_solved=is_cthp)
+        if history.deviations is not None:
+            st.caption(BANDS)
+        show.charts([*drawn.items()], "train_live")
+        if curves:
+            # Widgets must not stand in what is drawn again and again: it is the first follower's.
+            is_papers = asked is not None and asked.settings.get("preset") == "paper"
+            said = f"{escape_markdown(segment.labels[1])}: the data and the network's curves."
+            st.caption(f"{said} {FLAT}" if is_papers and history.iteration[-1] < MOVES else said)
+            show.chart(curves, "train_live_tracking")
 
 
 def _show_result(workspace: Workspace, result: Result) -> None:
@@ -149,30 +161,6 @@ def _show_result(workspace: Workspace, result: Result) -> None:
         (lambda: _next_button(workspace)) if workspace.segment else None,
         {"Validation": lambda: _show_validation(workspace)} if workspace.segment else {},
     )  # fmt: skip
-
-
-def _show_live(
-    training: Task[Result], segment: Segment, case: Case, truth: Parameters | None
-) -> None:
-    """What is known so far of a training that runs."""
-    history = training.history()
-    if history is None or history.seconds[-1] <= FIRST_DRAWING:
-        return
-    asked = training.analysis
-    model = asked.law.model if asked else PAPER
-    has_truth, is_cthp = truth is not None and has_terms_of(model, truth), model in CTHPS
-    show.follower_key(segment, has_truth, segment.shares(case), with_solved=is_cthp)
-    if history.deviations is not None:
-        st.caption(BANDS)
-    step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
-    drawn, curves = _live_figures(training, segment, case, model, truth, step)
-    show.charts([*drawn.items()], "train_live")
-    if curves:
-        # Widgets must not stand in what is drawn again and again: it is the first follower's.
-        is_papers = asked is not None and asked.settings.get("preset") == "paper"
-        said = f"{escape_markdown(segment.labels[1])}: the data and the network's curves."
-        st.caption(f"{said} {FLAT}" if is_papers and history.iteration[-1] < MOVES else said)
-        show.chart(curves, "train_live_tracking")
 
 
 @lru_cache(maxsize=8)  # each training at one time needs one

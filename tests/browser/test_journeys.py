@@ -349,7 +349,7 @@ def test_a_click_on_the_response_simulates_a_platoon_and_values_by_hand_are_type
     expect(cell).to_have_value("0.0718")
     cell.fill("1.5")
     cell.press("Enter")
-    expect(page.get_by_text("Hyundai does not amplify any frequency")).to_be_visible()
+    expect(page.get_by_text("Hyundai is L₂ string stable")).to_be_visible()
 
 
 def test_a_batch_runs_on_without_a_browser_is_filtered_and_a_window_opened(

@@ -19,7 +19,7 @@ from accpinn.study.studies import FILE, Computed, Request, written
 from accpinn.tasks import Status, batches
 from pages.ui.data.sources import ASK
 from pages.ui.database import page as database_page
-from pages.ui.session.resources import batch_queue, download_queue
+from pages.ui.session.resources import batch_queue, download_queue, find_recording
 from tests.support.apptest import WAIT, Page, numbers, open_page, until
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 from tests.support.publisher import publisher
@@ -318,7 +318,13 @@ def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
     assert "holds 2 runs" in page.plain()
     page.choose("data_trajectory", "b")
     page.press("data_open_trajectory")
-    assert page.workspace().recording.trajectory == "b"
+    recording = page.workspace().recording
+    assert recording.trajectory == "b"
+    place = Path(os.environ["ACCPINN_RECORDINGS"]) / "p.csv"
+    place.parent.mkdir(parents=True)
+    place.write_bytes(raw)
+    again, _ = find_recording(recording.source, recording.sha256, "b")
+    assert again.digest == recording.digest, "as after a restart"
 
 
 def test_a_published_run_is_downloaded_and_opened(monkeypatch: pytest.MonkeyPatch) -> None:

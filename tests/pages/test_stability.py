@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 from accpinn import Library, Parameters, stability_report
-from accpinn.errors import ParameterError
+from accpinn.errors import AccpinnError
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST
 from accpinn.model.published import ASTAZERO, CASALE
@@ -145,7 +145,7 @@ def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
     assert "Hyundai amplifies disturbances" in page.plain()
     session.choices[ROWS] = (CALM, ("", 0.08, 0.12, 1.5))
     again = open_page("Stability", session)
-    assert "One of two vehicles amplifies disturbances: Vehicle 2" in again.plain()
+    assert "Vehicle 2 amplifies disturbances by up to 38 %" in again.plain()
     assert "Vehicle 2" in open_page("Platoon", session).plain()
 
 
@@ -352,19 +352,17 @@ class TestPage:
 
 
 def test_orders_are_numbers_and_ranges_and_others_are_refused() -> None:
-    for text, order in (("1", [0]), ("1-3", [0, 1, 2]), ("3-1, 2", [2, 1, 0, 1]),
-                        ("2 2,2", [1, 1, 1]), (" 1 – 2 ,, 3 ", [0, 1, 2])):  # fmt: skip
+    for text, order in (("1", [0]), ("3-1, 2", [2, 1, 0, 1]), ("2 2,2", [1, 1, 1])):
         assert parse_order(text, 3) == order
-    for text, fault in (("", "there are 0"), ("a", "“a” is not a number"), ("0", "no vehicle 0"),
-                        ("1-9", "1-9"), ("1,-1", "is not a number"),
+    for text, fault in (("", "names no vehicles"), ("0", "no vehicle 0"), ("2-9", "no vehicle 4"),
                         ("1 " * 21, "there are 21")):  # fmt: skip
-        with pytest.raises(ParameterError, match=f"Order of followers: .*{fault}"):
+        with pytest.raises(AccpinnError, match=fault):
             parse_order(text, 3)
 
 
 @given(some.text(max_size=30), some.integers(1, 12))
 def test_any_text_is_an_order_or_a_sentence(text: str, count: int) -> None:
-    with suppress(ParameterError):
+    with suppress(AccpinnError):
         order = parse_order(text, count)
         assert order
         assert all(0 <= k < count for k in order)

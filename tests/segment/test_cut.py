@@ -331,7 +331,7 @@ def test_disjoint_windows_are_complete_and_do_not_overlap() -> None:
     ("parse", "text", "expected"),
     [
         (parse_vehicles, "1-5", (1, 2, 3, 4, 5)),
-        (parse_vehicles, "1,2", (1, 2)),
+        (parse_vehicles, "1,2 2", (1, 2, 2)),
         (parse_vehicles, " 2 - 4 , 5", (2, 3, 4, 5)),
         (parse_vehicles, "3-1", (3, 2, 1)),
         *((parse_vehicles, text, "1-5")

@@ -290,18 +290,14 @@ def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: 
     for (lower, upper), opacity in ((further, FURTHER), ((span.lower, span.upper), TYPICAL)):
         chart.band(whole, np.full(2, lower), np.full(2, upper), colour, opacity)
     chart.line(whole, np.full(2, span.value), colour=colour, hoverinfo="skip")
-    bar = {"color": style.LEADER, "thickness": 1.6, "width": 5, "type": "data", "symmetric": False}
-    for info, gap, lower, upper in zip(infos, gaps, low, high, strict=True):
-        start, end = info.window.start, info.window.end
-        error = {
-            **bar,
-            "array": [None, max(upper - gap, 0), None],
-            "arrayminus": [None, max(gap - lower, 0), None],
-        }
-        chart.line(
-            np.array([start, (start + end) / 2, end]), np.full(3, gap), str(info.window), width=3,
-            mode="lines+markers", marker={"size": [0, 9, 0]}, hover="%{y:.2f} s", error_y=error,
-        )  # fmt: skip
+    middles, grey = ends.mean(axis=1), {"color": style.LEADER}
+    chart.dots(
+        middles, gaps, hover="%{text}: %{y:.2f} s<extra></extra>", marker=grey | {"size": 9},
+        text=[str(info.window) for info in infos],
+        ends=(np.minimum(low, gaps), np.maximum(high, gaps)),
+        bar=grey | {"thickness": 1.6, "width": 5},
+        error_x=grey | {"array": ends[:, 1] - middles, "thickness": 3, "width": 0},
+    )  # fmt: skip
     known = np.concatenate([gaps, low, high, further])
     known = known[np.isfinite(known)]
     shown = [max(0.0, float(known.min()) - 0.05), float(known.max()) + 0.05] if len(known) else None

@@ -66,7 +66,7 @@ def forest(grouped: Groups) -> go.Figure:
     order = np.argsort(-np.nan_to_num(values[:, 0, 0], nan=np.inf), kind="stable")
     groups, values = [largest[k] for k in order], values[order]
     names = [html.escape(label_of(group.values)) for group in groups]
-    places, blank = np.arange(len(groups)), np.full(len(groups), np.nan)
+    places = np.arange(len(groups))
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
     chart = style.Chart("forest", height, style.row(3, 0.025), hovermode="closest")
@@ -81,13 +81,9 @@ def forest(grouped: Groups) -> go.Figure:
         shown = part[:, :3] if on_log_axis else part
         low, high = _axis(shown, on_log_axis)
         middle, *ends = np.clip(part, low, high).T
-        for lower, upper, width in ((ends[2], ends[3], 1.0), (ends[0], ends[1], 2.4)):
-            if on_log_axis and width == 1.0:
-                continue
-            x, y = (np.column_stack([*pair, blank]).ravel()
-                    for pair in ((lower, upper), (places, places)))  # fmt: skip
-            chart.add(x, y, panel=panel, mode="lines", hoverinfo="skip",
-                      line={"color": colour, "width": width})  # fmt: skip
+        if not on_log_axis:
+            chart.dots(middle, places, panel=panel, marker={"opacity": 0}, along="x",
+                       ends=(ends[2], ends[3]), bar={"color": colour, "thickness": 1})  # fmt: skip
         told = [
             (names[k], *(quantity.text(v) if np.isfinite(v) else ABSENT for v in row),
              groups[k].windows)
@@ -99,7 +95,8 @@ def forest(grouped: Groups) -> go.Figure:
             " %{customdata[5]}), %{customdata[6]} windows<extra></extra>"
         )
         symbols = "circle" if on_log_axis else driven
-        chart.dots(middle, places, quantity.symbol, panel, hover, customdata=told,
+        chart.dots(middle, places, quantity.symbol, panel, hover, customdata=told, along="x",
+                   ends=(ends[0], ends[1]), bar={"thickness": 2.4},
                    marker={"color": colour, "size": sizes, "symbol": symbols}, cliponaxis=False,
                    showlegend=False)  # fmt: skip
         _mark_cut_ends(chart, panel, shown, places, low, high)

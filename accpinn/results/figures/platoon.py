@@ -52,6 +52,8 @@ END = {"symbol": "x", "size": 9, "color": style.MODEL}
 """Where a vehicle collides with the one ahead."""
 ENDS = "ends with a collision"
 MEASURED_OPACITY = 0.65
+WIDTHS = (2.5, 1.5)
+"""Widths of the line of the leader, and of a follower."""
 LIGHTEST, DARKEST = 0.70, 0.42
 """Lightness of the shades of one colour, between what white and what dark pages swallow."""
 SOFTENED = 0.8
@@ -149,25 +151,18 @@ def profiles(
     if measured:
         time, paints = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
         for k, label in enumerate(measured.labels[1:]):
-            look: style.Part = {
-                "width": 1.3,
-                "dash": "dot",
-                "opacity": MEASURED_OPACITY,
-                "legendrank": 100 + k,
-            }
-            name, gaps = f"{label}, measured", measured.measured_gaps[:, k]
-            _draw(chart, time, measured.measured_speeds[:, k + 1], name, paints[k + 1], **look)
-            _draw(chart, time, gaps, name, paints[k + 1], 2, **look)
+            speeds, gaps = measured.measured_speeds[:, k + 1], measured.measured_gaps[:, k]
+            _draw(chart, time, f"{label}, measured", paints[k + 1], speeds, gaps, width=1.3,
+                  dash="dot", opacity=MEASURED_OPACITY, legendrank=100 + k)  # fmt: skip
     if linear:
-        time, look = linear.time[rows], {"width": 1.2, "dash": "dash", "opacity": MEASURED_OPACITY}
-        for k in range(1, len(cast.labels)):
-            name, gaps = f"{cast.labels[k]}, linear", linear.gaps[rows, k - 1]
-            _draw(chart, time, linear.speeds[rows, k], name, cast.colours[k], **look)
-            _draw(chart, time, gaps, name, cast.colours[k], 2, **look)
+        for k, label in enumerate(cast.labels[1:]):
+            speeds, gaps = linear.speeds[rows, k + 1], linear.gaps[rows, k]
+            _draw(chart, linear.time[rows], f"{label}, linear", cast.colours[k + 1], speeds, gaps,
+                  width=1.2, dash="dash", opacity=MEASURED_OPACITY)  # fmt: skip
     for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
-        _draw_vehicle(chart, driven.time[rows], driven.speeds[rows, k], cast, k)
-        if k:
-            _draw_vehicle(chart, driven.time[rows], driven.gaps[rows, k - 1], cast, k, 2)
+        below = driven.gaps[rows, k - 1] if k else None
+        _draw(chart, driven.time[rows], cast.labels[k], cast.colours[k], driven.speeds[rows, k],
+              below, width=WIDTHS[k > 0], legendrank=k)  # fmt: skip
     if np.nanmin(driven.gaps[rows]) < CLOSE:
         chart.level("y2", 0, {"color": SLOWER, "width": 1.5, "dash": "dash"})
     _draw_collisions(chart, run, span)
@@ -181,22 +176,15 @@ def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
     return inside if len(inside) > 1 else np.arange(len(time))
 
 
-def _draw_vehicle(
-    chart: style.Chart, time: FloatArray, values: FloatArray, cast: Cast, k: int, panel: int = 1,
-    points: int = POINTS,
-) -> None:  # fmt: skip
-    width = 1.5 if k else 2.5
-    _draw(chart, time, values, cast.labels[k], cast.colours[k], panel, points, width=width,
-          legendrank=k)  # fmt: skip
-
-
 def _draw(
-    chart: style.Chart, time: FloatArray, values: FloatArray, name: str, colour: str,
-    panel: int = 1, points: int = POINTS, **look: Any,
+    chart: style.Chart, time: FloatArray, name: str, colour: str, speeds: FloatArray,
+    gaps: FloatArray | None = None, points: int = POINTS, **look: Any,
 ) -> None:  # fmt: skip
-    """Draw a line in half the bytes, as there are many."""
-    x, y = (axis.astype(np.float32) for axis in style.thinned(time, values, points))
-    chart.line(x, y, name, colour, panel=panel, hover="%{y:.2f}", **look)
+    """Draw speeds and, below them, gaps in half the bytes, as there are many lines."""
+    for panel, values in ((1, speeds), (2, gaps)):
+        if values is not None:
+            x, y = (axis.astype(np.float32) for axis in style.thinned(time, values, points))
+            chart.line(x, y, name, colour, panel=panel, hover="%{y:.2f}", **look)
 
 
 def _draw_collisions(chart: style.Chart, run: PlatoonRun, span: Span | None) -> None:
@@ -418,8 +406,8 @@ def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
         chart = style.Chart(f"platoon-panel-{letter}", 300, channels=(SPEED,))
         chart.axis("y", range=[run.leader.speed - reach[k], run.leader.speed + reach[k]])
         for j in [*range(1, PANEL_FOLLOWERS + 1), 0]:
-            speeds = driven.speeds[:, j]
-            _draw_vehicle(chart, driven.time, speeds, cast, j, points=PANEL_POINTS)
+            _draw(chart, driven.time, cast.labels[j], cast.colours[j], driven.speeds[:, j],
+                  points=PANEL_POINTS, width=WIDTHS[j > 0], legendrank=j)  # fmt: skip
         title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
         panels.append((title, chart.figure()))
     return tuple(panels)

@@ -185,30 +185,20 @@ def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[style.
     return _bars(vehicles, modes, DRIVERS, recording.time) if (modes == Mode.HUMAN).any() else []
 
 
-def driver_key() -> list[tuple[str, str]]:
-    """Name and colour of the bars among `driver_ribbons`."""
-    return [(name, colour) for name, colour, _ in DRIVERS.values()]
-
-
 def regime_ribbons(segment: Segment, regimes: Regimes) -> list[style.Part]:
     """A trace for each follower and regime that occurs, over the recording's time."""
+    looks = {code: (regimes.names[code], colour, 8.0 if code else 3.0)
+             for code, colour in REGIME_COLOURS.items()}  # fmt: skip
+    looks[MISSED] = ("missing", MISSING, 8.0)
+    measured = True if regimes.measured is None else regimes.measured
+    codes = np.where(measured, regimes.codes, MISSED)
     time = segment.window.start + segment.time
-    codes, looks = _regimes(regimes)
     return _bars(segment.vehicles[1:], codes, looks, time, segment.sample_time)
 
 
-def _regimes(regimes: Regimes) -> tuple[NDArray[np.intp], Looks]:
-    """The code of each instant (N, M), where a sample is missing `MISSED`, and how each looks."""
-    looks = {code: (regimes.names[code], colour, 8.0 if code else 3.0)
-             for code, colour in REGIME_COLOURS.items()}  # fmt: skip
-    measured = True if regimes.measured is None else regimes.measured
-    return np.where(measured, regimes.codes, MISSED), looks | {MISSED: ("missing", MISSING, 8.0)}
-
-
-def regime_key(regimes: Regimes) -> list[tuple[str, str]]:
-    """Name and colour of each regime that occurs, and of missing samples."""
-    codes, looks = _regimes(regimes)
-    return [(name, colour) for code, (name, colour, _) in looks.items() if (codes == code).any()]
+def strip_key(strip: Sequence[style.Part]) -> dict[str, str]:
+    """The colour of each kind of bars in a strip, by its name."""
+    return {bars["name"].partition(" ")[2]: bars["line"]["color"] for bars in strip}
 
 
 def _bars(

@@ -15,7 +15,7 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, has_terms_of, value_of
 from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
-from accpinn.results.messages.stability import assessed, becomes
+from accpinn.results.messages.stability import against_model, assessed, becomes
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import columns_of, counted_windows
 from accpinn.results.vehicles import KnownVehicles
@@ -183,7 +183,7 @@ def _disturbances(
     subject: KnownVehicles, followers: Sequence[int], are_several: bool
 ) -> tuple[str, ...]:
     """What becomes of disturbances behind followers of one verdict, where it is known."""
-    if assessed(subject, followers[0]) == "not determined":
+    if subject.uncertainty is None or assessed(subject, followers[0]) == "not determined":
         return ()
     return (becomes(subject, followers, "they" if are_several else "it", are_several),)
 
@@ -199,14 +199,7 @@ def _against(
     said += [found.sentence(info) for found in unlike]
     if not all(answer.is_driven(speed, k) for k in followers):
         said.append(f"No window holds {speed * 3.6:.0f} km/h: the model extrapolates.")
-    checks = [check for check in subject.checks if check.vehicle in numbers]
-    check = max(checks, key=lambda check: (bool(check.contradiction), check.rms), default=None)
-    if check and check.contradiction:
-        said.append(f"The measured gain contradicts the model ({check.short}).")
-    elif check and check.is_underrated:
-        over = check.peak - check.model_peak
-        said.append(f"The measured gain peaks {over:.1f} dB above the model's.")
-    return tuple(said)
+    return (*said, *against_model(subject, numbers))
 
 
 def _unsound(infos: Sequence[SegmentInfo], numbers: Sequence[int]) -> Iterator[str]:

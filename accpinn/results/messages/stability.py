@@ -96,6 +96,21 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
     )
 
 
+def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
+    """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
+    report, vehicles = subject.report, subject.vehicles
+    found = [
+        (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
+        for label, own in zip(vehicles.labels, report.vehicles, strict=True)
+    ]
+    if len(found) > 1:
+        platoon = report.platoon
+        verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
+        said = [(verdict, reason(verdict, report, vehicles.spoken)) for verdict in verdicts]
+        found.append(("The platoon", said))
+    return found
+
+
 def reason(
     verdict: Verdict, of: VehicleStability | StabilityReport, names: Sequence[str] = ()
 ) -> str:
@@ -255,12 +270,6 @@ def grown(gain: float, ends: Estimate | None = None, level: float | None = None)
     return f"{said} ({percent(level) + ' interval ' if level else ''}{within})"
 
 
-def gain_of(value: float, known: Uncertainty, follower: int) -> Estimate:
-    """A follower's peak gain with its interval; 0 for the first."""
-    ends = known.peak_gain
-    return Estimate(value, float(ends.lower[follower]), float(ends.upper[follower]))
-
-
 def verdict_in_words(verdict: Verdict) -> str:
     """As in "L₂ string stability: unstable"."""
     return ("stable" if verdict.stable else "unstable") + " (marginal)" * verdict.marginal
@@ -271,42 +280,12 @@ def three(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def _amplification(subject: KnownVehicles) -> str:
-    """The number of vehicles that amplify disturbances, and the one that amplifies most."""
-    chosen, report = subject.vehicles, subject.report
-    amplifying = [k for k, vehicle in enumerate(report.vehicles) if not vehicle.l2.stable]
-    count, total = len(amplifying), len(chosen)
-    if not amplifying:
-        growing = any(not vehicle.linf_exact.stable for vehicle in report.vehicles)
-        peaks = " But peaks can still grow: see the L∞ gain." if growing else ""
-        if total == 1:
-            return f"{capital(chosen.spoken[0])} does not amplify any frequency.{peaks}"
-        return f"None of the vehicles amplifies any frequency.{peaks}"
-    name, most = _most(subject, amplifying)
-    if total == 1:
-        return f"{capital(name)} amplifies disturbances {most}."
-    if count == 1:
-        return f"One of {spelled(total)} vehicles amplifies disturbances: {name}, {most}."
-    every = "both" if total == 2 else f"all {spelled(total)}"
-    start = every if count == total else f"{spelled(count)} of {spelled(total)}"
-    return f"{capital(start)} vehicles amplify disturbances, {name} the most: {most}."
-
-
-def _most(subject: KnownVehicles, amplifying: Sequence[int]) -> tuple[str, str]:
-    """Which of some vehicles amplifies most, and how much."""
-    peaks = [vehicle.peak for vehicle in subject.report.vehicles]
-    worst = max(amplifying, key=lambda k: peaks[k].gain)
-    at = f" at {three(peaks[worst].omega)} rad/s" if peaks[worst].omega > 0 else ""
-    return subject.vehicles.spoken[worst], grown(peaks[worst].gain) + at
-
-
 def headline(subject: KnownVehicles) -> str:
     """The headline on L₂ string stability, by the posterior where it is known, and who drives.
 
     A verdict that the measured gain contradicts is called the model's.
     """
-    said = [*_verdicts(subject)] if subject.uncertainty else [_amplification(subject)]
-    said += [_contradicted(subject), _understated(subject), not_acc(subject.vehicles)]
+    said = (*_verdicts(subject), *against_model(subject), not_acc(subject.vehicles))
     return " ".join(filter(None, said))
 
 
@@ -321,14 +300,18 @@ def _verdicts(subject: KnownVehicles) -> Iterator[str]:
         if alike:
             named = every if len(alike) == total > 1 else named
             yield becomes(subject, alike, named, is_headline=True)
+        if kind == "stable" and len(alike) == total:
+            if not all(vehicle.linf_exact.stable for vehicle in subject.report.vehicles):
+                yield "But peaks can still grow: see the L∞ gain."
 
 
 def assessed(subject: KnownVehicles, follower: int) -> Assessment:
-    """The verdict on a follower (0 for the first) by its posterior."""
-    known = subject.uncertainty
-    if known is None or not subject.has_report:
+    """The verdict on a follower (0 for the first), by its posterior where it is known."""
+    if not subject.has_report:
         return "not determined"
-    return assessment(float(known.probability_l2[follower]))
+    if subject.uncertainty:
+        return assessment(float(subject.uncertainty.probability_l2[follower]))
+    return "stable" if subject.report.vehicles[follower].l2.stable else "unstable"
 
 
 def becomes(
@@ -341,7 +324,7 @@ def becomes(
     """What becomes of disturbances behind followers of one verdict, in a sentence.
 
     Args:
-        subject: whose posterior is known.
+        subject: the vehicles, with or without a posterior.
         alike: the followers, 0 for the first.
         named: what they are called within a sentence.
         are_several: whether that is a plural; by default where they are several.
@@ -349,19 +332,21 @@ def becomes(
             amplify the most alone, with its frequency.
     """
     known, kind, peaks = subject.uncertainty, assessed(subject, alike[0]), {}
-    assert known
     verb = _ASSESSED[kind][len(alike) > 1 if are_several is None else are_several]
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
     start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"
-    odds = _odds(known.probability_l2[alike]) if is_headline or kind == "open" else ""
+    odds = _odds(known.probability_l2[alike]) if known and (is_headline or kind == "open") else ""
     if kind == "not determined":
         return f"Not determined by the data: {named}."
     if kind != "unstable":
         return f"{start}{odds}."
     for k in alike:
         peak = subject.report.vehicles[k].peak
-        ends, level = gain_of(peak.gain, known, k), known.level if is_headline else None
+        ends, level = None, known.level if known and is_headline else None
+        if known:
+            spread = known.peak_gain
+            ends = Estimate(peak.gain, float(spread.lower[k]), float(spread.upper[k]))
         at = f" at {three(peak.omega)} rad/s" if is_headline and peak.omega > 0 else ""
         peaks[k] = peak.gain, grown(peak.gain, ends, level) + at
     least, most = (pick(alike, key=lambda k: peaks[k][0]) for pick in (min, max))
@@ -376,17 +361,6 @@ def becomes(
     )
 
 
-def _understated(subject: KnownVehicles) -> str:
-    """The vehicles whose measured peak is far above the model's; empty where none is."""
-    names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    over = [
-        f"{names[check.vehicle]} by {check.peak - check.model_peak:.1f} dB"
-        for check in subject.checks
-        if check.is_underrated and not check.contradiction and check.vehicle in names
-    ]
-    return f"The measured gain peaks above the model's: {joined(over)}." if over else ""
-
-
 def not_acc(chosen: ParameterSet) -> str:
     """The vehicles that a driver controls, and how long; empty where none does."""
     pairs = [*zip(chosen.labels, chosen.by_hand, strict=False)]
@@ -399,14 +373,22 @@ def not_acc(chosen: ParameterSet) -> str:
     return " ".join(said)
 
 
-def _contradicted(subject: KnownVehicles) -> str:
-    """The vehicles whose verdict the measured gain contradicts; empty where it does none."""
-    against = [check for check in subject.checks if check.contradiction]
-    if not against:
-        return ""
+def against_model(subject: KnownVehicles, numbers: Sequence[int] = ()) -> Iterator[str]:
+    """What the measured gain has against the model for all vehicles, or those of some numbers."""
     names = dict(zip(subject.vehicles.vehicles[1:], subject.vehicles.spoken, strict=True))
-    named = [f"{names.get(c.vehicle, f'vehicle {c.vehicle}')} ({c.short})" for c in against]
-    return f"The measured gain contradicts the model for {joined(named)}."
+    against, over = list[str](), list[str]()
+    for check in subject.checks:
+        name = names.get(check.vehicle, f"vehicle {check.vehicle}")
+        if numbers and check.vehicle not in numbers:
+            continue
+        if check.contradiction:
+            against.append(f"{name} ({check.short})")
+        elif check.is_underrated:
+            over.append(f"{name} by {check.peak - check.model_peak:.1f} dB")
+    if against:
+        yield f"The measured gain contradicts the model for {joined(against)}."
+    if over:
+        yield f"The measured gain peaks above the model's: {joined(over)}."
 
 
 def against_measured(checks: Sequence[GainCheck], about: Labelled) -> tuple[str, ...]:

@@ -76,8 +76,9 @@ def equation(model: str) -> tuple[str, str]:
 
 def title(snapshot: Result) -> str:
     """The user's name for the result, or else its subject."""
-    verb = "follows" if snapshot.info.followers == 1 else "follow"
-    return snapshot.name or f"How {_followers(snapshot)} {verb} the vehicle ahead"
+    first, *others = snapshot.info.labels[1:]
+    subject = f"{1 + len(others)} vehicles follow" if others else f"{first} follows"
+    return snapshot.name or f"How {subject} the vehicle ahead"
 
 
 def summary(snapshot: Result) -> tuple[str, ...]:
@@ -211,11 +212,6 @@ def about_curves(result: Result, follower: int, band: GapBand | None = None) -> 
     coverage = [f for f in (band.findings if band else ()) if f.vehicle in vehicles]
     sizes = [size for size in disturbance_sizes(info.vehicles, fit) if size.vehicle in vehicles]
     return messages((*coverage, *sizes), info)
-
-
-def _followers(snapshot: Result) -> str:
-    labels = snapshot.info.labels[1:]
-    return labels[0] if len(labels) == 1 else f"{len(labels)} vehicles"
 
 
 def setting(value: Any) -> str:

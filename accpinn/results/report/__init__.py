@@ -28,7 +28,6 @@ from plotly.offline import get_plotlyjs
 from accpinn import __version__
 from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
 from accpinn.errors import ParameterError
-from accpinn.inference.prediction import gap_band
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
 from accpinn.platoon import PlatoonRun, simulate_platoon
@@ -50,6 +49,7 @@ from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.stability import criteria_part, known_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
+from accpinn.stability import Criterion
 from accpinn.stability.lagged import is_lagged
 from accpinn.study.result import Result
 from accpinn.study.snapshot import SUFFIX, to_bytes
@@ -63,6 +63,8 @@ FOLLOWERS = 8
 """Followers of the simulated platoon where only one is known."""
 POINTS = 800
 """Largest number of points a line, so that the page stays below 6 MB, of which plotly takes 5."""
+EXPLAINED = (Criterion.LINF_PAPER, Criterion.LINF_EXACT, Criterion.L2_WEAK, Criterion.LINF_WEAK)
+"""Verdicts whose reasons are given; the table has all that is to be said about the others."""
 UNCHANGING = (2020, 1, 1, 0, 0, 0)
 """Date of every file in a bundle, so that equal results make equal bundles."""
 
@@ -145,7 +147,8 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
     info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
     known = snapshot.known_answer
-    vehicles, motion = known_vehicles(snapshot).vehicles, motion_picture(snapshot)
+    subject, motion = known_vehicles(snapshot), motion_picture(snapshot)
+    vehicles = subject.vehicles
     places = on_platoon.Places(vehicles.spoken if len(vehicles) > 1 else ())
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
@@ -168,7 +171,10 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
         "label": on_answer.papers_estimate(fit),
         "name": tables.name_of(fit),
         "assumption": on_answer.assumption(known) if known else "",
-        "reasons": _reasons(snapshot),
+        "reasons": [
+            (label, [why for verdict, why in said if verdict.criterion in EXPLAINED])
+            for label, said in (sentences.reasons(subject) if subject.has_report else ())
+        ],
         "measured": sentences.against_measured(snapshot.gain_checks, info),
         "run": run,
         "run_warnings": messages(run.findings, places) if run else (),
@@ -182,26 +188,6 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
         "checks": Markup(verification_table(checked).to_html()),
         "method": tables.TITLES.get(fit.method, fit.method),
     }
-
-
-def _reasons(snapshot: Result) -> list[tuple[str, list[str]]]:
-    """For each vehicle, and for the platoon, sentences that say what the table does not.
-
-    The table has all that is to be said about a vehicle's L₂ verdict.
-    """
-    subject = known_vehicles(snapshot)
-    if not subject.has_report:
-        return []
-    report = subject.report
-    reasons = [
-        (label, [sentences.reason(verdict, v) for verdict in (v.linf_paper, v.linf_exact)])
-        for label, v in zip(snapshot.info.labels[1:], report.vehicles, strict=True)
-    ]
-    if len(report.vehicles) > 1:
-        platoon = report.platoon
-        weak = (platoon.l2_weak, platoon.linf_weak)
-        reasons.append(("The platoon", [sentences.reason(verdict, report) for verdict in weak]))
-    return reasons
 
 
 def _sheet(table: Table, name: str) -> dict[str, Any]:
@@ -260,11 +246,9 @@ def motion_picture(snapshot: Result) -> Picture | None:
 
 def fit_pictures(snapshot: Result) -> Iterator[Picture]:
     """Per follower: the method's curve, with the data and the closed loop where these are known."""
-    fit, segment, uncertainty = snapshot.fit, snapshot.segment, snapshot.uncertainty
+    fit, segment, predicted = snapshot.fit, snapshot.segment, snapshot.gap_band
     if segment is None and fit.surrogate is None:
         return
-    asked = uncertainty, fit.case, snapshot.analysis.law
-    predicted = gap_band(segment, *asked) if segment else None
     disturbance, info = fit.arrays.get("disturbance"), snapshot.info
     for k, label in enumerate(info.labels[1:]):
         figure = tracking(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from math import nan
 
 import numpy as np
@@ -33,7 +34,7 @@ from accpinn.study import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, difference, wins
 from accpinn.study.result import Result
-from accpinn.units import Estimate, FloatArray, MetresPerSecond
+from accpinn.units import Estimate, MetresPerSecond
 
 PARAMETER_COLUMNS = tuple(Column.of(quantity, key=quantity.key) for quantity in PARAMETERS)
 TERM_COLUMNS = (
@@ -93,11 +94,9 @@ def parameter_table(result: Result, with_intervals: bool = True) -> Table:
     """
     info, fit, evaluation = result.info, result.fit, result.evaluation
     numbers, followers = row_vehicles(info, fit.case), info.vehicles[1:]
-    estimated = [*parameter_cells(fit.parameters, model=fit.model)]
-    if with_intervals:
-        known = result.uncertainty
-        estimates = _estimate_cells(fit.parameters, known, model=fit.model)
-        estimated = [*estimates, *probability_cells(known)]
+    known = result.uncertainty if with_intervals else None
+    estimated = [*parameter_cells(fit.parameters, "Estimate" if known else "", fit.model, known)]
+    estimated += probability_cells(known) if known else ()
     parts: list[tuple[Sequence[int], Iterable[Filled]]] = [
         (followers, driver_cells(by_hand(info))),
         (parameter_rows(info, fit.case), estimated),
@@ -165,31 +164,23 @@ def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[
 
 
 def parameter_cells(
-    parameters: Parameters, group: str = "", model: str = PAPER
+    parameters: Parameters,
+    group: str = "",
+    model: str = PAPER,
+    known: Uncertainty | None = None,
+    is_brief: bool = False,
 ) -> Iterator[Filled]:
-    """The parameters of (K,) vehicles, α, β and τ first."""
+    """The parameters of (K,) vehicles, α, β and τ first, with intervals where these are known."""
     for at, column in shown_columns(parameters, model):
+        values, is_term = parameters.everything[:, at], len(PARAMETER_COLUMNS) <= at < 6
+        cells: Sequence[Cell] = [None if is_term and v == 0 else v for v in values]
         shown = replace(column, group=group, key="") if group else column
-        is_term = len(PARAMETER_COLUMNS) <= at < 6
-        yield shown, [None if is_term and v == 0 else v for v in parameters.everything[:, at]]
-
-
-def brief_cells(values: FloatArray, known: Uncertainty | None, at: int) -> Sequence[Cell]:
-    """(K,) values for a brief column, beside the intervals of the ``at``-th of all parameters."""
-    if known is None:
-        return [float(value) for value in values]
-    ends = (part.complete[: len(values), at] for part in (known.lower, known.upper))
-    return estimate_cells(values, *ends)
-
-
-def _estimate_cells(
-    parameters: Parameters, uncertainty: Uncertainty, kind: str = "Estimate", model: str = PAPER
-) -> Iterator[Filled]:
-    """The parameters of (M,) followers, each with its interval."""
-    sets = (parameters, uncertainty.lower, uncertainty.upper)
-    for at, column in shown_columns(parameters, model):
-        group = f"{column.group or kind} ({100 * uncertainty.level:.0f} % interval)"
-        yield replace(column, group=group), estimate_cells(*(s.everything[:, at] for s in sets))
+        if known:
+            ends = (known.lower.everything[:, at], known.upper.everything[:, at])
+            cells, level = estimate_cells(values, *ends), f"{100 * known.level:.0f} % interval"
+            heading = f"{column.group or group} ({level})" if group else column.group
+            shown = replace(column, group=heading)
+        yield replace(shown, is_brief=is_brief), cells
 
 
 def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
@@ -209,20 +200,17 @@ def comparison_table(
     """
     info, uncertainty = result.info, result.uncertainty
     numbers = parameter_rows(info, result.fit.case)
-    filled = [
-        (
-            Column(name, "", column.digits, column.heading, is_brief=True),
-            brief_cells(parameters.complete[: len(numbers), k], own.get(name, uncertainty), k),
-        )
-        for k, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS))
-        for name, parameters in estimates.items()
+    filled: list[Filled] = [(Column("Vehicle"), row_labels(info, numbers))]
+    columns = enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS))
+    for (k, column), (name, parameters) in product(columns, estimates.items()):
         # The answer, which has intervals of its own, has its further terms in its own table.
-        if k < len(PARAMETER_COLUMNS) or (name not in own and k in dict(shown_columns(parameters)))
-    ]
-    followers = (Column("Vehicle"), row_labels(info, numbers))
-    return Table.of(
-        f"Estimates side by side, {where(info, windows=result.infos)}", [followers, *filled]
-    )
+        is_shown = name not in own and k in dict(shown_columns(parameters))
+        if k < len(PARAMETER_COLUMNS) or is_shown:
+            known = own.get(name, uncertainty)
+            sets = (parameters, known.lower, known.upper)
+            cells = estimate_cells(*(part.complete[: len(numbers), k] for part in sets))
+            filled.append((Column(name, "", column.digits, column.heading, is_brief=True), cells))
+    return Table.of(f"Estimates side by side, {where(info, windows=result.infos)}", filled)
 
 
 def intervals_table(result: Result) -> Table:
@@ -234,7 +222,7 @@ def intervals_table(result: Result) -> Table:
     info, uncertainty = result.info, result.uncertainty
     numbers, centre = parameter_rows(info, result.fit.case), uncertainty.centre
     kind = "Closed-loop simulation" if centre.own.size else "Maximum likelihood"
-    estimates = _estimate_cells(centre, uncertainty, kind)
+    estimates = parameter_cells(centre, kind, known=uncertainty)
     filled = (*estimates, *probability_cells(uncertainty))
     return Table.of(
         f"Uncertainty, {where(info, windows=result.infos)}",
@@ -369,7 +357,8 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         now: the present result of each method; where there is none, no differences are shown.
         vehicle: its number in the file.
     """
-    rows = [(result, k) for result in earlier for k in _places_of(vehicle, result)]
+    followers = ((result, result.info.vehicles[1:]) for result in earlier)
+    rows = [(row, numbers.index(vehicle)) for row, numbers in followers if vehicle in numbers]
     then = [result.parameters[k] for result, k in rows]
     filled: list[Filled] = [
         (Column("Earlier fit", prose=True), [earlier_title(result) for result, _ in rows]),
@@ -381,20 +370,14 @@ def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle:
         differs: list[str | None] = [None] * len(rows)
         for at, ((row, _), before) in enumerate(zip(rows, then, strict=True)):
             present = now.get(row.fit.method)
-            if present is None:
-                continue
-            for k in _places_of(vehicle, present):
+            if present and vehicle in present.info.vehicles[1:]:
+                k = present.info.vehicles.index(vehicle) - 1
                 change[at] = present.parameters[k].values - before.values
                 asked = differences(row.analysis, present.analysis)
                 differs[at] = "; ".join(asked) or "nothing"
         filled += parameter_cells(Parameters.of(change), "Δ, now minus then")
         filled += [(Column("Differs now in", prose=True), differs)]
     return Table.of("", filled)
-
-
-def _places_of(vehicle: int, result: Result) -> list[int]:
-    """The place of a vehicle among the followers of a result; none where it is not one."""
-    return [k for k, number in enumerate(result.info.vehicles[1:]) if number == vehicle]
 
 
 def _gap_error(result: Result, k: int) -> float:

@@ -68,7 +68,7 @@ def stability_table(
         [
             (Column("Vehicle"), vehicles.labels),
             *estimates.driver_cells(vehicles.by_hand),
-            *_parameter_cells(parameters, known),
+            *estimates.parameter_cells(parameters, known=known, is_brief=True),
             *_posterior(L2, known.probability_l2 if known else None, against),
             (Column(STABLE, group=L2), [yes_or_no(v.l2) for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
@@ -102,15 +102,6 @@ def verdict_table(subject: KnownVehicles) -> Table:
     aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")
-
-
-def _parameter_cells(parameters: Parameters, known: Uncertainty | None) -> Iterator[Filled]:
-    """α, β and τ as columns, and s₀, λ and d where a vehicle has them; intervals give digits."""
-    for at, column in estimates.shown_columns(parameters):
-        yield (
-            replace(column, is_brief=True),
-            estimates.brief_cells(parameters.complete[:, at], known, at),
-        )
 
 
 def _with_ends(values: Sequence[float | None], ends: Interval | None) -> Sequence[Cell]:

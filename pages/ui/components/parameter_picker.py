@@ -1,7 +1,8 @@
 """Whose parameters the pages Stability and Platoon show: the answer's, published, or typed in."""
 
-import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import pandas as pd
 import streamlit as st
@@ -20,8 +21,6 @@ from pages.ui.components.show import escape_markdown, segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import Source, Workspace
 
-TypedRow = tuple[str, float | None, float | None, float | None]
-"""Name, α, β, τ of a vehicle as typed in; None where a cell is empty."""
 SOURCES: dict[Source, str] = {
     "fit": "Answer",
     "published": "Published",
@@ -181,22 +180,19 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
             COLUMNS[3]: number(format="%.3f", step=0.001, help="Desired time headway"),
         },
     )
-    rows = tuple(_row(*row) for row in edited.itertuples(index=False, name=None))
+    rows = tuple(edited.itertuples(index=False, name=None))
     if len(rows) != len(before):
         workspace.forget_vehicles()
     choices[ROWS] = rows
 
 
-def _row(name: object, *values: float | None) -> TypedRow:
-    alpha, beta, tau = (None if v is None or math.isnan(v) else float(v) for v in values)
-    return (name if isinstance(name, str) else "", alpha, beta, tau)
-
-
-def _typed(rows: tuple[TypedRow, ...]) -> ParameterSet:
+def _typed(rows: Sequence[tuple[Any, ...]]) -> ParameterSet:
+    """The vehicles of a table of names, α, β and τ; an empty cell is None or nan."""
     if not 0 < len(rows) <= MOST:
         raise ParameterError(
             f"The table has {len(rows)} vehicles; give at least one and at most {MOST}."
         )
-    names = tuple(name.strip() or f"Vehicle {k}" for k, (name, *_) in enumerate(rows, 1))
-    values = [[math.nan if v is None else v for v in values] for _, *values in rows]
-    return ParameterSet(BY_HAND, names, Parameters.of(values))
+    table = pd.DataFrame(rows)
+    names = table[0].astype(object).fillna("").str.strip()
+    known = tuple(name or f"Vehicle {k}" for k, name in enumerate(names, 1))
+    return ParameterSet(BY_HAND, known, Parameters.of(table.iloc[:, 1:].to_numpy(float)))

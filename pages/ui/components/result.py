@@ -12,7 +12,6 @@ from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import HeterogeneousFollowers
 from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty
-from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.methods.fit import History, Outcome
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
@@ -214,7 +213,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     weak = identifiability(info, result.quality, uncertainty, fit.case, duration)
     show.messages(messages(weak, info), "warning")
     show.messages(messages(fit.findings, info))
-    band = _band(result)
+    band = result.gap_band
     said = [words.about_band(result)] if band else []
     if said := [*said, *words.about_curves(result, follower, band)]:
         st.caption(escape_markdown(" ".join(said)))
@@ -272,7 +271,7 @@ def _show_tracking(result: Result, follower: int, key: str) -> None:
     disturbance = fit.arrays.get("disturbance")
     figure = figures.tracking(
         segment or result.info, follower, fit.surrogate, result.simulated, own,
-        with_error=True, predicted=_band(result), disturbance=disturbance,
+        with_error=True, predicted=result.gap_band, disturbance=disturbance,
         answered=_answered(result, follower),
         height=CURVES + (0 if disturbance is None else 120),
     )  # fmt: skip
@@ -285,12 +284,6 @@ def _answered(result: Result, follower: int) -> Trajectories | None:
     if answer is None or segment is None:
         return None
     return simulated(segment.pair(follower), answer.model, answer.parameters[[follower]])
-
-
-def _band(result: Result) -> GapBand | None:
-    segment = result.segment if result.is_finished else None
-    asked = result.uncertainty, result.fit.case, result.analysis.law
-    return gap_band(segment, *asked) if segment else None
 
 
 def _show_history(result: Result, history: History, truth: Parameters | None, page: str) -> None:

@@ -111,11 +111,6 @@ def flashing(about: str = "") -> Iterator[None]:
         flash("error", f"{about}{fault}")
 
 
-def forget_flash() -> None:
-    """Show the last click's outcome no longer."""
-    st.session_state.pop(FLASH, None)
-
-
 def flashed() -> None:
     """The outcome of the last click; a second run right after the first must not swallow it."""
     if FLASH in st.session_state:
@@ -143,9 +138,14 @@ def table(table: Table, colours: Sequence[str] = ()) -> None:
     st.html(STYLE + (table.coloured(colours) if colours else table).to_html())
 
 
+def stem_of(text: str) -> str:
+    """A text as the stem of a file's name: what is neither letter nor digit is an underscore."""
+    return re.sub(r"[^\w-]+", "_", text).strip("_")
+
+
 def downloads(table: Table, name: str, key: str) -> None:
-    """A menu that saves the table as CSV or LaTeX; marks in ``name`` become underscores."""
-    stem = re.sub(r"[^\w-]+", "_", name).strip("_")
+    """A menu that saves the table as CSV or LaTeX, under a name."""
+    stem = stem_of(name)
     kinds = (("CSV", table.to_csv(), "csv", "text/csv"),
              ("LaTeX", table.to_latex(), "tex", "application/x-tex"))  # fmt: skip
     with st.popover("Save the table", icon=":material/download:", key=f"{key}_save"):

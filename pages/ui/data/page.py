@@ -245,18 +245,18 @@ def _show_overview(
             workspace.choose(window=window)
 
     drivers = figures.driver_ribbons(recording, workspace.vehicles)
-    ribbons = drivers, figures.regime_ribbons(whole, regimes)
+    driving = figures.regime_ribbons(whole, regimes)
     figure = figures.overview(
-        recording, workspace.vehicles, workspace.window, ribbons, view, highlight,
+        recording, workspace.vehicles, workspace.window, (drivers, driving), view, highlight,
         workspace.several_windows,
     )  # fmt: skip
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
     _handles(workspace, recording)
     with st.container(horizontal=True, vertical_alignment="center", gap="large"):
         if drivers:
-            show.key(figures.driver_key(), title="Upper bars, driver:")
+            show.key(figures.strip_key(drivers).items(), title="Upper bars, driver:")
         bars = "Lower bars" if drivers else "Bars"
-        show.key(figures.regime_key(regimes), title=f"{bars}, regime:")
+        show.key(figures.strip_key(driving).items(), title=f"{bars}, regime:")
         if view == "time gap":
             show.key((), dotted="longest in car-following")
         _offer_papers_window(workspace, recording)

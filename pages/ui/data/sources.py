@@ -60,16 +60,25 @@ def open_sample(workspace: Workspace, path: Path) -> None:
 
 def open_file(workspace: Workspace, source: bytes | Path, name: str) -> None:
     """Open a file, or keep it pending with what it asks for; if that fails, say why."""
-    workspace.pending, file = None, None
+    workspace.pending = None
     try:
         file = files.opened(source, name)
-        if st.session_state.get(ASK) and file.mapping:
-            workspace.pending = replace(file, mapping=None)
-        else:
-            _read(workspace, file)
     except AccpinnError as fault:
-        asks = file is not None and (file.is_unknown or _has_runs(file))
-        workspace.pending = file if asks else None
+        workspace.refusal = str(fault)
+        return
+    if st.session_state.get(ASK) and file.mapping:
+        workspace.pending = replace(file, mapping=None)
+    else:
+        _read(workspace, file)
+
+
+def _read(workspace: Workspace, file: File, trajectory: str | None = None) -> None:
+    try:
+        workspace.open(file.read(trajectory))
+        workspace.pending, st.session_state[OPENING] = None, False
+    except AccpinnError as fault:
+        asks = file.is_unknown or (not trajectory and _has_runs(file))
+        workspace.pending = file if asks else workspace.pending
         workspace.refusal = "" if asks else str(fault)
 
 
@@ -77,22 +86,6 @@ def _has_runs(file: File) -> bool:
     with suppress(AccpinnError):
         return bool(file.trajectories)
     return False
-
-
-def _answered(workspace: Workspace, file: File, trajectory: str | None) -> None:
-    """Open what was pending, with its mapping or ``trajectory``; a table may hold several runs."""
-    try:
-        if file.trajectories and not trajectory:
-            workspace.pending = file
-        else:
-            _read(workspace, file, trajectory)
-    except AccpinnError as fault:
-        workspace.refusal = str(fault)
-
-
-def _read(workspace: Workspace, file: File, trajectory: str | None = None) -> None:
-    workspace.open(file.read(trajectory))
-    workspace.pending, st.session_state[OPENING] = None, False
 
 
 def choose_source(workspace: Workspace) -> None:
@@ -147,7 +140,7 @@ def _ask(workspace: Workspace, file: File) -> None:
             st.button(
                 "Open this trajectory" if chosen else "Open with these columns", type="primary",
                 key="data_open_trajectory" if chosen else "data_open_mapped", disabled=bool(fault),
-                on_click=_answered, args=(workspace, file, chosen),
+                on_click=_read, args=(workspace, file, chosen),
             )  # fmt: skip
         if file.mapping and not chosen:
             st.download_button(

@@ -1,5 +1,6 @@
 """The tabs of page Data: the window, its regimes and changes, the recording, the validation."""
 
+from functools import lru_cache
 from pathlib import Path
 
 import streamlit as st
@@ -7,7 +8,6 @@ import streamlit as st
 from accpinn.errors import SegmentError
 from accpinn.evaluation import validate
 from accpinn.methods import least_squares
-from accpinn.model.cthp import Case
 from accpinn.recordings import MOVING, Recording, Window
 from accpinn.recordings.files import read
 from accpinn.results import recording as tables
@@ -15,17 +15,15 @@ from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import messages
 from accpinn.results.tables.estimates import validation_table
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, DrivenByHand, Segment
-from accpinn.segment.cut import chains, complete_windows, cut, first_window
+from accpinn.segment.cut import MINIMUM_DURATION, chains, complete_windows, cut, first_window
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
-from accpinn.study.comparison import SensitivityResult, sensitivity
-from accpinn.units import Seconds
+from accpinn.study.comparison import sensitivity
 from pages.ui.components import show
 from pages.ui.components.show import bound, pick_follower, select
 from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import Workspace
 
-SHORTEST: Seconds = 10.0
-"""Of a window for validation."""
+_sensitivity = lru_cache(maxsize=32)(sensitivity)
 REGIMES = {
     "catching up": f"The time gap, space-gap over speed, is above {USUAL:g} times its median"
     " ({:g} s at least, {:g} s at most): the vehicle catches up or drives freely.".format(
@@ -134,8 +132,8 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
-    digests = (segment.info.digest, recording.digest)
-    results = _sensitivity(digests, workspace.case, segment, recording)
+    with st.spinner("Estimating with and without them …"):
+        results = _sensitivity(segment, recording, workspace.case)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -145,14 +143,6 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))
     label = segment.labels[1 + follower]
     show.downloads(table, f"{Path(segment.source).stem}_{label}_sensitivity", "data_sensitivity")
-
-
-@st.cache_resource(max_entries=32, show_spinner="Estimating with and without them …")
-def _sensitivity(
-    digests: tuple[str, str], case: Case, _segment: Segment, _recording: Recording
-) -> tuple[SensitivityResult, ...]:
-    """``digests`` are those of the segment and the recording."""
-    return sensitivity(_segment, _recording, case)
 
 
 # A window that nothing is learned from
@@ -189,41 +179,33 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         help="As many followers behind it are simulated as parameters are learned.",
     )  # fmt: skip
     vehicles = platoons[leader]
-    stretches, every = complete_windows(chosen, vehicles), _learned(workspace)
+    learned = _learned(workspace) if chosen is recording else ()
     spare: list[Window] = []
-    if chosen is recording and len(every) > 1:
+    if len(learned) > 1:
         spare = [
             window
             for window in windows_in_car_following(chosen, vehicles)
-            if all(window.end <= part.start or part.end <= window.start for part in every)
+            if all(window.end <= part.start or part.end <= window.start for part in learned)
         ]
         if not spare:
             st.caption(
                 "All windows in car-following are learned from. To keep one for validation, switch"
                 " it off on page Train, tab Windows, or open another recording of these vehicles."
             )
-    for learned in every if chosen is recording else ():
-        parts = [
-            part
-            for stretch in stretches
-            for part in (Window(stretch.start, min(stretch.end, learned.start)),
-                         Window(max(stretch.start, learned.end), stretch.end))
-        ]  # fmt: skip
-        stretches = tuple(part for part in parts if part.duration >= SHORTEST)
+    stretches = complete_windows(chosen, vehicles, learned)
     first = spare[0] if spare else first_window(chosen, stretches, workspace.window.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
         key=f"data_validation_start_{key}", help="In that recording's time.",
     )  # fmt: skip
+    most, usual = (max(MINIMUM_DURATION, one.duration) for one in (chosen, first))
     length = columns[3].number_input(
-        "Lasts [s]", SHORTEST, max(SHORTEST, chosen.duration), max(SHORTEST, first.duration), 10.0,
+        "Lasts [s]", MINIMUM_DURATION, most, usual, 10.0,
         format="%.1f", key=f"data_validation_length_{key}",
         help="Longer windows average over more driving.",
     )  # fmt: skip
-    learned_from = chosen is recording and any(
-        part.start <= start and start + length <= part.end for part in every
-    )
+    learned_from = any(part.start <= start and start + length <= part.end for part in learned)
     if columns[4].button(
         f"Validate on {Window(start, start + length)}", key="data_validate", width="stretch",
         disabled=learned_from,

@@ -449,7 +449,7 @@ def _show_chosen(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) 
 
 def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
     """Turn to page Data with a row's window, or say why not."""
-    names = ("file", "sha256", "trajectory", "campaign")
+    names = ("file", "sha256", "trajectory")
     recording = show.attempt(lambda: find_recording(*(row[name] for name in names))[0])
     if recording is None:
         return

@@ -1,10 +1,8 @@
 """What all browsers share: results, snapshots, tasks, recordings and samples, and their windows."""
 
-from collections.abc import Callable
 from contextlib import suppress
-from functools import wraps
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import streamlit as st
 
@@ -24,12 +22,10 @@ from accpinn.study.snapshot_library import Library
 from accpinn.study.store import Store
 from accpinn.tasks import TaskQueue
 
-Chosen = ParamSpec("Chosen")
-Known = TypeVar("Known")
 KEPT = 64
 """Snapshots that are kept in memory: one for each of many users at a time."""
-KEPT_CHOICES = 4
-"""The latest choices of vehicles and window for which is kept what follows for a recording."""
+KEPT_CHOICES = 16
+"""The latest choices of recording, vehicles and window for which is kept what follows."""
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
@@ -85,22 +81,20 @@ def download_queue() -> TaskQueue:
 
 
 def find_recording(
-    file: str, sha256: str, trajectory: str | None = None, campaign: str | None = None
+    file: str, sha256: str, trajectory: str | None = None
 ) -> tuple[Recording, Truth | None]:
     """The recording with that content, from the server's folder or the samples, and its truth.
-
-    Several campaigns have files of the same name; that of ``campaign`` is looked at first.
 
     Raises:
         RecordingError: where none is there.
     """
-    paths = [path for path in (*samples(), *listed()) if path.name == file]
-    for path in sorted(paths, key=lambda path: campaign not in path.parts):
+    name = file.partition(", trajectory ")[0]
+    for path in (path for path in (*samples(), *listed()) if path.name == name):
         with suppress(RecordingError):  # another file of that name
-            recording = files.read(path, trajectory=trajectory)
-            if recording.sha256 == sha256:
+            known = files.opened(path)
+            if known.content.sha256(trajectory) == sha256:
                 truth = truth_path(path)
-                return recording, load_truth(truth) if truth.exists() else None
+                return known.read(trajectory), load_truth(truth) if truth.exists() else None
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
@@ -147,25 +141,7 @@ def listed() -> list[Path]:
 # What follows for a recording that is open, computed once
 
 
-def _of_recording(
-    function: Callable[Concatenate[Recording, Chosen], Known],
-) -> Callable[Concatenate[Recording, Chosen], Known]:
-    """The function with a memory, which forgets a recording that no session has open any more."""
-
-    @wraps(function)
-    def known(recording: Recording, /, *chosen: Chosen.args, **named: Chosen.kwargs) -> Known:
-        kept: dict[Any, Known] = recording.__dict__.setdefault(f"_{function.__name__}", {})
-        asked = chosen, tuple(named.items())
-        if asked not in kept:
-            while len(kept) >= KEPT_CHOICES:
-                kept.pop(next(iter(kept)), None)
-            kept[asked] = function(recording, *chosen, **named)
-        return kept[asked]
-
-    return known
-
-
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def whole_drive(
     recording: Recording, vehicles: tuple[int, ...]
 ) -> tuple[Segment, Regimes, Information]:
@@ -175,7 +151,7 @@ def whole_drive(
     return whole, regimes, Information.of(whole, regimes)
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) -> tuple[Window, ...]:
     """The windows in which all followers are in car-following; empty for fewer than two."""
     with suppress(SegmentError):
@@ -184,16 +160,20 @@ def windows_in_car_following(recording: Recording, vehicles: tuple[int, ...]) ->
     return ()
 
 
-@_of_recording
-def first_segment(
+@lru_cache(maxsize=KEPT_CHOICES)
+def segment_of(
     recording: Recording, window: Window, vehicles: tuple[int, ...], excluded: tuple[str, ...]
 ) -> Segment:
-    """The data of a window; it is cut once."""
+    """The data of a window.
+
+    Raises:
+        SegmentError: as `Analysis.segments` does.
+    """
     (segment,) = Analysis.of(recording, (window,), vehicles, excluded=excluded).segments(recording)
     return segment
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def rated(
     recording: Recording,
     windows: tuple[Window, ...],
@@ -201,12 +181,11 @@ def rated(
     excluded: tuple[str, ...],
 ) -> tuple[Rating, ...]:
     """What the windows are worth together: for each question the worst of them."""
-    asked = Analysis.of(recording, windows, vehicles, excluded=excluded)
-    segments = asked.segments(recording)
+    segments = [segment_of(recording, window, vehicles, excluded) for window in windows]
     return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
 
 
-@_of_recording
+@lru_cache(maxsize=KEPT_CHOICES)
 def judged_subjects(
     recording: Recording, vehicles: tuple[int, ...], window: Window
 ) -> tuple[Subject, ...]:

@@ -244,8 +244,6 @@ class Shown:
     """What a session shows: the analysis on the screen, and the key of its result."""
 
     analysis: Analysis
-    campaign: str
-    """Campaign of the recording; empty where it is not known."""
     result: str
     """Key of a training in the store, or short name of a snapshot; empty before there is one,
     when its training may still end."""
@@ -253,8 +251,8 @@ class Shown:
 
 def keep(workspace: Workspace) -> None:
     """Tell the store what is on the screen, where that has changed."""
-    recording, result, asked = workspace.recording, workspace.result, None
-    if recording is None and workspace.training is None:
+    result, asked = workspace.result, None
+    if workspace.recording is None and workspace.training is None:
         return  # a snapshot alone is named by the address, and following a link writes nothing
     with suppress(ConfigError):  # the page shows what is wrong with a setting
         asked = workspace.training_analysis(workspace.config)
@@ -262,8 +260,7 @@ def keep(workspace: Workspace) -> None:
     if asked is None:
         return
     key = result.id or result.analysis.fit_key if result else ""
-    shown = Shown(asked, (recording and recording.campaign) or "", key)
-    document = msgspec.json.encode(dump(shown)[0])
+    document = msgspec.json.encode(dump(Shown(asked, key))[0])
     if document != workspace.kept:
         workspace.kept = document
         store().keep_session(workspace.id, document)
@@ -307,8 +304,8 @@ def resume(workspace: Workspace, document: bytes) -> None:
             workspace.restore(found.under(same))
         workspace.take_settings(asked)
         workspace.awaited = asked
-        source, campaign = asked.source, shown.campaign or None
-        workspace.open(*find_recording(source.name, source.sha256, source.trajectory, campaign))
+        source = asked.source
+        workspace.open(*find_recording(source.name, source.sha256, source.trajectory))
 
 
 def result_of(name: str) -> Result:

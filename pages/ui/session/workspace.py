@@ -135,19 +135,22 @@ class Workspace:
         """The model of the answer, as chosen on page Train."""
         return following_model(self.choices.get(MODEL, BEST)).key
 
-    def analysis(self, config: PinnConfig | None = None) -> Analysis | None:
+    def analysis(
+        self, config: PinnConfig | None = None, windows: tuple[Window, ...] = ()
+    ) -> Analysis | None:
         """What a training with these settings would answer; None where no data are at hand.
 
         Args:
             config: by default as chosen on page Train.
+            windows: by default the one chosen.
 
         Raises:
             ConfigError: as `config` does.
         """
-        config = config or self.config
+        config, windows = config or self.config, windows or (self.window,)
         if self.recording:
             return Analysis.of(
-                self.recording, (self.window,), self.vehicles, case=self.case,
+                self.recording, windows, self.vehicles, case=self.case,
                 excluded=self.excluded, model=None if self.model == BEST else self.model,
                 settings=config,
             )  # fmt: skip
@@ -158,16 +161,14 @@ class Workspace:
         source = replace(asked.source, data=sha256(self.segment.info.digest.encode()).hexdigest())
         held = asked.held if asked.model == self.model else ()
         same = replace(
-            asked, source=source, windows=(self.window,), model=self.model, held=held,
+            asked, source=source, windows=windows, model=self.model, held=held,
             fitted="" if self.model == BEST else self.model,
         )  # fmt: skip
         return same.with_method("pinn", config)
 
     def training_analysis(self, config: PinnConfig) -> Analysis | None:
         """What a training answers: `analysis`, on `several_windows` if these are chosen."""
-        asked = self.analysis(config)
-        several = self.several_windows if config.preset == "calibrated" else ()
-        return replace(asked, windows=several) if asked and several else asked
+        return self.analysis(config, self.several_windows if config.preset == "calibrated" else ())
 
     @property
     def several_windows(self) -> tuple[Window, ...]:
@@ -339,10 +340,7 @@ class Workspace:
             self.choices.pop(WINDOWS_OFF, None)
         try:
             if self.recording:
-                asked = Analysis.of(
-                    self.recording, (self.window,), self.vehicles, excluded=self.excluded
-                )
-                (self.segment,) = asked.segments(self.recording)
+                self.segment = self._segment_of(self.recording, self.window)
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
@@ -370,19 +368,17 @@ class Workspace:
     @property
     def compared_segment(self) -> Segment | None:
         """What the methods are compared on: the chosen window, or the first one of several."""
-        if self.several_windows and self.recording:
-            return resources.first_segment(
-                self.recording, self.several_windows[0], self.vehicles, self.excluded
-            )
+        several = self.several_windows
+        if several and self.recording:
+            return self._segment_of(self.recording, several[0])
         return self.segment
 
-    def _compared_analysis(self, config: PinnConfig) -> Analysis | None:
-        asked, several = self.analysis(config), self.several_windows
-        return replace(asked, windows=several[:1]) if asked and several else asked
+    def _segment_of(self, recording: Recording, window: Window) -> Segment:
+        return resources.segment_of(recording, window, self.vehicles, self.excluded)
 
     def compare(self) -> None:
         """Queue all methods on one window."""
-        asked = self._compared_analysis(PinnConfig())
+        asked = self.analysis(PinnConfig(), self.several_windows[:1])
         if asked and self.segment:
             self._record(self.compared)
             task = comparison_task(self.id, asked, self.recording, self._data)
@@ -390,7 +386,7 @@ class Workspace:
 
     def train_starts(self, config: PinnConfig) -> None:
         """Queue a training on the same window from each of five initial values."""
-        asked = self._compared_analysis(config)
+        asked = self.analysis(config, self.several_windows[:1])
         if asked and self.segment:
             task = starts_task(self.id, asked, self.recording, resources.store(), self._data)
             self.starts = resources.task_queue().submit(task)

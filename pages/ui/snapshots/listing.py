@@ -3,31 +3,31 @@
 import html
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import islice, zip_longest
 
 import numpy as np
 import streamlit as st
 
 from accpinn.errors import RecordingError
-from accpinn.model.cthp import Parameters
 from accpinn.results.figures.stability import bode
 from accpinn.results.figures.style import SERIES, vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages.answer import time_gap_in_words
-from accpinn.results.tables import ABSENT, Column, Range, Table, supported_digits
+from accpinn.results.tables import ABSENT, Cell, Column, Table
 from accpinn.results.tables.answer import gap_column
 from accpinn.results.tables.estimates import (
     EVERY_FOLLOWER,
     PARAMETER_COLUMNS,
     TITLES,
     name_of,
-    shown_columns,
+    parameter_cells,
 )
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
-from accpinn.units import MetresPerSecond
+from accpinn.units import Estimate, MetresPerSecond
 from pages.ui.components import show
 from pages.ui.components.show import escape_markdown, pick_follower
 from pages.ui.session.resources import find_recording
@@ -116,13 +116,13 @@ def first_estimate(entry: Entry) -> str:
     label = EVERY_FOLLOWER if shared else entry.vehicles[1]
     if entry.time_gap:
         return f"{label}: {time_gap_in_words(entry.time_gap, entry.speed)}"
-    unknown = ((float("nan"),) * 3,)
-    ends = zip((entry.lower or unknown)[0], (entry.upper or unknown)[0], strict=True)
-    shown = []
-    for column, value, (low, high) in zip(PARAMETER_COLUMNS, entry.parameters[0], ends,
-                                          strict=True):  # fmt: skip
-        digits = supported_digits(low, high, column.digits or 0)
-        shown.append(f"{column.title} {value:.{digits}f} {column.unit}")
+    unknown = ((np.nan,) * 3,)
+    sets = (entry.parameters, entry.lower or unknown, entry.upper or unknown)
+    own = zip(PARAMETER_COLUMNS, map(Estimate, *(rows[0] for rows in sets)), strict=True)
+    shown = (
+        f"{column.title} {replace(column, is_brief=True).shown(estimate)} {column.unit}"
+        for column, estimate in own
+    )
     return f"{label} by {TITLES.get(entry.method, entry.method)}: {', '.join(shown)}"
 
 
@@ -150,11 +150,7 @@ def show_both(first: Result, second: Result) -> None:
         is_same = first.parameters == second.parameters
         st.caption(f"{said}{', and have the same parameters' if is_same else ''}.")
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
-    longer = max(first.info, second.info, key=lambda info: info.followers)
-    table = differences_table(first, second)
-    rows = len(table.rows) // longer.followers
-    colours = [colour for colour in vehicle_colours(longer.vehicles)[1:] for _ in range(rows)]
-    show.table(table, colours)
+    show.table(differences_table(first, second))
     _show_responses(first, second)
     _show_curves(first, second)
 
@@ -177,53 +173,43 @@ def differences_table(first: Result, second: Result) -> Table:
     The quantities are the answers' time gap, where both answers are known, and the methods' own
     parameters. Followers are matched in driving order.
     """
-    columns = (
-        Column("Follower"), Column("Quantity"),
-        Column("First"), Column("90 % interval"), Column("Second"), Column("90 % interval "),
-        Column("Δ"), Column("Δ in %"),
-    )  # fmt: skip
-    known, rows = first.known_answer, []
-    gap = gap_column(known.stated_speed, "", "Answer: time gap at") if known else None
-    sets = Parameters.stack(side.parameters[k] for side in (first, second)
-                            for k in range(side.info.followers))  # fmt: skip
-    quantities = [(-1, gap)] if gap and second.known_answer else []
-    quantities += shown_columns(sets)
-    methods = dict.fromkeys(name_of(side.fit).partition(" (")[0] for side in (first, second))
-    own = " / ".join(methods)
+    known, rows, colours = first.known_answer, [], []
+    speed = known.stated_speed if known and second.known_answer else None
     labels = zip_longest(first.info.labels[1:], second.info.labels[1:], fillvalue=ABSENT)
+    longer = max(first.info, second.info, key=lambda info: info.followers)
+    paints = vehicle_colours(longer.vehicles)[1:]
     for k, (label, beside) in enumerate(labels):
         name = label if label == beside else f"{label} / {beside}"
-        for which, column in quantities:
-            at = known.stated_speed if known and column is gap else None
-            (a, *cells), (b, *others) = (
-                _estimate(side, k, which, column, at) for side in (first, second)
-            )
-            change = 100 * (b - a) / a if a else np.nan
-            cells += [*others, _signed(b - a, column.digits or 0), _signed(change, 1)]
-            heading = column.heading if at else f"{own}: {column.heading}"
-            rows.append((name, heading, *cells))
-    return Table("The answers, and the methods' own estimates", columns, tuple(rows))
+        one, other = (_estimates(side, k, speed) for side in (first, second))
+        for column in one | other:
+            cells = one.get(column), other.get(column)
+            before, after = map(_value, cells)
+            change, digits = after - before, column.digits or 0
+            share = 100 * change / before if before else np.nan
+            told = (*map(column.shown, cells), _signed(change, digits), _signed(share, 1))
+            rows.append((name, column.heading, *told))
+            colours.append(paints[k])
+    titles = ("Follower", "Quantity", "First", "Second", "Δ", "Δ in %")
+    methods = dict.fromkeys(name_of(side.fit).partition(" (")[0] for side in (first, second))
+    caption = f"The answers, and the estimates by {' / '.join(methods)}, with 90 % intervals"
+    return Table(caption, tuple(map(Column, titles)), tuple(rows), tuple(colours))
 
 
-def _estimate(
-    result: Result, follower: int, which: int, column: Column, speed: MetresPerSecond | None
-) -> tuple[float, str, str]:
-    """A parameter by its place, or the answer's time gap at a speed, and how both are printed.
-
-    It is nan for no follower.
-    """
+def _estimates(result: Result, follower: int, speed: MetresPerSecond | None) -> dict[Column, Cell]:
+    """The answer's time gap at a speed, and the method's parameters; nothing of no follower."""
     if follower >= result.info.followers:
-        return np.nan, ABSENT, ABSENT
-    if speed is not None:
-        span = result.answer.time_gap(speed, follower)
-        return span.value, column.shown(span.value), column.shown(Range(span.lower, span.upper))
-    known = result.parts.uncertainty
-    value = float(result.parameters.complete[follower, which])
-    if which >= len(PARAMETER_COLUMNS) and not value:
-        return np.nan, ABSENT, ABSENT
-    ends = (known.lower, known.upper) if known else ()
-    interval = Range(*(float(end.complete[follower, which]) for end in ends)) if ends else None
-    return value, column.shown(value), column.shown(interval)
+        return {}
+    cells = dict[Column, Cell]()
+    if speed:
+        column = gap_column(speed, "", "Answer: time gap at")
+        cells[column] = result.answer.time_gap(speed, follower)
+    own = parameter_cells(result.parameters, known=result.parts.uncertainty)
+    return cells | {column: [*estimates][follower] for column, estimates in own}
+
+
+def _value(cell: Cell) -> float:
+    value = cell.value if isinstance(cell, Estimate) else cell
+    return value if isinstance(value, float) else np.nan
 
 
 def _signed(value: float, digits: int) -> str:

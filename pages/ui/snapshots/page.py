@@ -1,7 +1,7 @@
 """The page Snapshots: saving and importing, the list, and one result in full."""
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 
 import streamlit as st
 
@@ -24,6 +24,7 @@ from pages.ui.session.sessions import SNAPSHOT, may_delete, owner_mark
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import choose_entry, show_both, show_entries, title_of
 
+_verify = lru_cache(maxsize=16)(verify)
 UNDO = "snapshots_undo"
 """The entry in Streamlit's session state with the snapshot that was deleted last."""
 LONGEST: Seconds = 300.0
@@ -59,15 +60,10 @@ def show_page() -> None:
         st.caption("No snapshot is kept here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: _view(workspace, entry.id),
+        entries, "snapshots", lambda entry: setattr(workspace, "viewed", entry.id),
         lambda entry: _delete_button(workspace, entry),
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
-
-
-def _view(workspace: Workspace, name: str) -> None:
-    workspace.viewed = name
-    show.forget_flash()
 
 
 def _save_form(workspace: Workspace) -> None:
@@ -204,9 +200,7 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
 def _show_buttons(
     workspace: Workspace, snapshot: Result, recording: Recording | None, title: str
 ) -> None:
-    # The title with nothing in it that a file name cannot have.
-    stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in title)
-    stem = stem.strip("._")[:60] or snapshot.id
+    stem = show.stem_of(title)[:60] or snapshot.id
 
     def open_it() -> None:
         with show.flashing():
@@ -240,11 +234,10 @@ def _show_buttons(
 
 
 def back_button(workspace: Workspace) -> None:
-    def back() -> None:
-        workspace.viewed = ""
-        show.forget_flash()
-
-    st.button("All snapshots", icon=":material/arrow_back:", key="snapshots_back", on_click=back)
+    st.button(
+        "All snapshots", icon=":material/arrow_back:", key="snapshots_back",
+        on_click=setattr, args=(workspace, "viewed", ""),
+    )  # fmt: skip
 
 
 def _again(snapshot: Result) -> str:
@@ -254,18 +247,8 @@ def _again(snapshot: Result) -> str:
 
 def _verified(snapshot: Result, recording: Recording | None) -> Verification:
     """All of it computed anew, and the methods run again where the user asked for that."""
-    again = bool(st.session_state.get(_again(snapshot)))
-    return _verification(
-        snapshot.digest, recording.digest if recording else "", again, snapshot, recording
-    )
-
-
-@st.cache_resource(max_entries=16, show_spinner=False)
-def _verification(
-    file: str, data: str, again: bool, _snapshot: Result, _recording: Recording | None
-) -> Verification:
-    """What was found before for the same file and recording is not computed again."""
-    return verify(_snapshot, _recording, refit_within=HOWEVER_LONG if again else QUICK)
+    again = st.session_state.get(_again(snapshot))
+    return _verify(snapshot, recording, refit_within=HOWEVER_LONG if again else QUICK)
 
 
 def _show_standing(snapshot: Result, recording: Recording | None) -> None:

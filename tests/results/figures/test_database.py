@@ -21,8 +21,11 @@ def test_the_forest_has_every_value_with_its_interval_sorted_by_time_gap() -> No
     np.testing.assert_array_equal(
         gaps.x, [spans[name].value for name in ("Unknown", "Long", "Short")]
     )
-    lines = [trace for trace in figure.data if trace.mode == "lines" and trace.xaxis == gaps.xaxis]
-    further, typical = (np.asarray(line.x, float)[3:5] for line in lines)
+    further, typical = (
+        bars.x[1] + np.array([-bars.error_x.arrayminus[1], bars.error_x.array[1]])
+        for bars in figure.data
+        if bars.xaxis == gaps.xaxis and bars.error_x.array is not None
+    )
     np.testing.assert_allclose(typical, [long.lower, long.upper])
     assert further[0] <= typical[0] < typical[1] <= further[1]
 

@@ -55,5 +55,5 @@ def test_overview_shows_missing_blocks_and_driving_by_hand() -> None:
     assert first["3 by hand"].x[:2] == pytest.approx((0.0, 4.9))
     assert second["2 missing"].x[:2] == pytest.approx((9.95, 14.95))
     assert figure.layout.yaxis4.categoryarray == ("3", "2")
-    assert "missing" in dict(figures.regime_key(regimes))
+    assert "missing" in figures.strip_key(ribbons[1])
     assert np.isnan(figure.data[1].y[100:150]).all(), "a hole stays a hole"
