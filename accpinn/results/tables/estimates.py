@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from math import nan
 
 import numpy as np
@@ -190,27 +189,27 @@ def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
 
 
 def comparison_table(
-    result: Result, estimates: Mapping[str, Parameters], own: Mapping[str, Uncertainty]
+    result: Result, estimates: Mapping[str, tuple[Parameters, Uncertainty]]
 ) -> Table:
-    """One row a follower: for each parameter, what each method that has it finds, or the truth.
+    """One row a follower and method, or the truth; one for all followers in Case I.
 
-    Estimates are (M,) by method, from the result's windows; in Case I all followers share one row.
-    The result's uncertainty, or the ``own`` one of an estimate, limits the digits to those that the
-    intervals support.
+    Estimates are (M,) by method, from the result's windows, each with an uncertainty, which limits
+    the digits to those that its intervals support.
     """
-    info, uncertainty = result.info, result.uncertainty
-    numbers = parameter_rows(info, result.fit.case)
-    filled: list[Filled] = [(Column("Vehicle"), row_labels(info, numbers))]
-    columns = enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS))
-    for (k, column), (name, parameters) in product(columns, estimates.items()):
-        # The answer, which has intervals of its own, has its further terms in its own table.
-        is_shown = name not in own and k in dict(shown_columns(parameters))
-        if k < len(PARAMETER_COLUMNS) or is_shown:
-            known = own.get(name, uncertainty)
-            sets = (parameters, known.lower, known.upper)
-            cells = estimate_cells(*(part.complete[: len(numbers), k] for part in sets))
-            filled.append((Column(name, "", column.digits, column.heading, is_brief=True), cells))
-    return Table.of(f"Estimates side by side, {where(info, windows=result.infos)}", filled)
+    numbers = parameter_rows(result.info, result.fit.case)
+    triples = [(found, known.lower, known.upper) for found, known in estimates.values()]
+    values = np.array([[part.complete[: len(numbers)] for part in triple] for triple in triples])
+    rows = values.transpose(1, 2, 0, 3).reshape(3, -1, values.shape[-1])
+    labels = row_labels(result.info, numbers)
+    filled: list[Filled] = [
+        (Column("Vehicle"), [label for label in labels for _ in triples]),
+        (Column("Method"), [*estimates] * len(numbers)),
+    ]
+    for at, column in shown_columns(Parameters.of(rows[0])):
+        cells = estimate_cells(*rows[..., at])
+        shown = [cell if cell.value or at < len(PARAMETER_COLUMNS) else None for cell in cells]
+        filled.append((replace(column, is_brief=True), shown))
+    return Table.of(f"Estimates side by side, {where(result.info, windows=result.infos)}", filled)
 
 
 def intervals_table(result: Result) -> Table:

@@ -11,7 +11,6 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import HeterogeneousFollowers
 from accpinn.inference.identifiability import identifiability
-from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import History, Outcome
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
@@ -225,19 +224,18 @@ def _show_comparison(
     """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
     own = name_of(fit).partition(" (")[0]
-    estimates, intervals = {own: fit.parameters}, dict[str, Uncertainty]()
+    estimates = {own: (fit.parameters, uncertainty)}
     if result.segments:
         solved = Regression.of_windows(result.segments).solve(fit.case)
-        estimates["Least squares"] = solved.parameters
-    estimates["Maximum likelihood"] = uncertainty.centre
+        estimates["Least squares"] = solved.parameters, uncertainty
+    estimates["Maximum likelihood"] = uncertainty.centre, uncertainty
     if (known := result.known_answer) and known.model in CTHPS:
-        estimates["Answer"] = known.parameters
-        intervals["Answer"] = known.uncertainty
+        estimates["Answer"] = known.parameters, known.uncertainty
     if truth and has_terms_of(fit.model, truth):
-        estimates["Truth"] = truth
-    colours = vehicle_colours(info.vehicles, tables.parameter_rows(info, fit.case))
-    table = tables.comparison_table(result, estimates, intervals)
-    show.table(table, colours)
+        estimates["Truth"] = truth, uncertainty
+    table = tables.comparison_table(result, estimates)
+    rows = [number for number in tables.parameter_rows(info, fit.case) for _ in estimates]
+    show.table(table, vehicle_colours(info.vehicles, rows))
     is_likely = fit.config.get("preset") == "calibrated"
     biased = "least squares" if is_likely else f"least squares and the loss of {own}"
     st.caption(

@@ -133,7 +133,12 @@ def test_followers_that_share_their_parameters_have_one_row_for_them(
     assert [cell is None for cell in column(table, "τ", GROUP)] == [True, False, True, True]
     assert column(table, "p", OWN) == [None, None, 0.04, 0.05]
     assert len(intervals_table(result(shared, uncertainty)).rows) == 1
-    assert len(comparison_table(result(shared, uncertainty), {"PiNN": LEARNED}, {}).rows) == 1
+    termed = Parameters.of([[0.03, 0.2, 1.1, 4.0, 0.0, 0.3]] * 2)
+    beside = {"PiNN": (LEARNED, uncertainty), "Answer": (termed, uncertainty)}
+    table = comparison_table(result(shared, uncertainty), beside)
+    assert column(table, "Method") == ["PiNN", "Answer"]
+    assert [cell and cell[0] for cell in column(table, "s₀")] == [None, 4.0]
+    assert [cell[0] for cell in column(table, "β")] == [0.07235, 0.2]
 
 
 def test_preview_of_the_window() -> None:
