@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
-from accpinn.methods import PAPERS, Law, TaskContext, best_first, direct, one_thread
+from accpinn.methods import PAPERS, Law, best_first, direct, one_thread
 from accpinn.methods.fit import (
     Fit,
     MethodFinding,
@@ -410,33 +410,26 @@ def _stretches(segment: Segment) -> list[Segment]:
     return [part for part in parts if part.window.duration >= LEAST_STRETCH]
 
 
-def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
+def fit(
+    segment: Segment,
+    case: Case = "II",
+    law: Law = PAPERS,
+    segments: tuple[Segment, ...] = (),
+) -> Fit:
     """The parameters of the best closed-loop simulation; the surrogate is that simulation.
+
+    It is that of each follower behind the measured vehicle ahead.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" or "II".
         law: any model.
+        segments: the windows that the parameters simulate best; by default the segment alone.
 
     Raises:
-        SegmentError: where the window is too short.
+        SegmentError: where a window is too short.
     """
-    return _drawn((segment,), segment, case, law)
-
-
-def fit_together(
-    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext, law: Law
-) -> tuple[Fit, ...]:
-    """The fit of each of several windows by one parameter set of them all."""
-    kept = (segment for segment in segments if not context.is_stopped)
-    return tuple(_drawn(segments, segment, case, law) for segment in kept)
-
-
-def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
-    """The fit of one of several windows by the parameters that simulate them all best.
-
-    The surrogate is the simulation of each follower behind the measured vehicle ahead.
-    """
+    segments = segments or (segment,)
     model, speeds = FOLLOWING[law.model], median_speeds(segments)
     theta = np.full((len(model.parameters), segment.followers), np.nan)
     findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
@@ -471,6 +464,6 @@ def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law
 
 METHOD = direct(
     KEY, "Simulation", fit, best_first(tuple(FOLLOWING)), typical_seconds=1.4, version=2,
-    is_closed_loop=True, together=fit_together,
+    is_closed_loop=True, takes_windows=True,
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

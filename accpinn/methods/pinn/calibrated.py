@@ -66,23 +66,21 @@ class CalibratedTraining(Training):
     @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(
         self,
-        segment: Segment,
+        segments: tuple[Segment, ...],
         case: Case,
         config: PinnConfig,
         law: Law,
-        together: tuple[Segment, ...] = (),
     ) -> None:
         """Begin the search where the filter's likelihood is largest.
 
-        The segment is drawn; with several segments ``together`` their evidences add up.
+        The evidences of the segments add up; the first one is drawn.
         """
-        super().__init__(segment, case, config)
-        together = together or (segment,)
+        super().__init__(segments[0], case, config)
         self._form = law.model
-        self._evidence = Evidence(series_of(together, case), self._form, law.held)
+        self._evidence = Evidence(series_of(segments, case), self._form, law.held)
         self._iteration, self._drawn = 0, None
         # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
-        start = joint_maxima(together, case, self._form, held=law.held)
+        start = joint_maxima(segments, case, self._form, held=law.held)
         z = np.array([maximum.coordinates for maximum in start])
         self._search = ascend(self._evidence, z, np.arange(len(z)))
         self._at: Ascending = next(self._search)
