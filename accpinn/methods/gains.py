@@ -221,10 +221,7 @@ class ConstantGain:
         pushed = (pushes[:, :, -rows:] @ inputs).transpose(2, 1, 0)
         if length < BLOCK:
             power = self._power(length)
-        states = np.empty((blocks + 1, *state.shape))
-        states[0] = state
-        for k, push in enumerate(pushed):
-            np.add(times(power, states[k]), push, out=states[k + 1])
+        states = recursion(power, pushed, state)
         starts = np.ascontiguousarray(states[:-1].transpose(2, 1, 0))
         errors = direct[:, :rows, :rows] @ inputs + free[:, :rows] @ starts
         return errors.transpose(2, 1, 0).reshape(measured.shape), states[-1]
@@ -246,9 +243,6 @@ class ConstantGain:
 def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
     """The linear recursion x_{k+1} = F x_k + d_k of B systems.
 
-    It goes on in blocks of time, all blocks together: first from zero, which gives the state at
-    each block's start, then from there.
-
     Args:
         transition: (n, n, B) F.
         driven: (K, n, B) d.
@@ -257,28 +251,8 @@ def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> 
     Returns:
         (K+1, n, B).
     """
-    samples, size, count = driven.shape
-    blocks = max(1, int(samples**0.5))
-    length = samples // blocks + 1
-    pushes = np.zeros((blocks * length, size, count))
-    pushes[:samples] = driven
-    pushes = np.ascontiguousarray(pushes.reshape(blocks, length, size, count).transpose(1, 2, 0, 3))
-
-    def onward(states: FloatArray, push: FloatArray) -> FloatArray:
-        moved: FloatArray = np.einsum("ijb,jcb->icb", transition, states)
-        moved += push
-        return moved
-
-    now = np.empty((size, blocks, count))
-    now[:, 0] = state
-    reached = np.zeros((size, blocks, count))
-    for push in pushes:
-        reached = onward(reached, push)
-    power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
-    for k in range(1, blocks):
-        now[:, k] = times(power, now[:, k - 1]) + reached[:, k - 1]
-    states = np.empty((length, size, blocks, count))
-    for k, push in enumerate(pushes):
-        states[k] = now
-        now = onward(now, push)
-    return states.transpose(2, 0, 1, 3).reshape(-1, size, count)[: samples + 1]
+    states = np.empty((len(driven) + 1, *state.shape))
+    states[0] = state
+    for k, push in enumerate(driven):
+        np.add(times(transition, states[k]), push, out=states[k + 1])
+    return states
