@@ -270,7 +270,6 @@ def _filtered(
                 )
                 state = after
                 k += len(taken_in)
-            covariance.wake()
 
 
 def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
