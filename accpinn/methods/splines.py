@@ -13,6 +13,8 @@ masked instants there is no residual of dv/dt; all other terms remain.
 Source: Ramsay, Hooker, Campbell and Cao, J. R. Statist. Soc. B 69 (2007) 741-796.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
@@ -117,36 +119,50 @@ class SplineBasis:
         bands = np.stack([-span, span])
         return csr_array(diags_array(bands, offsets=[0, 1], shape=(size - 1, size)))
 
-    def diagonals(self, left: csr_array, right: csr_array) -> list[FloatArray]:
-        """Sub-diagonals 0 to degree of leftᵀ right (K, K) for matrices (N, K); the rest is zero."""
-        product = left.T @ right
-        return [product.diagonal(-offset) for offset in range(self.degree + 1)]
+    def grams(self, left: Sequence[csr_array], right: Sequence[csr_array]) -> FloatArray:
+        """(degree + 1, ab, K) entry (k + d, k) of leftᵀ right for matrices (N, K), a and b of each.
 
+        Places that leave the matrix are zero, as are all further from its diagonal.
+        """
+        products = [one.T @ other for one in left for other in right]
+        grams = np.zeros((self.degree + 1, len(products), self.size))
+        for offset in range(self.degree + 1):
+            for row, product in zip(grams[offset], products, strict=True):
+                row[: self.size - offset] = product.diagonal(-offset)
+        return grams
 
-_Bands = tuple[list[FloatArray], ...]
-"""Sub-diagonals 0..degree of DᵀD, DᵀB, BᵀD and BᵀB (K, K), of basis values B and rates D."""
-_Residual = tuple[FloatArray, FloatArray]
-"""(2M+1,) a and b of one equation's residual Σ_o (a_o D + b_o B) w_o."""
+    def banded(self, forms: FloatArray, grams: FloatArray) -> FloatArray:
+        """The matrix of a sum of squares, in lower banded form.
+
+        Args:
+            forms: (E, O, A) each residual's factors of derivatives 0 to A - 1 of O outputs.
+            grams: of these derivatives.
+
+        Returns:
+            ((degree + 1) O, O K); the outputs stand side by side at each function.
+        """
+        outputs = forms.shape[1]
+        squares = np.einsum("eoa,epb->poab", forms, forms).reshape(outputs, 1, outputs, -1)
+        banded = np.zeros((outputs * len(grams), outputs * self.size), order="F")
+        # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
+        for output, rows in enumerate(squares @ grams):
+            banded[: len(banded) - output, output::outputs] = rows.reshape(len(banded), -1)[output:]
+        return banded
 
 
 class _Basis:
     """The B-splines on the segment's instants, and the banded solve for their coefficients."""
 
     def __init__(self, segment: Segment, knots_every: Seconds) -> None:
-        splines = SplineBasis(float(segment.time[-1]), knots_every, DEGREE)
-        self.value, self.rate = splines.derivatives(segment.time, 1)
-        self.size, mask = splines.size, segment.mask
+        self._splines = SplineBasis(float(segment.time[-1]), knots_every, DEGREE)
+        self.value, self.rate = matrices = self._splines.derivatives(segment.time, 1)
         self._given = self._measured = np.hstack([segment.speeds, segment.gaps])
-
-        def bands(rows: slice | Mask) -> _Bands:
-            value, rate = self.value[rows], self.rate[rows]
-            pairs = ((rate, rate), (rate, value), (value, rate), (value, value))
-            return tuple(splines.diagonals(left, right) for left, right in pairs)
-
-        self._bands = bands(slice(None))
-        everywhere = [self._bands] * segment.followers
-        self._dynamic_bands = everywhere if mask is None else [bands(kept) for kept in mask.T]
-        self._coefficients: FloatArray = np.zeros((self.size, 0))
+        self._grams = self._splines.grams(matrices, matrices)
+        self._dynamic_grams = [self._grams] * segment.followers
+        if segment.mask is not None:
+            parts = [[matrix[kept] for matrix in matrices] for kept in segment.mask.T]
+            self._dynamic_grams = [self._splines.grams(part, part) for part in parts]
+        self._coefficients: FloatArray = np.zeros((self._splines.size, 0))
 
     def smooth(
         self, theta: FloatArray, shift: FloatArray
@@ -160,7 +176,7 @@ class _Basis:
         self._measured = self._given - np.append(np.zeros(followers + 1), shift)
         right = (self.value.T @ self._measured).ravel()
         solved = solveh_banded(self._normal_matrix(theta), right, lower=True, check_finite=False)
-        self._coefficients = solved.reshape(self.size, outputs)
+        self._coefficients = solved.reshape(-1, outputs)
         values, rates = self._evaluate()
         split = followers + 1
         return values[:, :split], values[:, split:] + shift, rates[:, 1:split]
@@ -172,43 +188,18 @@ class _Basis:
 
     def _normal_matrix(self, theta: FloatArray) -> FloatArray:
         """Lower banded form; outputs v_0..v_M, p_1..p_M stand side by side at each knot."""
-        outputs = 2 * len(theta) + 1
-        banded = np.zeros(((DEGREE + 1) * outputs, self.size * outputs))
         kinematic, dynamic = _residuals(theta)
-        self._add_squares(banded, self._bands, kinematic, np.eye(outputs))
-        for bands, residual in zip(self._dynamic_bands, dynamic, strict=True):
-            self._add_squares(banded, bands, [residual], np.zeros((outputs, outputs)))
+        data = np.eye(2 * len(theta) + 1)[:, :, None] * [1.0, 0.0]
+        banded = self._splines.banded(np.concatenate([data, kinematic]), self._grams)
+        for form, grams in zip(dynamic, self._dynamic_grams, strict=True):
+            banded += self._splines.banded(form[None], grams)
         return banded
-
-    def _add_squares(
-        self, banded: FloatArray, bands: _Bands, residuals: list[_Residual], data: FloatArray
-    ) -> None:
-        """The normal matrix of some residuals, and of ``data`` (2M+1, 2M+1), on the instants."""
-        # How often DᵀD, DᵀB and BᵀB stand between each pair of outputs, each (2M+1, 2M+1).
-        rr, rv, vv = np.zeros_like(data), np.zeros_like(data), data.copy()
-        for rate, value in residuals:
-            rr += np.outer(rate, rate)
-            rv += np.outer(rate, value)
-            vv += np.outer(value, value)
-        rate_rate, rate_value, value_rate, value_value = bands
-        outputs = len(vv)
-        for row, column in np.argwhere((rr != 0) | (rv != 0) | (rv.T != 0) | (vv != 0)):
-            for offset in range(DEGREE + 1):
-                below = offset * outputs + row - column
-                if below >= 0:
-                    banded[below, column::outputs][: self.size - offset] += (
-                        rr[row, column] * rate_rate[offset]
-                        + rv[row, column] * rate_value[offset]
-                        + rv[column, row] * value_rate[offset]
-                        + vv[row, column] * value_value[offset]
-                    )
 
     def loss(self, theta: FloatArray, mask: Mask | None) -> dict[str, float]:
         """Ψ and its terms at the present coefficients."""
         values, rates = self._evaluate()
         kinematic, dynamic = (
-            np.stack([rates @ rate + values @ value for rate, value in residuals], axis=1)
-            for residuals in _residuals(theta)
+            values @ forms[..., 0].T + rates @ forms[..., 1].T for forms in _residuals(theta)
         )
         counted = dynamic if mask is None else np.where(mask, dynamic, 0.0)
         physics = float((kinematic**2).sum() + (counted**2).sum()) / counted.size
@@ -216,16 +207,15 @@ class _Basis:
         return {"total": data + physics, "data": data, "physics": physics}
 
 
-def _residuals(theta: FloatArray) -> tuple[list[_Residual], list[_Residual]]:
-    """Residuals of dp/dt = Δv and of dv/dt = .., one of each for every follower."""
+def _residuals(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Residuals of dp/dt = Δv and of dv/dt = .., (M, 2M+1, 2) each: factors of values and rates."""
     followers = len(theta)
-    unit = np.eye(2 * followers + 1)
-    kinematic, dynamic = [], []
+    kinematic, dynamic = np.zeros((2, followers, 2 * followers + 1, 2))
     for follower, (alpha, alpha_tau, beta) in enumerate(theta):
-        ahead, speed, gap = unit[follower], unit[follower + 1], unit[followers + 1 + follower]
-        kinematic.append((gap, speed - ahead))
-        damping = alpha_tau + beta
-        dynamic.append((speed, -alpha * gap + damping * speed - beta * ahead))
+        places = ahead, speed, gap = follower, follower + 1, followers + 1 + follower
+        kinematic[follower, [ahead, speed], 0] = -1.0, 1.0
+        kinematic[follower, gap, 1] = dynamic[follower, speed, 1] = 1.0
+        dynamic[follower, places, 0] = -beta, alpha_tau + beta, -alpha
     return kinematic, dynamic
 
 

@@ -91,8 +91,7 @@ class Basis(SplineBasis):
         points = ((self.breaks[:-1] + self.breaks[1:]) / 2)[:, None] + half * nodes
         at = self.derivatives(points.ravel(), order)
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
-        products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
-        self.grams = np.stack(products, axis=1)
+        self.integrals = self.grams([csr_array(weight @ matrix) for matrix in at], at)
         """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to the order."""
         self.at_samples = self.derivatives(step * np.arange(samples, dtype=np.float64), 2)
         """(N, K) each: values, first and second derivatives."""
@@ -100,11 +99,6 @@ class Basis(SplineBasis):
         start = self.derivatives(np.zeros(1), order - 1)
         self.first = np.stack([matrix.toarray()[0, :order] for matrix in start])
         """(L, L) derivatives 0 to L - 1 of the first L functions, L = order."""
-
-    def padded(self, left: csr_array, right: csr_array) -> FloatArray:
-        """(DEGREE + 1, K) the `diagonals`, with zeros where they leave the matrix."""
-        bands = self.diagonals(left, right)
-        return np.stack([np.pad(band, (0, self.size - len(band))) for band in bands])
 
 
 @lru_cache(maxsize=8)
@@ -215,7 +209,7 @@ class Design:
         self.late, self.outputs = late, outputs_of(late)
         self.basis = _basis(len(known), step, order_of(late))
         self.rows = [self.basis.at_samples[0][kept] for kept in known.T]
-        self._grams = np.array([self.basis.padded(values, values) for values in self.rows])
+        self._grams = [self.basis.grams([values], [values])[:, 0] for values in self.rows]
         self._latest: tuple[bytes, Factors | None] = b"", None
         self._latest_prior: tuple[bytes, FloatArray, float] = b"", np.empty(0), np.nan
 
@@ -245,11 +239,7 @@ class Design:
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (6 O, O K) in lower banded form; the outputs stand side by side at each function."""
         running, first = physics(values, self.late)
-        outputs, banded = self.outputs, self._empty()
-        # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
-        squares = np.einsum("eoa,epb->poab", running, running).reshape(outputs, 1, outputs, -1)
-        for output, rows in enumerate(squares @ self.basis.grams):
-            banded[: len(banded) - output, output::outputs] = rows.reshape(len(banded), -1)[output:]
+        banded = self.basis.banded(running, self.basis.integrals)
         start = np.einsum("eoa,ak->eko", first, self.basis.first).reshape(len(first), -1)
         corner = start.T @ start
         for column in range(len(corner)):
@@ -258,13 +248,11 @@ class Design:
 
     def data(self, values: FloatArray) -> FloatArray:
         """A (6 O, O K) in lower banded form."""
-        banded = self._empty()
+        size = self.outputs * (DEGREE + 1), self.outputs * self.basis.size
+        banded = np.zeros(size, order="F")
         for output, sigma in enumerate(noise_of(values)):
             banded[:: self.outputs, output :: self.outputs] = self._grams[output] / sigma**2
         return banded
-
-    def _empty(self) -> FloatArray:
-        return np.zeros((self.outputs * (DEGREE + 1), self.outputs * self.basis.size), order="F")
 
 
 @lru_cache(maxsize=16)
