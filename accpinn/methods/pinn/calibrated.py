@@ -10,7 +10,6 @@ would lower Ψ by some percent and move no parameter. Standard errors of the par
 the filter's expected information.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -32,12 +31,10 @@ from accpinn.methods.pinn.loss import (
     LossTerms,
     Motion,
     Training,
-    command_columns,
     has_earlier,
     loss_terms,
     stack_outputs,
     trajectories,
-    weighted_terms,
 )
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
@@ -185,22 +182,18 @@ def drawn(
     order = 2 if lags.any() else 1
     projection = Projection(network, segment.time, measured, mask, order)
     hidden = projection.hidden()
-    sums, is_late = projection.sums(hidden), bool(lags.any() or delays.any())
-
-    def late() -> Iterator[FloatArray]:
-        """One follower after the other, as each takes as much memory as the network."""
-        return (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
-
-    if is_late:
-        sums = sums.with_late(late(), mask)
+    sums = projection.sums(hidden)
+    if lags.any() or delays.any():
+        # One follower after the other, as each takes as much memory as the network.
+        late = (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
+        sums = sums.with_late(late, mask)
     weights = solve_output(sums, solution.theta, config)
-    motion = Motion(*projection.surrogate(hidden, weights)[:2])
+    network.set_output(weights)
+    motion = Motion(*projection.surrogate(hidden, weights))
+    if delays.any():
+        motion = motion.with_earlier(network, segment.time, delays)
     kept = None if mask is None else mask.astype(float)
-    if is_late:
-        residual = late_residual(late(), weights, solution.theta)
-        loss = weighted_terms(motion, residual, measured, config, kept)
-    else:
-        loss = loss_terms(motion, measured, solution.theta, config, kept)
+    loss = loss_terms(motion, measured, solution.theta, config, kept, lags=lags)
     weights[0] += shift[0]
     network.set_output(weights)
     return Fit.of(
@@ -216,21 +209,3 @@ def drawn(
         arrays=network.arrays(),
         terms=terms,
     )
-
-
-def late_residual(late: Iterable[FloatArray], weights: FloatArray, theta: FloatArray) -> FloatArray:
-    """(N, M) the residual of dv/dt of a surrogate behind a lag or a delay.
-
-    Args:
-        late: (M,) of (N, 2, K), as `Projection.late` gives them.
-        weights: (K, 2M+1) the output layer.
-        theta: (M, 3) α, ατ, β.
-    """
-    columns = []
-    for seen, (alpha, alpha_tau, beta), places in zip(
-        late, theta, np.transpose(command_columns(len(theta))), strict=True
-    ):
-        gap, own, ahead = (seen[:, 0] @ weights[:, places]).T
-        command = alpha * gap - alpha_tau * own + beta * (ahead - own)
-        columns.append(seen[:, 1] @ weights[:, places[1]] - command)
-    return np.column_stack(columns)
