@@ -175,10 +175,9 @@ def _begun(
     (segment,) = segments
     import_module("torch")
     if law.model != PAPER_MODEL:
-        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper, LateFast
+        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
 
-        fast = LateFast if FOLLOWING[law.model].is_late else FollowingFast
-        kind = fast if config.preset == "fast" else FollowingPaper
+        kind = FollowingFast if config.preset == "fast" else FollowingPaper
         return kind(segment, case, config, threads, law)
     if config.preset == "fast":
         from accpinn.methods.pinn.fast import FastTraining
