@@ -34,6 +34,7 @@ Sources: MacKay, Neural Computation 4 (1992) 415-447 (evidence); Lindgren, Rue a
 Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solution in a basis).
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -46,7 +47,6 @@ from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms, weighted_terms
 from accpinn.methods.series import Series
-from accpinn.methods.splines import SplineBasis
 from accpinn.methods.state_space import (
     COMMON,
     FIRST,
@@ -78,6 +78,77 @@ MOST_WEIGHT = 300.0
 """Largest weight of the residual's second derivative. Cars whose disturbance the recording shows
 have about ten; where it shows none, its memory and rise are arbitrary, and with more weight Λ is
 singular to working precision."""
+
+
+class SplineBasis:
+    """B-splines on evenly spaced knots over [0, duration]; only neighbours overlap."""
+
+    def __init__(self, duration: Seconds, knots_every: Seconds, degree: int) -> None:
+        """Place the knots; the last piece ends with the duration."""
+        pieces = max(1, round(duration / knots_every))
+        self.breaks: FloatArray = np.linspace(0.0, duration, pieces + 1)
+        """(pieces + 1,) the distinct knots."""
+        self.degree = degree
+        self.knots = np.r_[[0.0] * degree, self.breaks, [duration] * degree]
+        self.size = len(self.knots) - degree - 1
+        """K."""
+
+    def derivatives(self, instants: FloatArray, order: int) -> list[csr_array]:
+        """Matrices (N, K) of the functions and their derivatives up to an order, at instants (N,).
+
+        The derivative of a B-spline is a spline of one degree less on the same knots.
+        """
+        from scipy.interpolate import BSpline  # takes a second to import, which few need
+
+        matrices = []
+        for lost in range(order + 1):
+            matrix = csr_array(BSpline.design_matrix(instants, *self._lower(lost)))
+            for lower in reversed(range(lost)):
+                matrix = csr_array(matrix @ self._difference(lower))
+            matrices.append(matrix)
+        return matrices
+
+    def _lower(self, lost: int) -> tuple[FloatArray, int]:
+        """Knots and degree of a derivative."""
+        return self.knots[lost : len(self.knots) - lost], self.degree - lost
+
+    def _difference(self, order: int) -> csr_array:
+        """The map from coefficients of a derivative to those of the next one."""
+        knots, degree = self._lower(order)
+        span = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
+        size = len(knots) - degree - 1
+        bands = np.stack([-span, span])
+        return csr_array(diags_array(bands, offsets=[0, 1], shape=(size - 1, size)))
+
+    def grams(self, left: Sequence[csr_array], right: Sequence[csr_array]) -> FloatArray:
+        """(degree + 1, ab, K) entry (k + d, k) of leftᵀ right for matrices (N, K), a and b of each.
+
+        Places that leave the matrix are zero, as are all further from its diagonal.
+        """
+        products = [one.T @ other for one in left for other in right]
+        grams = np.zeros((self.degree + 1, len(products), self.size))
+        for offset in range(self.degree + 1):
+            for row, product in zip(grams[offset], products, strict=True):
+                row[: self.size - offset] = product.diagonal(-offset)
+        return grams
+
+    def banded(self, forms: FloatArray, grams: FloatArray) -> FloatArray:
+        """The matrix of a sum of squares, in lower banded form.
+
+        Args:
+            forms: (E, O, A) each residual's factors of derivatives 0 to A - 1 of O outputs.
+            grams: of these derivatives.
+
+        Returns:
+            ((degree + 1) O, O K); the outputs stand side by side at each function.
+        """
+        outputs = forms.shape[1]
+        squares = np.einsum("eoa,epb->poab", forms, forms).reshape(outputs, 1, outputs, -1)
+        banded = np.zeros((outputs * len(grams), outputs * self.size), order="F")
+        # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
+        for output, rows in enumerate(squares @ grams):
+            banded[: len(banded) - output, output::outputs] = rows.reshape(len(banded), -1)[output:]
+        return banded
 
 
 class Basis(SplineBasis):
