@@ -177,15 +177,6 @@ def _basis(samples: int, step: Seconds, order: int) -> Basis:
     return Basis(samples, step, order)
 
 
-class Physics(NamedTuple):
-    """The prior's residuals as linear forms of O outputs and their derivatives; whitened."""
-
-    running: FloatArray
-    """(O, O, L + 1): residual, output, derivative up to L = order; their squares are integrated."""
-    first: FloatArray
-    """(R, O, L): residual, output, derivative, at the first instant."""
-
-
 def late_of(form: Form) -> str:
     """What stands between a model's command and its acceleration: "lag", "delay" or nothing."""
     return FOLLOWING[form].terms[-1] if FOLLOWING[form].is_late else ""
@@ -209,12 +200,16 @@ def reaction(late: str, seconds: Seconds) -> tuple[FloatArray, FloatArray]:
     return np.array([1.0, seconds / 2, square]), np.array([1.0, -seconds / 2, square])
 
 
-def physics(values: FloatArray, late: str = "") -> Physics:
-    """The residuals over the deviations of what drives them.
+def physics(values: FloatArray, late: str) -> tuple[FloatArray, FloatArray]:
+    """The prior's residuals over the deviations of what drives them, as linear forms.
 
     Args:
         values: (P,) the unknowns, those of `state_space.COMMON` first, the lag or delay last.
         late: see `late_of`.
+
+    Returns:
+        (O, O, L + 1) residual, output, derivative up to L = order, whose squares are integrated,
+        and (R, O, L) the same at the first instant.
     """
     alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values[:9]
     deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
@@ -251,7 +246,7 @@ def physics(values: FloatArray, late: str = "") -> Physics:
     first[2, u, 1] = 1 / leader
     for row, output in enumerate((p, v, u)):
         first[3 + row, output, 0] = 1 / FIRST[output]
-    return Physics(running, np.concatenate([first, further]))
+    return running, np.concatenate([first, further])
 
 
 def _rate(form: FloatArray, times: int = 1) -> FloatArray:
