@@ -106,15 +106,13 @@ class Drives:
             nearest = np.minimum(nearest, segment.samples - 1)
             parts.append((values, segment.counts[nearest, 0]))
         longest = max(len(counts) for _, counts in parts)
-        ahead = np.empty((2 * longest - 1, len(parts)))
-        speeds, gaps = np.empty((2, longest, len(parts)))
-        known = np.zeros(gaps.shape, bool)
-        for k, (values, counts) in enumerate(parts):
-            more = 2 * (longest - len(counts))
-            filled = np.pad(values, ((0, 0), (0, more)), "edge")
-            ahead[:, k], speeds[:, k], gaps[:, k] = filled[0], filled[1, ::2], filled[2, ::2]
-            known[: len(counts), k] = counts
-        return cls(step, ahead, gaps, speeds, known)
+        filled, known = [], []
+        for values, counts in parts:
+            more = longest - len(counts)
+            filled.append(np.pad(values, ((0, 0), (0, 2 * more)), "edge"))
+            known.append(np.pad(counts, (0, more)))
+        ahead, speeds, gaps = np.stack(filled, axis=-1)
+        return cls(step, ahead, gaps[::2], speeds[::2], np.stack(known, axis=-1))
 
     def __getitem__(self, index: NDArray[np.intp]) -> "Drives":
         """The windows at an array of indices, in its shape."""
