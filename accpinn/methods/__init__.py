@@ -85,11 +85,6 @@ def best_first(models: Sequence[str]) -> tuple[str, ...]:
     return BEST, *(model for model in models if model != BEST)
 
 
-def only_the_papers(settings: Mapping[str, Any]) -> tuple[str]:
-    """The models of a method that estimates the paper's alone."""
-    return (PAPER,)
-
-
 @dataclass(frozen=True)
 class Method:
     """One entry of the registry."""
@@ -123,7 +118,7 @@ class Method:
     """The settings that trainings with one checkpoint share; None where none is kept."""
     takes_windows: bool = False
     """Whether it estimates one parameter set from several windows; all others take one alone."""
-    models: Callable[[Mapping[str, Any]], Sequence[str]] = only_the_papers
+    models: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _: (PAPER,)
     """Keys of the models that it can estimate with settings as JSON: first the one that it does
     unless another is asked for; the paper's is among them."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
