@@ -1,8 +1,7 @@
-"""The presets `fast` and `paper` with the residual of any car-following model in the loss.
+"""The preset `fast` with the residual of any car-following model in the loss.
 
 The parameters are z, in standard deviations of their priors (see `model.following`), within the
-model's bounds. `paper` learns them by gradient with the weights. `fast` takes Gauss-Newton steps in
-the output layer W and z together, of
+model's bounds. Gauss-Newton steps in the output layer W and z together are taken, of
 
     ½ m M ln Ψ(W, z) + ½ |z|²,    m = duration / `MEMORY`
 
@@ -37,21 +36,19 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from accpinn.errors import ConfigError
 from accpinn.methods import Law
 from accpinn.methods.fit import Fit, MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
 from accpinn.methods.pinn.loss import Motion, command_columns
-from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.pinn.paper import initial_scores, values_of
 from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.methods.regression import Solution
 from accpinn.methods.simulation import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Seconds
 
@@ -61,32 +58,6 @@ APART: Seconds = 0.3
 """Between instants over which D's squares are summed."""
 SHORTENED = 6
 """Times that a step which does not lower the objective is halved."""
-
-
-def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray) -> FloatArray:
-    """(n,) z of the user's initial values, or of typical ones for what has none.
-
-    Raises:
-        ConfigError: where these are not the model's.
-    """
-    own, named = config.initial.own, model.parameters
-    if model.key in CTHPS:
-        ends = np.array([(p.lower, p.upper) for p in named])
-        own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
-    elif not own.size:
-        return np.clip(np.zeros(len(named)), *bounds)
-    if len(own) != len(named) or any(
-        not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
-    ):
-        allowed = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
-        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {allowed}.")
-    scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
-    return np.asarray(np.clip(scores, *bounds))
-
-
-def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
-    """(n, M) parameters at z (S, n), one row a follower or one for all."""
-    return model.values_at(np.broadcast_to(z, (followers, z.shape[1])))
 
 
 def thinned(count: int, every: int) -> tuple[NDArray[np.intp], FloatArray]:
@@ -297,47 +268,3 @@ class FollowingFast(FastTraining):
                 vehicle = self.segment.vehicles[k + 1] if self.case == "II" else 0
                 findings.append(Undetermined(vehicle, self.model.title, symbols))
         return findings
-
-
-class FollowingPaper(PaperTraining):
-    """`paper` for any model: z (S, n) by gradient in place of α, β, τ, within the bounds."""
-
-    model: FollowingModel
-
-    def __init__(
-        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
-    ) -> None:
-        """Begin at the user's initial values or at typical ones, with curves near the data's mean.
-
-        A model may have no acceleration at the gap of zero with which the paper's network begins.
-        """
-        self.model = FOLLOWING[law.model]
-        self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
-        super().__init__(segment, case, config, threads)
-        self.network.output.bias[:] = self.measured.mean(axis=0)
-        self._note("Adam")
-
-    def _initial(self) -> FloatArray:
-        return initial_scores(self.model, self.config, self._bounds)
-
-    def _now(self) -> Parameters:
-        theta = values_of(self.model, self._parameters.detach().numpy(), self.followers)
-        return self.model.linearisations(theta, self._speeds)
-
-    @torch.no_grad()
-    def _clip(self) -> None:
-        self._parameters.clamp_(*map(torch.from_numpy, self._bounds))
-
-    def _theta(self) -> Tensor:
-        """(n, M) the present parameters."""
-        z = self._parameters.clamp(*map(torch.from_numpy, self._bounds))
-        each = z.expand(self.followers, z.shape[1]).T
-        named = zip(self.model.parameters, each, strict=True)
-        return torch.stack([parameter.value(part, torch) for parameter, part in named])
-
-    def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
-        return Solution.of(self._now().theta)
-
-    def fit(self) -> Fit:
-        """The surrogate on all instants, the parameters, and the losses on both parts."""
-        return replace(super().fit(), parameters=self._now(), unconstrained=None)

@@ -174,18 +174,17 @@ def _begun(
         return CalibratedTraining(segments, case, config, law)
     (segment,) = segments
     import_module("torch")
-    if law.model != PAPER_MODEL:
-        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper
+    if config.preset == "paper":
+        from accpinn.methods.pinn.paper import PaperTraining
 
-        kind = FollowingFast if config.preset == "fast" else FollowingPaper
-        return kind(segment, case, config, threads, law)
-    if config.preset == "fast":
+        return PaperTraining(segment, case, config, threads, law)
+    if law.model == PAPER_MODEL:
         from accpinn.methods.pinn.fast import FastTraining
 
         return FastTraining(segment, case, config, threads)
-    from accpinn.methods.pinn.paper import PaperTraining
+    from accpinn.methods.pinn.following import FollowingFast
 
-    return PaperTraining(segment, case, config, threads)
+    return FollowingFast(segment, case, config, threads, law)
 
 
 def _driven(begin: Callable[[], Training], context: TaskContext) -> tuple[Training, Fit]:
