@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from accpinn.model.cthp import Parameters, Trajectories
+from accpinn.model.cthp import Parameters, Trajectories, add_command
 from accpinn.recordings import synthetic
 from accpinn.recordings.synthetic import SIMULATION_STEP, LeaderProfile, Noise
 from accpinn.segment import Segment
@@ -85,18 +85,12 @@ def _follow(
     The linear system is stepped exactly. What limits and a delay change of the command is an input.
     """
     alpha, alpha_tau, beta = follower.theta
-    lag = disturbance.lag
     # States: gap above s₀, speed, acceleration by the actuator. Inputs: speed ahead, what limits
     # and the delay add to the command, and w.
     rates = np.zeros((6, 6))
     rates[0, [1, 3]] = -1.0, 1.0
     command = np.array([alpha, -alpha_tau - beta, 0.0, beta, 0.0, 0.0])
-    actuated = 2 if lag else 1
-    rates[actuated] = command / (lag or 1.0)
-    rates[actuated, 4] = 1.0 / (lag or 1.0)
-    if lag:
-        rates[1, 2] = 1.0
-        rates[2, 2] = -1.0 / lag
+    add_command(rates, command + np.eye(6)[4], 1, 2, disturbance.lag, 0.0)
     rates[1, 5] = 1.0
     step = expm(rates * SIMULATION_STEP)[:3]
     middle = np.r_[(ahead[1:] + ahead[:-1]) / 2, ahead[-1]]

@@ -85,11 +85,6 @@ def best_first(models: Sequence[str]) -> tuple[str, ...]:
     return BEST, *(model for model in models if model != BEST)
 
 
-def only_the_papers(settings: Mapping[str, Any]) -> tuple[str]:
-    """The models of a method that estimates the paper's alone."""
-    return (PAPER,)
-
-
 @dataclass(frozen=True)
 class Method:
     """One entry of the registry."""
@@ -98,9 +93,9 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    run: Callable[[Segment, Case, Any, TaskContext, Law], Fit]
-    """Segment, case, settings (None for the defaults), context and model to a fit; one that
-    iterates reports its progress and can be stopped several times a second."""
+    run: Callable[[tuple[Segment, ...], Case, Any, TaskContext, Law], tuple[Fit, ...]]
+    """Segments, case, settings (None for the defaults), context and model to a fit of each segment;
+    one that iterates reports its progress and can be stopped several times a second."""
     summary: str
     """What it does, in one line, for the help of the command line."""
     typical_seconds: Seconds
@@ -121,12 +116,9 @@ class Method:
     """How long it takes on a segment with settings, where that depends on these."""
     resumable_settings: Callable[[dict[str, Any]], dict[str, Any] | None] | None = None
     """The settings that trainings with one checkpoint share; None where none is kept."""
-    together: (
-        Callable[[tuple[Segment, ...], Case, Any, TaskContext, Law], tuple[Fit, ...]] | None
-    ) = None
-    """The fit of each of several windows by one parameter set of them all; None where the method
-    takes one window alone."""
-    models: Callable[[Mapping[str, Any]], Sequence[str]] = only_the_papers
+    takes_windows: bool = False
+    """Whether it estimates one parameter set from several windows; all others take one alone."""
+    models: Callable[[Mapping[str, Any]], Sequence[str]] = lambda _: (PAPER,)
     """Keys of the models that it can estimate with settings as JSON: first the one that it does
     unless another is asked for; the paper's is among them."""
     redraw: Callable[[Fit, FloatArray, Seconds], Trajectories] | None = None
@@ -144,7 +136,6 @@ class Method:
             return self.duration(segment, settings)
         return self.typical_seconds * relative_size(segment)
 
-    @one_thread
     def fit(
         self,
         segment: Segment,
@@ -153,22 +144,38 @@ class Method:
         context: TaskContext | None = None,
         law: Law = PAPERS,
     ) -> Fit:
-        """Estimate the parameters of a segment.
+        """Estimate the parameters of a segment; the arguments are those of `fits`."""
+        return self.fits((segment,), case, settings, context, law)[0]
+
+    @one_thread
+    def fits(
+        self,
+        segments: tuple[Segment, ...],
+        case: Case = "II",
+        settings: Any = None,
+        context: TaskContext | None = None,
+        law: Law = PAPERS,
+    ) -> tuple[Fit, ...]:
+        """Estimate the parameters of a segment, or those that several have in common.
 
         Args:
-            segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+            segments: (K,) speeds (N, M+1) in m/s and space-gaps (N, M) in m of the same vehicles.
             case: "I" for one parameter set, "II" for one per follower.
             settings: of the method's own type; None for its defaults.
             context: checkpoints, threads, progress and stop.
             law: one of the method's models.
 
+        Returns:
+            (K,) the fit of each; fewer where it was stopped before.
+
         Raises:
-            AccpinnError: when the segment or the settings cannot serve the method.
+            AccpinnError: when the segments or the settings cannot serve the method.
         """
-        if segment.blocks_missing and not self.allows_missing:
-            raise _refusal(segment, self.title)
-        fit = self.run(segment, case, settings, context or TaskContext(), law)
-        return replace(fit, model=law.model)
+        for segment in segments:
+            if segment.blocks_missing and not self.allows_missing:
+                raise _refusal(segment, self.title)
+        fits = self.run(segments, case, settings, context or TaskContext(), law)
+        return tuple(replace(fit, model=law.model) for fit in fits)
 
 
 def relative_size(segment: Segment) -> float:
@@ -191,6 +198,8 @@ def direct(
     title: str,
     fit: Callable[..., Fit],
     models: Sequence[str] = (PAPER,),
+    *,
+    takes_windows: bool = False,
     **others: Any,
 ) -> Method:
     """A method without settings, so fast that neither progress nor stop is needed.
@@ -198,15 +207,23 @@ def direct(
     Args:
         key: see `Method`, as all others.
         title: its name for people.
-        fit: estimates the parameters of a segment, given the case, and the law where there are
-            further models; how long it took is measured here.
+        fit: estimates the parameters of a segment, given the case, the law where there are further
+            models, and all segments where it takes several; how long it took is measured here.
         models: keys of those that it can estimate, its usual one first.
+        takes_windows: see `Method`.
         others: further fields of `Method`.
     """
 
-    def run(segment: Segment, case: Case, _settings: Any, _context: TaskContext, law: Law) -> Fit:
-        started = time.perf_counter()
-        estimated = fit(segment, case, *((law,) if len(models) > 1 else ()))
-        return replace(estimated, seconds=time.perf_counter() - started)
+    def run(
+        segments: tuple[Segment, ...], case: Case, _settings: Any, context: TaskContext, law: Law
+    ) -> tuple[Fit, ...]:
+        started, fits = time.perf_counter(), list[Fit]()
+        given = (*((law,) if len(models) > 1 else ()), *((segments,) if takes_windows else ()))
+        for segment in segments:
+            if fits and context.is_stopped:
+                break
+            fits.append(fit(segment, case, *given))
+        took = time.perf_counter() - started
+        return tuple(replace(estimated, seconds=took) for estimated in fits)
 
-    return Method(key, title, run, models=lambda _: models, **others)
+    return Method(key, title, run, models=lambda _: models, takes_windows=takes_windows, **others)

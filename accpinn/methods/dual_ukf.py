@@ -48,7 +48,7 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
     config = {**online.settings(), "uncertain": list(UNCERTAIN)}
     platoon = online.Measurements.of(segment, case)
     try:
-        filtered = online.run(_Dual(platoon), segment, platoon)
+        means, covariance, motion = online.run(_Dual(platoon), segment, platoon)
     except np.linalg.LinAlgError:  # no motion follows the measurements
         return Fit.of(
             "dual-ukf",
@@ -61,16 +61,16 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
         )
     solutions = [
         [_within_bounds(*pair) for pair in zip(*now, strict=True)]
-        for now in zip(filtered.theta, filtered.covariance, strict=True)
+        for now in zip(means, covariance, strict=True)
     ]
     theta = np.array([[solution.theta for solution in now] for now in solutions])
-    path = online.track(segment, theta, filtered.covariance)
+    path = online.track(segment, theta, covariance)
     return Fit.of(
         "dual-ukf",
         segment,
         case,
         Solution.stack(solutions[-1], segment.followers),
-        surrogate=filtered.trajectories,
+        surrogate=motion,
         outcome=Outcome.FILTERED,
         config=config,
         track=path,

@@ -294,7 +294,6 @@ class Fit:
         solution: Solution,
         *,
         surrogate: Trajectories | None = None,
-        seconds: Seconds = 0.0,
         findings: Iterable[MethodFinding] = (),
         terms: FloatArray | None = None,
         **others: Any,
@@ -307,7 +306,6 @@ class Fit:
             case: "I" or "II".
             solution: (M, 3)
             surrogate: see `Fit`.
-            seconds: its duration, where the method measures it itself.
             findings: beside those about active bounds.
             terms: (M, 3) s₀, λ and d; None for the paper's model.
             others: further fields of `Fit`.
@@ -322,7 +320,7 @@ class Fit:
             case=case,
             parameters=parameters,
             surrogate=surrogate,
-            seconds=seconds,
+            seconds=0.0,
             unconstrained=Parameters.from_theta(solution.unconstrained),
             active_bounds=solution.active_names,
             findings=(*bounds, *findings),

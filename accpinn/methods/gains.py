@@ -19,8 +19,6 @@ from accpinn.units import FloatArray, Mask
 
 SETTLED = 1e-11
 """Largest change of the covariance in a step, in units of its deviations, taken for none."""
-FEWEST = 64
-"""Least number of models that rest: leaving fewer out saves nothing."""
 BLOCK = 7
 """Instants whose innovations are found at once with constant gains; more and fewer are slower."""
 Places = NDArray[np.intp]
@@ -33,31 +31,18 @@ def times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 class Covariance:
-    """Covariance and gains of U models, instant by instant.
-
-    A model whose covariance has settled rests until a sample is missing.
-    """
-
-    _variances: FloatArray
-    _gains: FloatArray
+    """Covariance and gains of U models, instant by instant."""
 
     def __init__(self, model: StateSpace) -> None:
         """Before the first instant."""
         # Products of many small matrices are fastest with the models on the first axis.
-        transition, process, self.predicted = (
+        self._transition, self._process, self.predicted = (
             np.ascontiguousarray(part.transpose(2, 0, 1))
             for part in (model.transition, model.process, model.first_covariance)
         )
         """(U, n, n), predicted for the present instant."""
-        back = np.ascontiguousarray(transition.transpose(0, 2, 1))
-        noise = np.ascontiguousarray(model.noise.T)
-        self._every: tuple[FloatArray, ...] = transition, back, process, noise
-        self.wake()
-
-    def wake(self) -> None:
-        """Go on with all models."""
-        self._moving = np.arange(len(self.predicted))
-        self._own, self._covariance = self._every, self.predicted
+        self._back = np.ascontiguousarray(self._transition.transpose(0, 2, 1))
+        self._noise = model.noise
         self.has_settled = False
 
     def taken_in(
@@ -69,7 +54,7 @@ class Covariance:
             rows: those of p, v, u that are there.
             missing: (U,) where a row's sample is not.
         """
-        covariance, noise = self._covariance, self._own[-1]
+        covariance = self.predicted
         count, size, _ = covariance.shape
         variances = np.empty((len(rows), count))
         gains, taken = np.empty((2, len(rows), size, count))
@@ -78,7 +63,7 @@ class Covariance:
             taken[row] = covariance[:, i].T
             for gain, other in zip(gains[:row], taken[:row], strict=True):
                 taken[row] -= gain[i] * other
-            variance = np.add(taken[row, i], noise[:, number], out=variances[row])
+            variance = np.add(taken[row, i], self._noise[number], out=variances[row])
             if number in missing:
                 variance[missing[number]] = np.inf
             np.divide(taken[row], variance, out=gains[row])
@@ -87,55 +72,23 @@ class Covariance:
             left, right = gains.transpose(2, 1, 0), taken.transpose(2, 0, 1)
             product = np.ascontiguousarray(left) @ np.ascontiguousarray(right)
             self._updated = covariance - product
-        if count < len(self.predicted):
-            variances = _replaced(self._variances, self._moving, variances)
-            gains = _replaced(self._gains, self._moving, gains)
-        self._variances, self._gains = variances, gains
         return variances, gains
 
     def go_on(self, is_whole: bool) -> None:
-        """To the next instant; models may rest where no sample of this and that one is missing."""
-        transition, back, process, _ = self._own
-        after = transition @ self._updated @ back + process
+        """To the next instant; it may settle where no sample of this and that one is missing."""
+        after = self._transition @ self._updated @ self._back + self._process
         after = (after + after.transpose(0, 2, 1)) / 2
-        before, self._covariance = self._covariance, after
-        if len(self._moving) < len(self.predicted):
-            self.predicted = self.predicted.copy()
-            self.predicted[self._moving] = after
-        else:
-            self.predicted = after
-        if not is_whole:
-            self.wake()
-            return
-        settled = _settled(before, after)
-        self.has_settled = bool(settled.all())
-        if _are_enough(settled):
-            self._moving, self._covariance = self._moving[~settled], after[~settled]
-            self._own = tuple(part[~settled] for part in self._own)
+        self.has_settled = is_whole and _has_settled(self.predicted, after)
+        self.predicted = after
 
 
-def _replaced(known: FloatArray, places: Places, part: FloatArray) -> FloatArray:
-    """An array (.., U) with another part (.., P) at some places."""
-    known = known.copy()
-    known[..., places] = part
-    return known
-
-
-def _are_enough(settled: Mask) -> bool:
-    """Whether that many models rest: all, or so many that leaving them out saves time."""
-    return bool(settled.sum() >= max(FEWEST, len(settled) / 4) or settled.all())
-
-
-def _settled(before: FloatArray, after: FloatArray) -> Mask:
-    """(U,) which of the covariances (U, n, n) are the same."""
-    settled: Mask = np.abs(after[:, 0, 0] - before[:, 0, 0]) <= SETTLED * after[:, 0, 0]
-    if not _are_enough(settled):
-        return settled & False
-    deviation = np.sqrt(np.maximum(np.einsum("bii->bi", after[settled]), 1e-30))
-    change = np.abs(after[settled] - before[settled])
-    change /= deviation[:, :, None] * deviation[:, None]
-    settled[settled] = change.max(axis=(1, 2), initial=0.0) < SETTLED
-    return settled
+def _has_settled(before: FloatArray, after: FloatArray) -> bool:
+    """Whether the covariances (U, n, n) are the same."""
+    if (np.abs(after[:, 0, 0] - before[:, 0, 0]) > SETTLED * after[:, 0, 0]).any():
+        return False
+    deviation = np.sqrt(np.maximum(np.einsum("bii->bi", after), 1e-30))
+    change = np.abs(after - before) / (deviation[:, :, None] * deviation[:, None])
+    return bool(change.max(initial=0.0) < SETTLED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,10 +174,7 @@ class ConstantGain:
         pushed = (pushes[:, :, -rows:] @ inputs).transpose(2, 1, 0)
         if length < BLOCK:
             power = self._power(length)
-        states = np.empty((blocks + 1, *state.shape))
-        states[0] = state
-        for k, push in enumerate(pushed):
-            np.add(times(power, states[k]), push, out=states[k + 1])
+        states = recursion(power, pushed, state)
         starts = np.ascontiguousarray(states[:-1].transpose(2, 1, 0))
         errors = direct[:, :rows, :rows] @ inputs + free[:, :rows] @ starts
         return errors.transpose(2, 1, 0).reshape(measured.shape), states[-1]
@@ -246,9 +196,6 @@ class ConstantGain:
 def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
     """The linear recursion x_{k+1} = F x_k + d_k of B systems.
 
-    It goes on in blocks of time, all blocks together: first from zero, which gives the state at
-    each block's start, then from there.
-
     Args:
         transition: (n, n, B) F.
         driven: (K, n, B) d.
@@ -257,28 +204,8 @@ def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> 
     Returns:
         (K+1, n, B).
     """
-    samples, size, count = driven.shape
-    blocks = max(1, int(samples**0.5))
-    length = samples // blocks + 1
-    pushes = np.zeros((blocks * length, size, count))
-    pushes[:samples] = driven
-    pushes = np.ascontiguousarray(pushes.reshape(blocks, length, size, count).transpose(1, 2, 0, 3))
-
-    def onward(states: FloatArray, push: FloatArray) -> FloatArray:
-        moved: FloatArray = np.einsum("ijb,jcb->icb", transition, states)
-        moved += push
-        return moved
-
-    now = np.empty((size, blocks, count))
-    now[:, 0] = state
-    reached = np.zeros((size, blocks, count))
-    for push in pushes:
-        reached = onward(reached, push)
-    power = np.linalg.matrix_power(transition.transpose(2, 0, 1), length).transpose(1, 2, 0)
-    for k in range(1, blocks):
-        now[:, k] = times(power, now[:, k - 1]) + reached[:, k - 1]
-    states = np.empty((length, size, blocks, count))
-    for k, push in enumerate(pushes):
-        states[k] = now
-        now = onward(now, push)
-    return states.transpose(2, 0, 1, 3).reshape(-1, size, count)[: samples + 1]
+    states = np.empty((len(driven) + 1, *state.shape))
+    states[0] = state
+    for k, push in enumerate(driven):
+        np.add(times(transition, states[k]), push, out=states[k + 1])
+    return states

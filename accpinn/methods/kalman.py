@@ -270,11 +270,12 @@ def _filtered(
                 )
                 state = after
                 k += len(taken_in)
-            covariance.wake()
 
 
 def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
     """The mean of every state at every instant, given all measurements, before and after.
+
+    Backward, Durbin and Koopman's r: the measurements of an instant are taken out, last first.
 
     Args:
         model: B of them.
@@ -288,29 +289,18 @@ def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
     for columns in _alike(known):
         part = model.of(columns)
         steps = _filtered(part, measured[:, :, columns], known[:, :, columns], slice(None))
-        for step, information in _backward(part, steps):
-            pulled: FloatArray = np.einsum("bij,kjb->kib", step.covariance, information)
+        back, information = part.transition.transpose(1, 0, 2), np.zeros_like(part.first)
+        for step in reversed(list(steps)):
+            if step.constant:
+                every = step.constant.backward(step.errors, information)
+                information = every[0]
+            else:
+                information = times(back, information)
+                taken = [*zip(step.rows, step.errors[0], step.gains, step.variances, strict=True)]
+                for row, error, gain, variance in reversed(taken):
+                    moved: FloatArray = np.einsum("jb,jb->b", gain, information)
+                    information[OBSERVED[row]] += error / variance - moved
+                every = information[None]
+            pulled: FloatArray = np.einsum("bij,kjb->kib", step.covariance, every)
             means[step.at, :, columns] = step.states + pulled
     return means
-
-
-def _backward(model: StateSpace, steps: Iterator[_Step]) -> Iterator[tuple[_Step, FloatArray]]:
-    """Backward recursion of the smoother, last step first: r (K, n, B) of Durbin and Koopman.
-
-    The measurements of an instant are taken out one by one, last first.
-    """
-    back = model.transition.transpose(1, 0, 2)
-    information = np.zeros_like(model.first)
-    for step in reversed(list(steps)):
-        if step.constant:
-            every = step.constant.backward(step.errors, information)
-            information = every[0]
-            yield step, every
-            continue
-        information = times(back, information)
-        for row in range(len(step.rows) - 1, -1, -1):
-            i, gain, variance = OBSERVED[step.rows[row]], step.gains[row], step.variances[row]
-            information[i] += step.errors[0, row] / variance - np.einsum(
-                "jb,jb->b", gain, information
-            )
-        yield step, information[None]

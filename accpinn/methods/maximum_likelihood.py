@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from accpinn.findings import Finding
-from accpinn.methods import PAPERS, Law, TaskContext, best_first, direct
+from accpinn.methods import PAPERS, Law, best_first, direct
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
@@ -103,30 +103,24 @@ def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]
     return starts
 
 
-def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
+def fit(
+    segment: Segment,
+    case: Case = "II",
+    law: Law = PAPERS,
+    segments: tuple[Segment, ...] = (),
+) -> Fit:
     """The parameters that make the segment most probable, and the smoothed motion.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" or "II".
         law: one of the CTHPs.
+        segments: those that the parameters make most probable; by default the segment alone.
 
     Raises:
         SegmentError: when the window is too short to say anything.
     """
-    return _drawn((segment,), segment, case, law)
-
-
-def fit_together(
-    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext, law: Law
-) -> tuple[Fit, ...]:
-    """The fit of each of several segments, as for `series_of`, by the maxima of all together."""
-    kept = (segment for segment in segments if not context.is_stopped)
-    return tuple(_drawn(segments, segment, case, law) for segment in kept)
-
-
-def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
-    """The fit of one of several segments by the maxima of all of them together."""
+    segments = segments or (segment,)
     form = law.model
     maxima = joint_maxima(segments, case, form, held=law.held)
     followers = maxima * segment.followers if case == "I" else maxima
@@ -214,6 +208,6 @@ def _at_instants(
 
 METHOD = direct(
     KEY, "Maximum likelihood", fit, best_first(CTHPS), typical_seconds=0.9, tolerance=1e-3,
-    allows_missing=True, together=fit_together,
+    allows_missing=True, takes_windows=True,
     summary="exact likelihood of a model with lasting disturbances; unbiased, with intervals",
 )  # fmt: skip

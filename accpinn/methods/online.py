@@ -167,20 +167,14 @@ class Filter(ABC):
         """
 
 
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """The estimates of a filter over a segment."""
+def run(
+    filter_: Filter, segment: Segment, platoon: Measurements
+) -> tuple[FloatArray, FloatArray, Trajectories]:
+    """Run a filter, which knows the first sample, over all others.
 
-    theta: FloatArray
-    """(K, G, 3) at the kept samples."""
-    covariance: FloatArray
-    """(K, G, 3, 3)"""
-    trajectories: Trajectories
-    """The filtered motion at every sample."""
-
-
-def run(filter_: Filter, segment: Segment, platoon: Measurements) -> Filtered:
-    """Run a filter, which knows the first sample, over all others."""
+    Returns:
+        θ (K, G, 3) and its covariance (K, G, 3, 3) at the kept samples, and the filtered motion.
+    """
     motion = platoon.states.copy()
     thetas, covariances, kept = [], [], set(kept_samples(segment))
     for now in range(1, segment.samples):
@@ -191,7 +185,7 @@ def run(filter_: Filter, segment: Segment, platoon: Measurements) -> Filtered:
             covariances.append(filter_.covariance)
     gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
     path = Trajectories(segment.time, np.column_stack([segment.speeds[:, 0], speeds]), gaps)
-    return Filtered(np.array(thetas), np.array(covariances), path)
+    return np.array(thetas), np.array(covariances), path
 
 
 def measurement_noise() -> FloatArray:

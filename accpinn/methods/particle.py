@@ -38,6 +38,7 @@ from accpinn.units import FloatArray, Mask
 PARTICLES = 4000
 """Twice as many, or another seed, move no parameter of OpenACC's Casale and AstaZero runs by more
 than its own deviation."""
+SEED = 0
 SHRINK = 0.995
 """The a above; Liu and West's discount factor is then 0.99."""
 LEAST_EFFECTIVE = 0.5
@@ -46,27 +47,20 @@ STEADY = 1e-6
 """Relative change in a step below which S and K stand still."""
 
 
-def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: int = 0) -> Fit:
-    """The last mean of the cloud, its track, and its mean motion.
-
-    Args:
-        segment: the data.
-        case: "I" or "II".
-        particles: P for each parameter set.
-        seed: of the draws.
-    """
+def fit(segment: Segment, case: Case = "II") -> Fit:
+    """The last mean of the cloud, its track, and its mean motion."""
     platoon = online.Measurements.of(segment, case)
-    filtered = online.run(_Cloud(platoon, particles, seed), segment, platoon)
-    copies = segment.followers // filtered.theta.shape[1]
-    path = online.track(segment, filtered.theta, filtered.covariance)
+    theta, covariance, motion = online.run(_Cloud(platoon), segment, platoon)
+    copies = segment.followers // theta.shape[1]
+    path = online.track(segment, theta, covariance)
     return Fit(
         method="particle",
         case=case,
-        parameters=Parameters.from_theta(np.repeat(filtered.theta[-1], copies, axis=0)),
-        surrogate=filtered.trajectories,
+        parameters=Parameters.from_theta(np.repeat(theta[-1], copies, axis=0)),
+        surrogate=motion,
         outcome=Outcome.FILTERED,
         seconds=0.0,
-        config={**online.settings(), "particles": particles, "seed": seed, "shrink": SHRINK},
+        config={**online.settings(), "particles": PARTICLES, "seed": SEED, "shrink": SHRINK},
         active_bounds=((),) * segment.followers,
         track=path,
         findings=online.filter_findings(segment, path),
@@ -76,25 +70,25 @@ def fit(segment: Segment, case: Case = "II", particles: int = PARTICLES, seed: i
 class _Cloud(online.Filter):
     """P particles for each of G parameter sets, with F followers each."""
 
-    def __init__(self, platoon: online.Measurements, particles: int, seed: int) -> None:
+    def __init__(self, platoon: online.Measurements) -> None:
         super().__init__(platoon.step)
         sets, followers = platoon.mask.shape[1:]
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(SEED)
         self._spread = np.tile(self._noise, (sets, 1, 1))
-        self._theta = _first_theta(self._random, sets, particles)
+        self._theta = _first_theta(self._random, sets)
         self._transition = np.empty((sets, 2, 2))
         self._precision, self._is_steady = np.empty((sets, 2, 2)), False
-        self._maps = np.empty((sets, 4, 2, particles))
-        self._returns = np.empty((sets, 2, 2, particles))
+        self._maps = np.empty((sets, 4, 2, PARTICLES))
+        self._returns = np.empty((sets, 2, 2, PARTICLES))
         for k in range(sets):
             self._prepare(k)
         self._known = np.empty((sets, followers, 4))
         """(G, F, 4) p, v and the predecessor's speed before and after a step, as measured."""
         self._known[..., :2] = platoon.states[0]
-        self._offsets = np.zeros((sets, followers, 2, particles))
+        self._offsets = np.zeros((sets, followers, 2, PARTICLES))
         """S⁻¹ e. A motion differs from the measured one by -R S⁻¹ e, as 1 - K = R S⁻¹."""
-        self._logs = np.zeros((sets, particles))
-        self._weights = np.full((sets, particles), 1 / particles)
+        self._logs = np.zeros((sets, PARTICLES))
+        self._weights = np.full((sets, PARTICLES), 1 / PARTICLES)
         self._steps_since = np.full(sets, -1)
         self.mean = self._theta.mean(axis=2).T
 
@@ -165,13 +159,12 @@ class _Cloud(online.Filter):
         self._returns[k] = self._maps[k, :2] * np.diag(self._noise)[:, None, None]
 
     def _redraw(self, k: int) -> None:
-        particles = self._weights.shape[1]
-        ladder = (np.arange(particles) + self._random.random()) / particles
-        chosen = np.searchsorted(np.cumsum(self._weights[k]), ladder).clip(max=particles - 1)
+        ladder = (np.arange(PARTICLES) + self._random.random()) / PARTICLES
+        chosen = np.searchsorted(np.cumsum(self._weights[k]), ladder).clip(max=PARTICLES - 1)
         mean = self.mean[k, :, None]
         kernel = (1 - SHRINK**2) * self._covariance(k) + self._steps_since[k] * self._drift
         apart = SHRINK * (self._theta[:, k, chosen] - mean)
-        noise = np.linalg.cholesky(kernel) @ self._random.standard_normal((3, particles))
+        noise = np.linalg.cholesky(kernel) @ self._random.standard_normal((3, PARTICLES))
         self._theta[:, k] = np.abs(mean + apart + noise)
         self._prepare(k)
         self._offsets[k] = self._offsets[k][..., chosen]
@@ -179,9 +172,9 @@ class _Cloud(online.Filter):
         self._steps_since[k] = 0
 
 
-def _first_theta(random: np.random.Generator, sets: int, particles: int) -> FloatArray:
+def _first_theta(random: np.random.Generator, sets: int) -> FloatArray:
     """(3, G, P) α, ατ, β."""
-    draws = random.standard_normal((3, sets, particles)).T * SPREAD
+    draws = random.standard_normal((3, sets, PARTICLES)).T * SPREAD
     alpha, beta, tau = (TYPICAL.values * np.exp(draws)).T
     return np.stack([alpha, alpha * tau, beta])
 

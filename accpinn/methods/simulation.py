@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from accpinn.errors import SegmentError
-from accpinn.methods import PAPERS, Law, TaskContext, best_first, direct, one_thread
+from accpinn.methods import PAPERS, Law, best_first, direct, one_thread
 from accpinn.methods.fit import (
     Fit,
     MethodFinding,
@@ -106,15 +106,13 @@ class Drives:
             nearest = np.minimum(nearest, segment.samples - 1)
             parts.append((values, segment.counts[nearest, 0]))
         longest = max(len(counts) for _, counts in parts)
-        ahead = np.empty((2 * longest - 1, len(parts)))
-        speeds, gaps = np.empty((2, longest, len(parts)))
-        known = np.zeros(gaps.shape, bool)
-        for k, (values, counts) in enumerate(parts):
-            more = 2 * (longest - len(counts))
-            filled = np.pad(values, ((0, 0), (0, more)), "edge")
-            ahead[:, k], speeds[:, k], gaps[:, k] = filled[0], filled[1, ::2], filled[2, ::2]
-            known[: len(counts), k] = counts
-        return cls(step, ahead, gaps, speeds, known)
+        filled, known = [], []
+        for values, counts in parts:
+            more = longest - len(counts)
+            filled.append(np.pad(values, ((0, 0), (0, 2 * more)), "edge"))
+            known.append(np.pad(counts, (0, more)))
+        ahead, speeds, gaps = np.stack(filled, axis=-1)
+        return cls(step, ahead, gaps[::2], speeds[::2], np.stack(known, axis=-1))
 
     def __getitem__(self, index: NDArray[np.intp]) -> "Drives":
         """The windows at an array of indices, in its shape."""
@@ -410,33 +408,26 @@ def _stretches(segment: Segment) -> list[Segment]:
     return [part for part in parts if part.window.duration >= LEAST_STRETCH]
 
 
-def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
+def fit(
+    segment: Segment,
+    case: Case = "II",
+    law: Law = PAPERS,
+    segments: tuple[Segment, ...] = (),
+) -> Fit:
     """The parameters of the best closed-loop simulation; the surrogate is that simulation.
+
+    It is that of each follower behind the measured vehicle ahead.
 
     Args:
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" or "II".
         law: any model.
+        segments: the windows that the parameters simulate best; by default the segment alone.
 
     Raises:
-        SegmentError: where the window is too short.
+        SegmentError: where a window is too short.
     """
-    return _drawn((segment,), segment, case, law)
-
-
-def fit_together(
-    segments: tuple[Segment, ...], case: Case, _settings: object, context: TaskContext, law: Law
-) -> tuple[Fit, ...]:
-    """The fit of each of several windows by one parameter set of them all."""
-    kept = (segment for segment in segments if not context.is_stopped)
-    return tuple(_drawn(segments, segment, case, law) for segment in kept)
-
-
-def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law) -> Fit:
-    """The fit of one of several windows by the parameters that simulate them all best.
-
-    The surrogate is the simulation of each follower behind the measured vehicle ahead.
-    """
+    segments = segments or (segment,)
     model, speeds = FOLLOWING[law.model], median_speeds(segments)
     theta = np.full((len(model.parameters), segment.followers), np.nan)
     findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
@@ -471,6 +462,6 @@ def _drawn(segments: tuple[Segment, ...], segment: Segment, case: Case, law: Law
 
 METHOD = direct(
     KEY, "Simulation", fit, best_first(tuple(FOLLOWING)), typical_seconds=1.4, version=2,
-    is_closed_loop=True, together=fit_together,
+    is_closed_loop=True, takes_windows=True,
     summary="the parameters whose closed-loop simulation is nearest the recording",
 )  # fmt: skip

@@ -10,7 +10,7 @@ are suggested, planned for a batch and graded, and the regimes, all use this lim
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -409,16 +409,11 @@ class Segment(_Platoon):
         """The segment without its data."""
         share = () if self.mask is None else tuple((~self.mask).mean(axis=0).tolist())
         return SegmentInfo(
-            vehicles=self.vehicles,
-            names=self.names,
+            **{field.name: getattr(self, field.name) for field in fields(_Platoon)},
             window=self.window,
             samples=self.samples,
             sample_time=self.sample_time,
-            source=self.source,
-            sha256=self.sha256,
-            findings=self.findings,
             digest=self._digest(),
-            excluded_regimes=self.excluded_regimes,
             excluded_share=share,
         )
 

@@ -170,26 +170,21 @@ def assess_quality(segment: Segment) -> Quality:
     speeds = segment.measured_speeds
     unknown = np.isnan(segment.measured_gaps + speeds[:, 1:])
     acceleration = np.gradient(speeds[:, 1:], segment.time, axis=0)
+    parts = regressors(segment.speeds, segment.gaps)
     figures = Quality(
         mean_time_gap=tuple(known_mean(segment.time_gaps).tolist()),
         leader_deviation=float(known_deviation(speeds[:, 0])),
         relative_deviation=tuple(known_deviation(speeds[:, :-1] - speeds[:, 1:]).tolist()),
         acceleration_deviation=tuple(known_deviation(acceleration).tolist()),
-        condition=_conditions(segment),
+        condition=tuple(map(_condition, parts, segment.counts.T)),
         car_following=tuple(known_mean(np.where(unknown, np.nan, segment.car_following)).tolist()),
     )
     return replace(figures, findings=tuple(_findings(segment, figures)))
 
 
-def _conditions(segment: Segment) -> tuple[float, ...]:
-    """(M,) condition number of each follower's regressors, where its equation counts."""
-    parts = regressors(segment.speeds, segment.gaps)
-    pairs = zip(parts, segment.counts.T, strict=True)
-    return tuple(_condition(part[counts]) for part, counts in pairs)
-
-
-def _condition(part: FloatArray) -> float:
-    """Condition number of regressors (N, 3); inf with fewer instants than parameters."""
+def _condition(part: FloatArray, counts: Mask) -> float:
+    """Condition number of regressors (N, 3) where they count; inf with too few of these."""
+    part = part[counts]
     lengths = np.linalg.norm(part, axis=0)
     return float(np.linalg.cond(part / lengths)) if len(part) > 2 and lengths.all() else np.inf
 

@@ -350,7 +350,4 @@ def transfer_function(parameters: Parameters) -> "TransferFunction":
     """H(s) of one vehicle as an object of python-control, whose analyses and plots then apply."""
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
-    if is_lagged(parameters):
-        return TransferFunction(*(part[0].tolist() for part in rational(checked(parameters)[None])))
-    alpha, alpha_tau, beta = (float(value) for value in checked(parameters).theta)
-    return TransferFunction([beta, alpha], [1.0, alpha_tau + beta, alpha])
+    return TransferFunction(*(part[0].tolist() for part in rational(checked(parameters)[None])))

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.special import gammainccinv
 
-from accpinn.model.cthp import Parameters, motion_matrix, orbit
+from accpinn.model.cthp import Parameters, orbit
 from accpinn.stability.criteria import (
     Peak,
     checked,
@@ -31,7 +31,7 @@ from accpinn.stability.criteria import (
     slowest_rate,
     step_metrics,
 )
-from accpinn.stability.lagged import attenuation, is_lagged, polynomials
+from accpinn.stability.lagged import attenuation, polynomials
 from accpinn.units import FloatArray, Seconds, frozen
 
 GRID = 600
@@ -154,10 +154,6 @@ def _cascade(parameters: Parameters) -> tuple[FloatArray, FloatArray, FloatArray
     Each vehicle is its polynomials' controllable form behind the speed of the one ahead. A delay
     shifts the response in time, so that only its part inside the loop is in them.
     """
-    if not is_lagged(parameters):
-        system, count = motion_matrix(parameters)[:, :-1], len(parameters)
-        state = np.stack([parameters.tau, np.ones(count)], axis=1).ravel()
-        return system, np.eye(2 * count)[1::2], state
     pairs = [
         (upper[: len(lower) - 1] / lower[-1], lower / lower[-1])
         for upper, lower in zip(*polynomials(parameters), strict=True)

@@ -111,8 +111,6 @@ def _roots(coefficients: FloatArray) -> NDArray[np.complex128]:
 class LaggedStability:
     """What the polynomials say of V vehicles."""
 
-    stable: Mask
-    """(V,) whether the vehicle itself is stable: all poles decay."""
     peak: FloatArray
     """(V,) max |H|, at least 1; infinite for an unstable vehicle."""
     omega: FloatArray
@@ -144,7 +142,6 @@ def lagged_stability(parameters: Parameters) -> LaggedStability:
     first = np.where(ends > 0, ends, np.inf).min(axis=1)
     amplifies = (margin < -ROUNDING) & (last > 0)
     return LaggedStability(
-        stable,
         peak=np.where(stable, np.sqrt(np.maximum(peak, 1.0)), np.inf),
         omega=np.where(stable & (peak > 1.0), omega, 0.0),
         margin=np.where(stable, margin, -np.inf),

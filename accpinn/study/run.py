@@ -1,6 +1,5 @@
 """`run`: the only way from an `Analysis` to its `Result`."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -75,12 +74,22 @@ def estimate(
     Raises:
         AccpinnError: as `run` does.
     """
+    method = METHODS[analysis.method]
+    if len(segments) > 1 and not method.takes_windows:
+        able = joined([key for key, method in METHODS.items() if method.takes_windows])
+        raise ConfigError(
+            f"windows: only {able} estimate from several windows, {analysis.method} does not;"
+            " choose one of them, or one window."
+        )
     if len(segments) > 1:
-        return _together(analysis, segments, recording, context)
-    (segment,) = segments
-    method, config = METHODS[analysis.method], analysis.config
-    fit = method.fit(segment, analysis.case, config, context, analysis.law)
-    return result_of(analysis, segments, (fit,), recording)
+        _check_windows(segments, analysis.case)
+    fits = method.fits(segments, analysis.case, analysis.config, context, analysis.law)
+    if len(fits) < len(segments):
+        raise ConfigError(
+            f"windows: stopped; {len(segments)} windows have no result before all are estimated."
+            " Take fewer windows, or one."
+        )
+    return result_of(analysis, segments, fits, recording)
 
 
 def fit_windows(segments: Sequence[Segment], case: Case = "II", model: str | None = None) -> Result:
@@ -112,35 +121,7 @@ def fit_windows(segments: Sequence[Segment], case: Case = "II", model: str | Non
         fitted=model or "",
         method=KEY,
     )
-    return _together(analysis, tuple(segments), None)
-
-
-def _together(
-    analysis: Analysis,
-    segments: tuple[Segment, ...],
-    recording: Recording | None,
-    context: TaskContext | None = None,
-) -> Result:
-    """Several windows under one likelihood."""
-    method, config = METHODS[analysis.method], analysis.config
-    if not method.together:
-        able = joined([key for key, method in METHODS.items() if method.together])
-        raise ConfigError(
-            f"windows: only {able} estimate from several windows, {analysis.method} does not;"
-            " choose one of them, or one window."
-        )
-    _check_windows(segments, analysis.case)
-    context = context or TaskContext()
-    began = time.perf_counter()
-    together = method.together(segments, analysis.case, config, context, analysis.law)
-    took = time.perf_counter() - began
-    fits = tuple(replace(fit, model=analysis.law.model, seconds=took) for fit in together)
-    if len(fits) < len(segments):
-        raise ConfigError(
-            f"windows: stopped; {len(segments)} windows have no result before all are estimated."
-            " Take fewer windows, or one."
-        )
-    return result_of(analysis, segments, fits, recording)
+    return estimate(analysis, tuple(segments))
 
 
 def _check_windows(segments: tuple[Segment, ...], case: Case) -> None:

@@ -85,7 +85,7 @@ def test_a_step_is_that_of_the_matrix_exponential(form):
 
 
 def test_many_models_at_once_are_as_each_alone():
-    """Some rest, as their covariances settle before others do, until a sample is missing."""
+    """Their covariances settle at different instants, and go on where a sample is missing."""
     rng = np.random.default_rng(4)
     series = series_of([disturbed(SETS[[0, 1]], 1, Disturbance(), duration=120.0)], "II")
     model = state_space("cthp-s0-delay", random_values("cthp-s0-delay", 300, rng), series.step)

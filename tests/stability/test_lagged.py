@@ -27,7 +27,6 @@ def test_without_lag_and_delay_it_is_the_closed_forms() -> None:
     assert not is_lagged(vehicles)
     stability, peak = lagged_stability(vehicles), peaks(vehicles)
     assert 0.2 < (peak.gain > 1).mean() < 0.9, "both verdicts occur"
-    assert stability.stable.all()
     np.testing.assert_allclose(stability.peak, peak.gain, rtol=1e-9)
     np.testing.assert_allclose(stability.omega, peak.omega, rtol=1e-6)
     np.testing.assert_allclose(stability.crossover, crossovers(vehicles), rtol=1e-9)
@@ -56,7 +55,7 @@ def test_the_gain_is_that_of_the_exact_delay() -> None:
 
 def test_the_peak_is_the_largest_gain_and_the_crossover_has_gain_one() -> None:
     vehicles, omega = drawn(60, 3, lag=0.5, delay=0.8), np.geomspace(1e-3, 20, 20_000)
-    vehicles = vehicles[lagged_stability(vehicles).stable]
+    vehicles = vehicles[np.isfinite(lagged_stability(vehicles).peak)]
     stability = lagged_stability(vehicles)
     curve = np.abs(response(vehicles, omega))
     np.testing.assert_allclose(stability.peak, np.maximum(curve.max(axis=1), 1), rtol=1e-4)
@@ -137,7 +136,7 @@ def test_gains_along_a_platoon_take_a_delay_as_a_shift() -> None:
     time = np.linspace(0, 1_500, 300_001)
     for first, second in drawn(12, 6, lag=0.3, delay=0.8).complete.reshape(6, 2, 6):
         pair = Parameters.of(np.array([first, second]))
-        if not lagged_stability(pair).stable.all():
+        if np.isinf(lagged_stability(pair).peak).any():
             continue
         gain = head_to_tail_gains(pair).gain
         assert gain[1] <= np.prod(step_gain(pair)[1]) * (1 + 1e-3)
@@ -170,7 +169,7 @@ def test_a_vehicle_is_unstable_beyond_rouths_lag_and_the_delay_margin() -> None:
     ):
         vehicles = Parameters([alpha] * 2, beta, tau, **{term: limit * np.array([0.98, 1.02])})
         stability, (overshoot, gain) = lagged_stability(vehicles), step_gain(vehicles)
-        assert stability.stable.tolist() == [True, False], term
+        assert np.isfinite(stability.peak).tolist() == [True, False], term
         assert stability.peak[0] > 5
         for values in (stability.peak, overshoot, gain, -stability.margin):
             assert (np.isfinite(values[0]), values[1]) == (True, np.inf)

@@ -10,7 +10,6 @@ would lower Ψ by some percent and move no parameter. Standard errors of the par
 the filter's expected information.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -32,29 +31,19 @@ from accpinn.methods.pinn.loss import (
     LossTerms,
     Motion,
     Training,
-    command_columns,
     has_earlier,
     loss_terms,
     stack_outputs,
     trajectories,
-    weighted_terms,
 )
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
-from accpinn.methods.state_space import Form, complete
+from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import PAPER
 from accpinn.segment import Segment
-from accpinn.units import FloatArray, frozen
-
-
-def solution_of(coordinates: FloatArray, followers: int, form: Form = PAPER) -> Solution:
-    """α, ατ and β at coordinates (G, P), as a solution for all followers."""
-    everyone = np.broadcast_to(coordinates, (followers, coordinates.shape[1]))
-    theta, free = vanishing(form, everyone), natural(form, everyone)[:, :3]
-    return Solution(frozen(theta), frozen(free), np.asarray(theta == 0.0))
+from accpinn.units import frozen
 
 
 class CalibratedTraining(Training):
@@ -66,23 +55,21 @@ class CalibratedTraining(Training):
     @np.errstate(all="ignore")  # absurd numbers end as diverged
     def __init__(
         self,
-        segment: Segment,
+        segments: tuple[Segment, ...],
         case: Case,
         config: PinnConfig,
         law: Law,
-        together: tuple[Segment, ...] = (),
     ) -> None:
         """Begin the search where the filter's likelihood is largest.
 
-        The segment is drawn; with several segments ``together`` their evidences add up.
+        The evidences of the segments add up; the first one is drawn.
         """
-        super().__init__(segment, case, config)
-        together = together or (segment,)
+        super().__init__(segments[0], case, config)
         self._form = law.model
-        self._evidence = Evidence(series_of(together, case), self._form, law.held)
+        self._evidence = Evidence(series_of(segments, case), self._form, law.held)
         self._iteration, self._drawn = 0, None
         # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
-        start = joint_maxima(together, case, self._form, held=law.held)
+        start = joint_maxima(segments, case, self._form, held=law.held)
         z = np.array([maximum.coordinates for maximum in start])
         self._search = ascend(self._evidence, z, np.arange(len(z)))
         self._at: Ascending = next(self._search)
@@ -110,12 +97,12 @@ class CalibratedTraining(Training):
     def _note(self, is_last: bool = False) -> None:
         """Look at the present moment; Ψ is that of the splines, and of the network at the end."""
         z = self._at.coordinates
-        self._solution = solution_of(z, self.followers, self._form)
+        everyone = np.broadcast_to(z, (self.followers, z.shape[1]))
+        unknowns, theta = natural(self._form, everyone), vanishing(self._form, everyone)
+        self._solution = Solution(frozen(theta), frozen(unknowns[:, :3]), theta == 0.0)
+        self._terms = complete(self._form, unknowns)[:, 3:]
+        parameters = Parameters.of(np.hstack([self._solution.parameters.values, self._terms]))
         deviations = np.array([log_errors(each) for each in self._at.information])
-        unknowns = natural(self._form, z)
-        unknowns[:, :3] = vanishing(self._form, z)
-        values = complete(self._form, unknowns)
-        parameters = Parameters.of(np.broadcast_to(values, (self.followers, values.shape[1])))
         evidence = float(self._at.value.sum())
         if is_last:
             self._drawn = self.drawn(self.segment)
@@ -129,12 +116,46 @@ class CalibratedTraining(Training):
             self.outcome = Outcome.CONVERGED
 
     def drawn(self, segment: Segment) -> Fit:
-        """A window's fit with the present parameters."""
-        z = self._at.coordinates
-        terms = complete(self._form, natural(self._form, z))[:, 3:]
-        terms = np.broadcast_to(terms, (self.followers, 3))
-        evidence = float(self._at.value.sum())
-        return drawn(segment, self.case, self.config, self._solution, terms, evidence)
+        """A window's fit with the present parameters, whose output layer minimises Ψ for these.
+
+        Ψ is of the gaps without s₀.
+        """
+        config, theta, terms = self.config, self._solution.theta, self._terms
+        network = Network(segment.followers, config, float(segment.time[-1]))
+        intercepts, lags, delays = terms.T
+        shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts[None])
+        measured = stack_outputs(segment.speeds, segment.gaps) - shift
+        mask = has_earlier(segment) if delays.any() else segment.mask
+        order = 2 if lags.any() else 1
+        projection = Projection(network, segment.time, measured, mask, order)
+        hidden = projection.hidden()
+        sums = projection.sums(hidden)
+        if lags.any() or delays.any():
+            # One follower after the other, as each takes as much memory as the network.
+            late = (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
+            sums = sums.with_late(late, mask)
+        weights = solve_output(sums, theta, config)
+        network.set_output(weights)
+        motion = Motion(*projection.surrogate(hidden, weights))
+        if delays.any():
+            motion = motion.with_earlier(network, segment.time, delays)
+        kept = None if mask is None else mask.astype(float)
+        loss = loss_terms(motion, measured, theta, config, kept, lags=lags)
+        weights[0] += shift[0]
+        network.set_output(weights)
+        return Fit.of(
+            "pinn",
+            segment,
+            self.case,
+            self._solution,
+            surrogate=trajectories(segment.time, motion.outputs + shift),
+            outcome=Outcome.CONVERGED,
+            config=config.to_json(),
+            loss=loss.values() | {"evidence": float(self._at.value.sum())},
+            network_weights=network.size,
+            arrays=network.arrays(),
+            terms=terms,
+        )
 
     def surrogate(self) -> None:
         """None: curves are drawn once the search has ended."""
@@ -157,82 +178,3 @@ class CalibratedTraining(Training):
             iterations=self.progress.iteration,
             arrays=fit.arrays | arrays,
         )
-
-
-def drawn(
-    segment: Segment,
-    case: Case,
-    config: PinnConfig,
-    solution: Solution,
-    terms: FloatArray,
-    evidence: float,
-) -> Fit:
-    """The fit of a segment whose output layer minimises Ψ for given parameters.
-
-    Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-        config: the network's settings.
-        solution: α, ατ and β of the M followers.
-        terms: (M, 3) s₀, by which measured gaps exceed those that are learned, λ and d.
-        evidence: log evidence of the parameters, which stands beside Ψ.
-    """
-    network = Network(segment.followers, config, float(segment.time[-1]))
-    intercepts, lags, delays = terms.T
-    shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts[None])
-    measured = stack_outputs(segment.speeds, segment.gaps) - shift
-    mask = segment.mask
-    if delays.any():
-        mask = has_earlier(segment)
-    order = 2 if lags.any() else 1
-    projection = Projection(network, segment.time, measured, mask, order)
-    hidden = projection.hidden()
-    sums, is_late = projection.sums(hidden), bool(lags.any() or delays.any())
-
-    def late() -> Iterator[FloatArray]:
-        """One follower after the other, as each takes as much memory as the network."""
-        return (projection.late(hidden, *pair) for pair in zip(lags, delays, strict=True))
-
-    if is_late:
-        sums = sums.with_late(late(), mask)
-    weights = solve_output(sums, solution.theta, config)
-    motion = Motion(*projection.surrogate(hidden, weights)[:2])
-    kept = None if mask is None else mask.astype(float)
-    if is_late:
-        residual = late_residual(late(), weights, solution.theta)
-        loss = weighted_terms(motion, residual, measured, config, kept)
-    else:
-        loss = loss_terms(motion, measured, solution.theta, config, kept)
-    weights[0] += shift[0]
-    network.set_output(weights)
-    return Fit.of(
-        "pinn",
-        segment,
-        case,
-        solution,
-        surrogate=trajectories(segment.time, motion.outputs + shift),
-        outcome=Outcome.CONVERGED,
-        config=config.to_json(),
-        loss=loss.values() | {"evidence": evidence},
-        network_weights=network.size,
-        arrays=network.arrays(),
-        terms=terms,
-    )
-
-
-def late_residual(late: Iterable[FloatArray], weights: FloatArray, theta: FloatArray) -> FloatArray:
-    """(N, M) the residual of dv/dt of a surrogate behind a lag or a delay.
-
-    Args:
-        late: (M,) of (N, 2, K), as `Projection.late` gives them.
-        weights: (K, 2M+1) the output layer.
-        theta: (M, 3) α, ατ, β.
-    """
-    columns = []
-    for seen, (alpha, alpha_tau, beta), places in zip(
-        late, theta, np.transpose(command_columns(len(theta))), strict=True
-    ):
-        gap, own, ahead = (seen[:, 0] @ weights[:, places]).T
-        command = alpha * gap - alpha_tau * own + beta * (ahead - own)
-        columns.append(seen[:, 1] @ weights[:, places[1]] - command)
-    return np.column_stack(columns)

@@ -119,11 +119,6 @@ class PinnConfig:
                 allowed = "0, or the paper preset, which has it"
                 _require(not given, _title(setting), allowed, given)
 
-    @property
-    def hidden(self) -> tuple[int, ...]:
-        """Neurons of the hidden layers."""
-        return self.layers * (self.width,)
-
     def angular_frequencies(self, duration: Seconds) -> FloatArray:
         """(n,) of the Fourier features in rad/s; empty for the preset `paper`.
 

@@ -34,6 +34,7 @@ Sources: MacKay, Neural Computation 4 (1992) 415-447 (evidence); Lindgren, Rue a
 Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solution in a basis).
 """
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -46,7 +47,6 @@ from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import LossTerms, Motion, loss_terms, weighted_terms
 from accpinn.methods.series import Series
-from accpinn.methods.splines import SplineBasis
 from accpinn.methods.state_space import (
     COMMON,
     FIRST,
@@ -80,6 +80,77 @@ have about ten; where it shows none, its memory and rise are arbitrary, and with
 singular to working precision."""
 
 
+class SplineBasis:
+    """B-splines on evenly spaced knots over [0, duration]; only neighbours overlap."""
+
+    def __init__(self, duration: Seconds, knots_every: Seconds, degree: int) -> None:
+        """Place the knots; the last piece ends with the duration."""
+        pieces = max(1, round(duration / knots_every))
+        self.breaks: FloatArray = np.linspace(0.0, duration, pieces + 1)
+        """(pieces + 1,) the distinct knots."""
+        self.degree = degree
+        self.knots = np.r_[[0.0] * degree, self.breaks, [duration] * degree]
+        self.size = len(self.knots) - degree - 1
+        """K."""
+
+    def derivatives(self, instants: FloatArray, order: int) -> list[csr_array]:
+        """Matrices (N, K) of the functions and their derivatives up to an order, at instants (N,).
+
+        The derivative of a B-spline is a spline of one degree less on the same knots.
+        """
+        from scipy.interpolate import BSpline  # takes a second to import, which few need
+
+        matrices = []
+        for lost in range(order + 1):
+            matrix = csr_array(BSpline.design_matrix(instants, *self._lower(lost)))
+            for lower in reversed(range(lost)):
+                matrix = csr_array(matrix @ self._difference(lower))
+            matrices.append(matrix)
+        return matrices
+
+    def _lower(self, lost: int) -> tuple[FloatArray, int]:
+        """Knots and degree of a derivative."""
+        return self.knots[lost : len(self.knots) - lost], self.degree - lost
+
+    def _difference(self, order: int) -> csr_array:
+        """The map from coefficients of a derivative to those of the next one."""
+        knots, degree = self._lower(order)
+        span = degree / (knots[degree + 1 : -1] - knots[1 : -degree - 1])
+        size = len(knots) - degree - 1
+        bands = np.stack([-span, span])
+        return csr_array(diags_array(bands, offsets=[0, 1], shape=(size - 1, size)))
+
+    def grams(self, left: Sequence[csr_array], right: Sequence[csr_array]) -> FloatArray:
+        """(degree + 1, ab, K) entry (k + d, k) of leftᵀ right for matrices (N, K), a and b of each.
+
+        Places that leave the matrix are zero, as are all further from its diagonal.
+        """
+        products = [one.T @ other for one in left for other in right]
+        grams = np.zeros((self.degree + 1, len(products), self.size))
+        for offset in range(self.degree + 1):
+            for row, product in zip(grams[offset], products, strict=True):
+                row[: self.size - offset] = product.diagonal(-offset)
+        return grams
+
+    def banded(self, forms: FloatArray, grams: FloatArray) -> FloatArray:
+        """The matrix of a sum of squares, in lower banded form.
+
+        Args:
+            forms: (E, O, A) each residual's factors of derivatives 0 to A - 1 of O outputs.
+            grams: of these derivatives.
+
+        Returns:
+            ((degree + 1) O, O K); the outputs stand side by side at each function.
+        """
+        outputs = forms.shape[1]
+        squares = np.einsum("eoa,epb->poab", forms, forms).reshape(outputs, 1, outputs, -1)
+        banded = np.zeros((outputs * len(grams), outputs * self.size), order="F")
+        # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
+        for output, rows in enumerate(squares @ grams):
+            banded[: len(banded) - output, output::outputs] = rows.reshape(len(banded), -1)[output:]
+        return banded
+
+
 class Basis(SplineBasis):
     """The features: splines with their derivatives' Gram matrices, and their values at samples."""
 
@@ -91,8 +162,7 @@ class Basis(SplineBasis):
         points = ((self.breaks[:-1] + self.breaks[1:]) / 2)[:, None] + half * nodes
         at = self.derivatives(points.ravel(), order)
         weight = diags_array(np.tile(half * weights, len(self.breaks) - 1))
-        products = [self.padded(csr_array(weight @ left), right) for left in at for right in at]
-        self.grams = np.stack(products, axis=1)
+        self.integrals = self.grams([csr_array(weight @ matrix) for matrix in at], at)
         """(d, ab, K): ∫ D^aB_{k+d} D^bB_k dt, a and b from 0 to the order."""
         self.at_samples = self.derivatives(step * np.arange(samples, dtype=np.float64), 2)
         """(N, K) each: values, first and second derivatives."""
@@ -101,24 +171,10 @@ class Basis(SplineBasis):
         self.first = np.stack([matrix.toarray()[0, :order] for matrix in start])
         """(L, L) derivatives 0 to L - 1 of the first L functions, L = order."""
 
-    def padded(self, left: csr_array, right: csr_array) -> FloatArray:
-        """(DEGREE + 1, K) the `diagonals`, with zeros where they leave the matrix."""
-        bands = self.diagonals(left, right)
-        return np.stack([np.pad(band, (0, self.size - len(band))) for band in bands])
-
 
 @lru_cache(maxsize=8)
 def _basis(samples: int, step: Seconds, order: int) -> Basis:
     return Basis(samples, step, order)
-
-
-class Physics(NamedTuple):
-    """The prior's residuals as linear forms of O outputs and their derivatives; whitened."""
-
-    running: FloatArray
-    """(O, O, L + 1): residual, output, derivative up to L = order; their squares are integrated."""
-    first: FloatArray
-    """(R, O, L): residual, output, derivative, at the first instant."""
 
 
 def late_of(form: Form) -> str:
@@ -144,12 +200,16 @@ def reaction(late: str, seconds: Seconds) -> tuple[FloatArray, FloatArray]:
     return np.array([1.0, seconds / 2, square]), np.array([1.0, -seconds / 2, square])
 
 
-def physics(values: FloatArray, late: str = "") -> Physics:
-    """The residuals over the deviations of what drives them.
+def physics(values: FloatArray, late: str) -> tuple[FloatArray, FloatArray]:
+    """The prior's residuals over the deviations of what drives them, as linear forms.
 
     Args:
         values: (P,) the unknowns, those of `state_space.COMMON` first, the lag or delay last.
         late: see `late_of`.
+
+    Returns:
+        (O, O, L + 1) residual, output, derivative up to L = order, whose squares are integrated,
+        and (R, O, L) the same at the first instant.
     """
     alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values[:9]
     deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
@@ -186,7 +246,7 @@ def physics(values: FloatArray, late: str = "") -> Physics:
     first[2, u, 1] = 1 / leader
     for row, output in enumerate((p, v, u)):
         first[3 + row, output, 0] = 1 / FIRST[output]
-    return Physics(running, np.concatenate([first, further]))
+    return running, np.concatenate([first, further])
 
 
 def _rate(form: FloatArray, times: int = 1) -> FloatArray:
@@ -215,7 +275,7 @@ class Design:
         self.late, self.outputs = late, outputs_of(late)
         self.basis = _basis(len(known), step, order_of(late))
         self.rows = [self.basis.at_samples[0][kept] for kept in known.T]
-        self._grams = np.array([self.basis.padded(values, values) for values in self.rows])
+        self._grams = [self.basis.grams([values], [values])[:, 0] for values in self.rows]
         self._latest: tuple[bytes, Factors | None] = b"", None
         self._latest_prior: tuple[bytes, FloatArray, float] = b"", np.empty(0), np.nan
 
@@ -245,11 +305,7 @@ class Design:
     def prior(self, values: FloatArray) -> FloatArray:
         """Λ (6 O, O K) in lower banded form; the outputs stand side by side at each function."""
         running, first = physics(values, self.late)
-        outputs, banded = self.outputs, self._empty()
-        # Below the diagonal an entry (o, o') stands for (o, o') of the functions k + d, k.
-        squares = np.einsum("eoa,epb->poab", running, running).reshape(outputs, 1, outputs, -1)
-        for output, rows in enumerate(squares @ self.basis.grams):
-            banded[: len(banded) - output, output::outputs] = rows.reshape(len(banded), -1)[output:]
+        banded = self.basis.banded(running, self.basis.integrals)
         start = np.einsum("eoa,ak->eko", first, self.basis.first).reshape(len(first), -1)
         corner = start.T @ start
         for column in range(len(corner)):
@@ -258,13 +314,11 @@ class Design:
 
     def data(self, values: FloatArray) -> FloatArray:
         """A (6 O, O K) in lower banded form."""
-        banded = self._empty()
+        size = self.outputs * (DEGREE + 1), self.outputs * self.basis.size
+        banded = np.zeros(size, order="F")
         for output, sigma in enumerate(noise_of(values)):
             banded[:: self.outputs, output :: self.outputs] = self._grams[output] / sigma**2
         return banded
-
-    def _empty(self) -> FloatArray:
-        return np.zeros((self.outputs * (DEGREE + 1), self.outputs * self.basis.size), order="F")
 
 
 @lru_cache(maxsize=16)

@@ -13,8 +13,7 @@ parameters stand still; that is the optimum for the untrained hidden layers. The
 no parameter is the last one, and one that does not lower Ψ is taken back. Each exact round at the
 start and each Adam iteration counts as one iteration.
 
-`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models,
-`late` for those with a lag or a delay.
+`projection` has the exact solves; `following` replaces them by Gauss-Newton steps for other models.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,7 @@
-"""The presets `fast` and `paper` with the residual of any car-following model in the loss.
+"""The preset `fast` with the residual of any car-following model in the loss.
 
 The parameters are z, in standard deviations of their priors (see `model.following`), within the
-model's bounds. `paper` learns them by gradient with the weights. `fast` takes Gauss-Newton steps in
-the output layer W and z together, of
+model's bounds. Gauss-Newton steps in the output layer W and z together are taken, of
 
     ½ m M ln Ψ(W, z) + ½ |z|²,    m = duration / `MEMORY`
 
@@ -15,6 +14,19 @@ from the Schur complement, the curvature of the objective's profile. Gradients a
 DᵀD, DᵀF and FᵀF, which only steer the steps, are summed over some. Derivatives are exact, by
 complex steps. A parameter whose deviation by that curvature exceeds `OPEN` of its prior's is not
 determined.
+
+A lag λ or a delay d between command f and acceleration adds
+
+    lag      λ v̂'' + v̂' - f            D: λ Φ''                       F: -v̂''
+    delay    v̂' - f(p̂, v̂, û at t - d)   D: f's slopes and Φ at t - d   F: -df/dt at t - d
+
+As some tenths of a second are then sought, noise of the measurements is taken as independent from
+sample to sample, so that the number of independent errors is
+
+    m = Ψ / (Ψ_F / m_F + (Ψ - Ψ_F) / N),    m_F = duration / `MEMORY`
+
+With m_F in its place the prior moved a lag of 0.8 s to 0.5 s in 300 s that obey the model. Without
+the prior, lags and delays of real cars, whose residuals last, would end at their bounds.
 """
 
 from collections.abc import Callable
@@ -24,21 +36,19 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from accpinn.errors import ConfigError
 from accpinn.methods import Law
 from accpinn.methods.fit import Fit, MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
 from accpinn.methods.pinn.loss import Motion, command_columns
-from accpinn.methods.pinn.paper import PaperTraining
+from accpinn.methods.pinn.paper import initial_scores, values_of
 from accpinn.methods.pinn.projection import data_moments, gap_blocks, solve_chain
 from accpinn.methods.regression import Solution
 from accpinn.methods.simulation import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
-from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.registry import FOLLOWING
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Seconds
 
@@ -48,32 +58,6 @@ APART: Seconds = 0.3
 """Between instants over which D's squares are summed."""
 SHORTENED = 6
 """Times that a step which does not lower the objective is halved."""
-
-
-def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray) -> FloatArray:
-    """(n,) z of the user's initial values, or of typical ones for what has none.
-
-    Raises:
-        ConfigError: where these are not the model's.
-    """
-    own, named = config.initial.own, model.parameters
-    if model.key in CTHPS:
-        ends = np.array([(p.lower, p.upper) for p in named])
-        own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
-    elif not own.size:
-        return np.clip(np.zeros(len(named)), *bounds)
-    if len(own) != len(named) or any(
-        not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
-    ):
-        allowed = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
-        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {allowed}.")
-    scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
-    return np.asarray(np.clip(scores, *bounds))
-
-
-def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
-    """(n, M) parameters at z (S, n), one row a follower or one for all."""
-    return model.values_at(np.broadcast_to(z, (followers, z.shape[1])))
 
 
 def thinned(count: int, every: int) -> tuple[NDArray[np.intp], FloatArray]:
@@ -115,7 +99,10 @@ class FollowingFast(FastTraining):
         return self.model.linearisations(self._theta(solution), self._speeds)
 
     def _move(self, now: FloatArray, before: FloatArray) -> float:
-        return float(np.abs(now - before).max())
+        """Largest change of z; behind a lag or a delay relative to positive parameters."""
+        is_late = self.model.is_late
+        shares = [p.spread if is_late and p.is_positive else 1.0 for p in self.model.parameters]
+        return float((np.abs(now - before) * shares).max())
 
     def _output(self, seen: Seen, solution: FloatArray, near: FloatArray | None) -> FloatArray:
         weights = self._smooth(seen) if near is None else near
@@ -129,11 +116,33 @@ class FollowingFast(FastTraining):
 
     def _seen(self, solution: FloatArray) -> Seen:
         seen = super()._seen(solution)
-        return replace(seen, whole=self._projection.seen(seen.hidden))
+        return self._seen_with(replace(seen, whole=self._projection.seen(seen.hidden)), solution)
 
     def _seen_with(self, seen: Seen, solution: FloatArray) -> Seen:
-        """What the output layer sees for other parameters: the same."""
-        return seen
+        """The same with Φ at t - d, where the model has a delay; at first that of t = 0."""
+        if "delay" not in self.terms:
+            return seen
+        time, delays = self.segment.time, self.model.term(self._theta(solution), "delay")
+        earlier = (self._projection.seen_at(np.maximum(time - d, 0.0)) for d in delays)
+        return replace(seen, earlier=tuple(earlier))
+
+    def _motion(self, seen: Seen, weights: FloatArray) -> Motion:
+        motion = super()._motion(seen, weights)
+        if not seen.earlier:
+            return motion
+        places = np.transpose(command_columns(self.followers))
+        parts = [columns @ weights[:, k] for columns, k in zip(seen.earlier, places, strict=True)]
+        earlier, rates = np.stack(parts, axis=3).transpose(1, 2, 0, 3)
+        return motion._replace(earlier=earlier, earlier_rates=rates)
+
+    def _motion_of_hidden(self) -> Callable[[Any], Motion]:
+        motion_at = super()._motion_of_hidden()
+        if "delay" not in self.terms:
+            return motion_at
+        self.network.set_output(self._best.weights)
+        time, theta = torch.tensor(self.segment.time), self._theta(self._best.solution)
+        delays = self.model.term(theta, "delay")
+        return lambda pick: motion_at(pick).with_earlier(self._learnable, time[pick], delays)
 
     def _solved(self, at: Optimum) -> Optimum:
         """A step that lowers the objective, in W and z."""
@@ -153,8 +162,13 @@ class FollowingFast(FastTraining):
         return at
 
     def _errors(self, at: Optimum) -> float:
-        """M of the module's head."""
-        return self.segment.window.duration / MEMORY
+        """The m of the module's head."""
+        lasting = self.segment.window.duration / MEMORY
+        if not self.model.is_late:
+            return lasting
+        loss = self._loss(at)
+        fitted = loss.total - loss.physics
+        return float(loss.total / (loss.physics / lasting + fitted / self.segment.samples))
 
     def _objective(self, at: Optimum, errors: float) -> float:
         fitted = errors * self.followers * np.log(self._loss(at).total)
@@ -175,7 +189,15 @@ class FollowingFast(FastTraining):
             command([*at[:k], at[k] + 1j * COMPLEX_STEP, *at[k + 1 :]]).imag / COMPLEX_STEP
             for k in range(len(at))
         ]
-        return command(at), np.array(slopes)
+        value, derivatives = command(at), np.array(slopes)
+        if self.model.is_late:  # the last is minus that of the residual by the lag or the delay
+            if motion.earlier is None:
+                rate = motion.bends[:, command_columns(self.followers)[1]]
+            else:
+                rate = (derivatives[:3] * motion.earlier_rates).sum(axis=0)
+            last = self.model.parameters[-1].value(z[:, -1] + 1j * COMPLEX_STEP)
+            derivatives[-1] = -rate * (last.imag / COMPLEX_STEP)
+        return value, derivatives
 
     def _linear(self, at: Optimum, prior: float = 1.0) -> tuple[FloatArray, FloatArray, FloatArray]:
         """w₀ and Y (K, 2M+1, 1 + S n), and gradient and curvature of the profile by all z."""
@@ -246,116 +268,3 @@ class FollowingFast(FastTraining):
                 vehicle = self.segment.vehicles[k + 1] if self.case == "II" else 0
                 findings.append(Undetermined(vehicle, self.model.title, symbols))
         return findings
-
-
-class FollowingPaper(PaperTraining):
-    """`paper` for any model: z (S, n) by gradient in place of α, β, τ, within the bounds."""
-
-    model: FollowingModel
-
-    def __init__(
-        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
-    ) -> None:
-        """Begin at the user's initial values or at typical ones, with curves near the data's mean.
-
-        A model may have no acceleration at the gap of zero with which the paper's network begins.
-        """
-        self.model = FOLLOWING[law.model]
-        self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
-        super().__init__(segment, case, config, threads)
-        self.network.output.bias[:] = self.measured.mean(axis=0)
-        self._note("Adam")
-
-    def _initial(self) -> FloatArray:
-        return initial_scores(self.model, self.config, self._bounds)
-
-    def _now(self) -> Parameters:
-        theta = values_of(self.model, self._parameters.detach().numpy(), self.followers)
-        return self.model.linearisations(theta, self._speeds)
-
-    @torch.no_grad()
-    def _clip(self) -> None:
-        self._parameters.clamp_(*map(torch.from_numpy, self._bounds))
-
-    def _theta(self) -> Tensor:
-        """(n, M) the present parameters."""
-        z = self._parameters.clamp(*map(torch.from_numpy, self._bounds))
-        each = z.expand(self.followers, z.shape[1]).T
-        named = zip(self.model.parameters, each, strict=True)
-        return torch.stack([parameter.value(part, torch) for parameter, part in named])
-
-    def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
-        return Solution.of(self._now().theta)
-
-    def fit(self) -> Fit:
-        """The surrogate on all instants, the parameters, and the losses on both parts."""
-        return replace(super().fit(), parameters=self._now(), unconstrained=None)
-
-
-class LateFast(FollowingFast):
-    """The preset `fast` for models with a lag λ or a delay d between command f and acceleration.
-
-    To the Gauss-Newton step above they add
-
-        lag      λ v̂'' + v̂' - f            D: λ Φ''                       F: -v̂''
-        delay    v̂' - f(p̂, v̂, û at t - d)   D: f's slopes and Φ at t - d   F: -df/dt at t - d
-
-    As some tenths of a second are sought, noise of the measurements is taken as independent from
-    sample to sample, so that the number of independent errors is
-
-        m = Ψ / (Ψ_F / m_F + (Ψ - Ψ_F) / N),    m_F = duration / `MEMORY`
-
-    With m_F in its place the prior moved a lag of 0.8 s to 0.5 s in 300 s that obey the model.
-    Without the prior, lags and delays of real cars, whose residuals last, would end at their
-    bounds.
-    """
-
-    def _move(self, now: FloatArray, before: FloatArray) -> float:
-        """Largest change of a parameter, as a share of its value where that is positive."""
-        shares = [p.spread if p.is_positive else 1.0 for p in self.model.parameters]
-        return float((np.abs(now - before) * shares).max())
-
-    def _seen(self, solution: FloatArray) -> Seen:
-        return self._seen_with(super()._seen(solution), solution)
-
-    def _seen_with(self, seen: Seen, solution: FloatArray) -> Seen:
-        """The same with Φ at t - d, where the model has a delay; at first that of t = 0."""
-        if "delay" not in self.terms:
-            return seen
-        time, delays = self.segment.time, self.model.term(self._theta(solution), "delay")
-        earlier = (self._projection.seen_at(np.maximum(time - d, 0.0)) for d in delays)
-        return replace(seen, earlier=tuple(earlier))
-
-    def _motion(self, seen: Seen, weights: FloatArray) -> Motion:
-        motion = super()._motion(seen, weights)
-        if not seen.earlier:
-            return motion
-        places = np.transpose(command_columns(self.followers))
-        parts = [columns @ weights[:, k] for columns, k in zip(seen.earlier, places, strict=True)]
-        earlier, rates = np.stack(parts, axis=3).transpose(1, 2, 0, 3)
-        return motion._replace(earlier=earlier, earlier_rates=rates)
-
-    def _motion_of_hidden(self) -> Callable[[Any], Motion]:
-        motion_at = super()._motion_of_hidden()
-        if "delay" not in self.terms:
-            return motion_at
-        self.network.set_output(self._best.weights)
-        time, theta = torch.tensor(self.segment.time), self._theta(self._best.solution)
-        delays = self.model.term(theta, "delay")
-        return lambda pick: motion_at(pick).with_earlier(self._learnable, time[pick], delays)
-
-    def _errors(self, at: Optimum) -> float:
-        loss, lasting = self._loss(at), super()._errors(at)
-        fitted = loss.total - loss.physics
-        return float(loss.total / (loss.physics / lasting + fitted / self.segment.samples))
-
-    def _expanded(self, motion: Motion, z: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The last derivative is minus that of the residual by the lag or the delay."""
-        value, slopes = super()._expanded(motion, z)
-        if motion.earlier is None:
-            rate = motion.bends[:, command_columns(self.followers)[1]]
-        else:
-            rate = (slopes[:3] * motion.earlier_rates).sum(axis=0)
-        moved = self.model.parameters[-1].value(z[:, -1] + 1j * COMPLEX_STEP).imag / COMPLEX_STEP
-        slopes[-1] = -rate * moved
-        return value, slopes

@@ -138,6 +138,7 @@ def loss_terms(
     config: PinnConfig,
     mask: Array | None = None,
     model: FollowingModel | None = None,
+    lags: Any = 0.0,
 ) -> LossTerms:
     """Ψ of a surrogate; the first row must be the first instant where Ψ_R is used.
 
@@ -147,7 +148,8 @@ def loss_terms(
         theta: (M, 3) α, ατ, β per follower, or (n, M) the parameters of another model.
         config: holds the weights Q, R, S.
         mask: (N, M) 1 where the residual of dv/dt counts, else 0; None where it does throughout.
-        model: the model, unless it is the paper's.
+        model: the model, unless it is the CTHP with α, ατ, β.
+        lags: (M,) λ of that CTHP; all others have theirs among their parameters.
     """
     own_columns = output_columns(motion.outputs.shape[1] // 2)[0][1:]
     gap, own, ahead = motion.commanding
@@ -156,9 +158,10 @@ def loss_terms(
         command = alpha * gap - alpha_tau * own + beta * (ahead - own)
     else:
         command = model.acceleration(gap, own, ahead, theta, library_of(motion.outputs))
+        lags = model.term(theta, "lag")
     residual = motion.rates[:, own_columns] - command
-    if model and motion.bends is not None:
-        residual = residual + model.term(theta, "lag") * motion.bends[:, own_columns]
+    if motion.bends is not None:
+        residual = residual + lags * motion.bends[:, own_columns]
     return weighted_terms(motion, residual, measured, config, mask)
 
 

@@ -62,7 +62,7 @@ class Network:
         self._duration = duration
         self._angular = config.angular_frequencies(duration)
         skipped = 2 * len(self._angular) + 1 if len(self._angular) else 0
-        sizes = (skipped or 1, *config.hidden)
+        sizes = (skipped or 1, *config.layers * [config.width])
         dice = np.random.RandomState(config.seed)
         self.hidden = [_layer(*pair, dice) for pair in pairwise(sizes)]
         dice = np.random.RandomState((config.seed + 1) % 2**32)

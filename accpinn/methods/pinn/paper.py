@@ -5,9 +5,13 @@ precision; network weights and (α, β, τ) are learned together by Adam, then, 
 L-BFGS. The time derivative is the exact tangent, not nested differentiation (`network`): the
 mathematics is the same, an iteration costs less. After each iteration α, β and τ are clipped at
 zero, the rational driving constraints.
+
+In place of α, β and τ another model has z, its parameters in standard deviations of their priors
+(see `model.following`), which are clipped at its bounds.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +20,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.optim.adam import adam
 
+from accpinn.errors import ConfigError
+from accpinn.methods import Law
 from accpinn.methods.fit import Checkpoint, Fit, HoldoutLoss
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
@@ -28,8 +34,11 @@ from accpinn.methods.pinn.loss import (
 )
 from accpinn.methods.pinn.network import Network, State
 from accpinn.methods.regression import Regression, Solution
+from accpinn.methods.simulation import bounds_of
 from accpinn.model.cthp import Case, Parameters, Trajectories
-from accpinn.segment import Segment
+from accpinn.model.following import FollowingModel
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask
 
 Part = tuple[Tensor, Tensor, Tensor | None]
@@ -77,19 +86,58 @@ class Adam:
                 values.copy_(torch.tensor(state[f"adam.{k}.{part}"]))
 
 
+def initial_scores(model: FollowingModel, config: PinnConfig, bounds: FloatArray) -> FloatArray:
+    """(n,) z of the user's initial values, or of typical ones for what has none.
+
+    Raises:
+        ConfigError: where these are not the model's.
+    """
+    own, named = config.initial.own, model.parameters
+    if model.key in CTHPS:
+        ends = np.array([(p.lower, p.upper) for p in named])
+        own = np.clip([*config.initial.values, *model.typical[3:]], *ends.T)
+    elif not own.size:
+        return np.clip(np.zeros(len(named)), *bounds)
+    if len(own) != len(named) or any(
+        not p.lower <= value <= p.upper for p, value in zip(named, own, strict=True)
+    ):
+        allowed = ", ".join(f"{p.name} {p.lower:g} to {p.upper:g}" for p in named)
+        raise ConfigError(f"initial: {model.title} begins with {len(named)} numbers: {allowed}.")
+    scores = np.array([p.score(value) for p, value in zip(named, own, strict=True)])
+    return np.asarray(np.clip(scores, *bounds))
+
+
+def values_of(model: FollowingModel, z: FloatArray, followers: int) -> FloatArray:
+    """(n, M) parameters at z (S, n), one row a follower or one for all."""
+    return model.values_at(np.broadcast_to(z, (followers, z.shape[1])))
+
+
 class PaperTraining(Training):
     """See the module's head; one `advance` is `CHUNK` iterations."""
 
     has_checkpoints = True
 
-    def __init__(self, segment: Segment, case: Case, config: PinnConfig, threads: int = 1) -> None:
-        """Build network, parameters and the split into training and test instants."""
+    def __init__(
+        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
+    ) -> None:
+        """Build network, parameters and the split into training and test instants.
+
+        As another model may have no acceleration at the gap of zero with which the paper's network
+        begins, its curves begin near the data's mean.
+        """
+        self.model = None if law.model == PAPER else FOLLOWING[law.model]
         super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
+        initial, bounds = config.initial.values, np.array([3 * [0.0], 3 * [np.inf]])
+        if self.model:
+            bounds = bounds_of(self.model, law.held)
+            initial = initial_scores(self.model, config, bounds)
+            self.network.output.bias[:] = self.measured.mean(axis=0)
+        self._bounds = [*map(torch.from_numpy, bounds)]
         sets = 1 if case == "I" else self.followers
-        initial = np.tile(self._initial(), (sets, 1))
-        self._parameters = torch.tensor(initial, requires_grad=True)  # (sets, 3) α, β, τ
+        self._parameters = torch.tensor(np.tile(initial, (sets, 1)), requires_grad=True)
+        """(sets, 3) α, β, τ, or (sets, n) z."""
         self._learnable = self.network.learnable()
         self._unknowns = [*self._learnable.weights(), self._parameters]
         self._adam = Adam(self._unknowns)
@@ -140,22 +188,26 @@ class PaperTraining(Training):
         self._clip()
         self._iteration += iterations
 
-    def _initial(self) -> FloatArray:
-        """(n,) what training begins with."""
-        return self.config.initial.values
-
     def _now(self) -> Parameters:
-        """(sets,) the present parameters."""
-        return Parameters.of(self._parameters.detach().numpy())
+        """(sets,) the present parameters; (M,) those of another model."""
+        values = self._parameters.detach().numpy()
+        if not self.model:
+            return Parameters.of(values)
+        theta = values_of(self.model, values, self.followers)
+        return self.model.linearisations(theta, median_speeds((self.segment,)))
 
     @torch.no_grad()
     def _clip(self) -> None:
-        self._parameters.clamp_(min=0.0)
+        self._parameters.clamp_(*self._bounds)
 
     def _theta(self) -> Tensor:
-        """(M, 3) α, ατ, β of the present parameters, also where a line search tries some < 0."""
-        alpha, beta, tau = self._parameters.clamp(min=0.0).expand(self.followers, 3).T
-        return torch.stack([alpha, alpha * tau, beta], 1)
+        """(M, 3) α, ατ, β or (n, M) those of another model; a line search may leave the bounds."""
+        each = self._parameters.clamp(*self._bounds).expand(self.followers, -1).T
+        if not self.model:
+            alpha, beta, tau = each
+            return torch.stack([alpha, alpha * tau, beta], 1)
+        named = zip(self.model.parameters, each, strict=True)
+        return torch.stack([parameter.value(part, torch) for parameter, part in named])
 
     def _loss(self, part: Part | None = None) -> LossTerms:
         """Ψ of the training instants, or of others."""
@@ -183,7 +235,7 @@ class PaperTraining(Training):
             loss |= {"test_data": kept_out["data"], "test_physics": kept_out["physics"]}
             instants = int(self._test.sum())
             findings = (HoldoutLoss(instants, kept_out["data"], kept_out["physics"]),)
-        return self._fit(
+        fit = self._fit(
             self._solution(outputs, rates),
             trajectories(self.segment.time, outputs),
             loss,
@@ -191,6 +243,7 @@ class PaperTraining(Training):
             arrays=arrays,
             findings=findings,
         )
+        return replace(fit, parameters=self._now(), unconstrained=None) if self.model else fit
 
     def _at(self, instants: Mask) -> Part:
         mask = None if self.mask is None else torch.from_numpy(self.mask[instants])
@@ -199,6 +252,8 @@ class PaperTraining(Training):
 
     def _solution(self, outputs: FloatArray, rates: FloatArray) -> Solution:
         """The learned parameters; where one was clipped, least squares on the surrogate beside."""
+        if self.model:
+            return Solution.of(self._now().theta)
         theta = self._theta().detach().numpy()
         active = theta == 0
         if not active.any() or not np.isfinite(rates).all():

@@ -201,9 +201,15 @@ def _joined(first: FloatArray, cross: FloatArray, last: FloatArray) -> FloatArra
 
 def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:
     """The output layer W (K, 2M+1) that minimises Ψ for the parameters θ (M, 3)."""
+    kinematic = gap_blocks(sums, config)
 
     def blocks(follower: int) -> FloatArray:
-        return _follower_blocks(sums, follower, theta[follower], config)
+        """The follower's squared residuals of both equations."""
+        alpha, alpha_tau, beta = theta[follower]
+        dynamic = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
+        squares = _squares(dynamic, config.weight_physics[1], sums.dynamic_grams[follower])
+        squares += kinematic
+        return squares
 
     return solve_chain(sums, blocks, data_moments(sums, config)[..., None], config)[..., 0]
 
@@ -270,31 +276,14 @@ def solve_chain(
     return weights
 
 
-def _follower_blocks(
-    sums: NormalEquations, follower: int, theta: FloatArray, config: PinnConfig
-) -> FloatArray:
-    """(3K, 3K) a follower's squared residuals, by its speed, its gap and the speed ahead."""
-    alpha, alpha_tau, beta = theta
-    acceleration = np.array([[alpha_tau + beta, -alpha, -beta], [1.0, 0.0, 0.0]])
-    q_gap, q_speed = config.weight_physics
-    forms = (
-        q_gap * np.multiply.outer(_GAP_RATE, _GAP_RATE),
-        q_speed * np.multiply.outer(acceleration, acceleration),
-    )
-    dynamic = sums.dynamic_grams[follower]
-    if dynamic is sums.grams:
-        return _squares(forms[0] + forms[1], dynamic)
-    return gap_blocks(sums, config) + _squares(forms[1], dynamic)
-
-
 def gap_blocks(sums: NormalEquations, config: PinnConfig) -> FloatArray:
     """The part of a follower's blocks that comes from the rate of its gap."""
-    return _squares(config.weight_physics[0] * np.multiply.outer(_GAP_RATE, _GAP_RATE), sums.grams)
+    return _squares(_GAP_RATE, config.weight_physics[0], sums.grams)
 
 
-def _squares(form: FloatArray, grams: FloatArray) -> FloatArray:
-    """(3K, 3K) the squares of a residual whose form is (2, 3, 2, 3)."""
-    size = 3 * grams.shape[2]
+def _squares(residual: FloatArray, weight: float, grams: FloatArray) -> FloatArray:
+    """(3K, 3K) the weighted square of a residual (2, 3) of values and rates, as `_GAP_RATE` is."""
+    size, form = 3 * grams.shape[2], weight * np.multiply.outer(residual, residual)
     return np.tensordot(form, grams, ((0, 2), (0, 1))).swapaxes(1, 2).reshape(size, size)
 
 

@@ -14,7 +14,7 @@ from functools import cache, partial
 from importlib import import_module
 from math import sqrt
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +45,6 @@ from accpinn.model.registry import PAPER as PAPER_MODEL
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
-Running = TypeVar("Running", bound=Training)
 MOST_THREADS = 4 * (os.cpu_count() or 2)
 CURVE_EVERY = 1.0
 """Seconds between two moments that carry the surrogate's curves, which cost an evaluation."""
@@ -124,18 +123,20 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
 
 @_needing_torch()
 def training(
-    segment: Segment,
+    segments: tuple[Segment, ...],
     case: Case,
     settings: PinnConfig | None,
     context: TaskContext,
     law: Law = PAPERS,
-) -> Fit:
+) -> tuple[Fit, ...]:
     """Learn the parameters of a segment with the physics-inspired neural network.
 
-    Whatever ends it leaves a checkpoint, from which a training with the same settings goes on.
+    Whatever ends it leaves a checkpoint, from which a training with the same settings goes on. The
+    evidences of several segments add up, in the preset `calibrated` alone. The first is trained as
+    one is; the others are drawn with its parameters. A stop leaves fewer fits than segments.
 
     Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
+        segments: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         case: "I" for one parameter set, "II" for one per follower.
         settings: None for those of the preset `fast`.
         context: checkpoints, threads (by default as many as help, at most four), progress, stop.
@@ -143,73 +144,50 @@ def training(
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
-        ConfigError: when the number of threads is no sensible one.
-        SegmentError: when the segment is too long to be trained on.
+        ConfigError: when the number of threads is no sensible one, or the preset takes one window.
+        SegmentError: when a segment is too long to be trained on.
     """
     config = settings or FAST
-    threads = _threads(config.preset, context)
-    require_memory(segment, config, law.model)
-    begin = partial(_begun, segment, case, config, threads, law)
-    return _driven(begin, context)[1]
-
-
-def _begun(segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law) -> Training:
-    """The preset's training; `calibrated` needs no PyTorch."""
-    if config.preset == "calibrated":
-        return CalibratedTraining(segment, case, config, law)
-    import_module("torch")
-    if law.model != PAPER_MODEL:
-        from accpinn.methods.pinn.following import FollowingFast, FollowingPaper, LateFast
-
-        fast = LateFast if FOLLOWING[law.model].is_late else FollowingFast
-        kind = fast if config.preset == "fast" else FollowingPaper
-        return kind(segment, case, config, threads, law)
-    if config.preset == "fast":
-        from accpinn.methods.pinn.fast import FastTraining
-
-        return FastTraining(segment, case, config, threads)
-    from accpinn.methods.pinn.paper import PaperTraining
-
-    return PaperTraining(segment, case, config, threads)
-
-
-def _together(
-    segments: tuple[Segment, ...],
-    case: Case,
-    settings: PinnConfig | None,
-    context: TaskContext,
-    law: Law,
-) -> tuple[Fit, ...]:
-    """The fits of several windows, whose evidences add up; of the preset `calibrated` alone.
-
-    The first is trained as one window is; the others are drawn with its parameters. A stop leaves
-    fewer fits than windows.
-
-    Raises:
-        ConfigError: for another preset.
-    """
-    config = settings or CALIBRATED
-    if config.preset != "calibrated":
+    if len(segments) > 1 and config.preset != "calibrated":
         raise ConfigError(
             f"windows: the preset {config.preset} takes one window, as in the paper; choose the"
             " preset calibrated, maximum-likelihood, or one window."
         )
-    _threads(config.preset, context)
+    threads = _threads(config.preset, context)
     for segment in segments:
         require_memory(segment, config, law.model)
-    begin = partial(CalibratedTraining, segments[0], case, config, law, segments)
-    training, first = _driven(begin, context)
-    fits = [first]
+    training, fit = _driven(partial(_begun, segments, case, config, threads, law), context)
+    fits = [fit]
     for segment in segments[1:]:
-        if first.outcome is Outcome.STOPPED or context.is_stopped:
+        if fit.outcome is Outcome.STOPPED or context.is_stopped:
             break
-        started = time.perf_counter()
-        fit = training.drawn(segment)
-        fits.append(replace(fit, seconds=time.perf_counter() - started))
+        assert isinstance(training, CalibratedTraining)
+        fits.append(replace(training.drawn(segment), seconds=fit.seconds))
     return tuple(fits)
 
 
-def _driven(begin: Callable[[], Running], context: TaskContext) -> tuple[Running, Fit]:
+def _begun(
+    segments: tuple[Segment, ...], case: Case, config: PinnConfig, threads: int, law: Law
+) -> Training:
+    """The preset's training; `calibrated` needs no PyTorch."""
+    if config.preset == "calibrated":
+        return CalibratedTraining(segments, case, config, law)
+    (segment,) = segments
+    import_module("torch")
+    if config.preset == "paper":
+        from accpinn.methods.pinn.paper import PaperTraining
+
+        return PaperTraining(segment, case, config, threads, law)
+    if law.model == PAPER_MODEL:
+        from accpinn.methods.pinn.fast import FastTraining
+
+        return FastTraining(segment, case, config, threads)
+    from accpinn.methods.pinn.following import FollowingFast
+
+    return FollowingFast(segment, case, config, threads, law)
+
+
+def _driven(begin: Callable[[], Training], context: TaskContext) -> tuple[Training, Fit]:
     """Drive a training to its end, or from its last checkpoint on."""
     started = saved = drawn = time.perf_counter()
     training, recorder, earlier = begin(), Recorder(), 0.0
@@ -357,6 +335,6 @@ METHOD = Method(
     variant=_variant,
     duration=typical_seconds,
     redraw=redraw,
-    together=_together,
+    takes_windows=True,
     models=_models,
 )
