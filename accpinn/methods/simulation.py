@@ -431,15 +431,13 @@ def fit(
     model, speeds = FOLLOWING[law.model], median_speeds(segments)
     theta = np.full((len(model.parameters), segment.followers), np.nan)
     findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
-    symbols, converged = tuple(p.symbol for p in model.parameters), True
+    converged = True
     for row, best in estimates(segments, case, law):
         theta[:, row] = best.theta[:, None]
         converged &= best.converged
         if best.undetermined:
             vehicle = 0 if segment.shares(case) else segment.vehicles[row[0] + 1]
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
-    for k in np.flatnonzero(np.isnan(theta).all(axis=0)):
-        findings.append(Undetermined(segment.vehicles[k + 1], model.title, symbols))
     gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
     for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
         pair = segment.pair(int(k))
@@ -455,7 +453,7 @@ def fit(
         Outcome.CONVERGED if converged else Outcome.FINISHED,
         0.0,
         {"starts": starts_of(model)},
-        {"total": float(known_mean(errors.ravel()))},
+        {"total": float(known_mean(errors[segment.counts]))},
         findings=tuple(findings),
     )
 
