@@ -98,10 +98,12 @@ def show_page() -> None:
         return
     places = words.Places(chosen.spoken) if figures.is_in_order(chosen, order) else words.PLACES
     cast = figures.cast_of(chosen, order)
+    is_of_them = recorded is not None and cast.labels[1:] == recorded.labels[1:]
+    themselves = recorded if is_of_them else None
     _show_answer(workspace, source, run, places, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
-        "Amplitudes": lambda: _show_amplitudes(workspace, run, cast),
+        "Amplitudes": lambda: _show_amplitudes(workspace, run, cast, themselves),
         "Map of speeds": lambda: _show_map(run, cast),
         "Animation": lambda: _show_animation(run, cast),
         PANELS: _show_panels,
@@ -335,7 +337,9 @@ def _frequency(
 # Tabs
 
 
-def _show_amplitudes(workspace: Workspace, run: PlatoonRun, cast: figures.Cast) -> None:
+def _show_amplitudes(
+    workspace: Workspace, run: PlatoonRun, cast: figures.Cast, recorded: Segment | None
+) -> None:
     """Amplitudes along the platoon, on the user's scale, beside their table."""
     left, right = st.columns(2, gap="large")
     wave = run.amplitudes
@@ -348,9 +352,9 @@ def _show_amplitudes(workspace: Workspace, run: PlatoonRun, cast: figures.Cast) 
                 when = "after" if wave.free else "within"
                 more = "" if wave.free else ": simulate longer"
                 st.caption(f"Measured over the last {periods}, {when} the transient{more}.")
-        show.chart(figures.amplitude_by_vehicle(run, cast, in_db), "platoon_amplitude")
+        show.chart(figures.amplitude_by_vehicle(run, cast, in_db, recorded), "platoon_amplitude")
     with right:
-        table = amplitude_table(run, cast.labels)
+        table = amplitude_table(run, cast.labels, recorded)
         show.table(table, cast.colours)
         if run.collisions:
             st.caption("A dash: the vehicle, or one ahead of it, has collided.")

@@ -303,27 +303,34 @@ def _draw_tracks(
                   hoverinfo="skip", line={"color": colour, "width": 3})  # fmt: skip
 
 
-def amplitude_by_vehicle(run: PlatoonRun, cast: Cast, in_db: bool) -> go.Figure:
+def amplitude_by_vehicle(
+    run: PlatoonRun, cast: Cast, in_db: bool, recorded: Segment | None = None
+) -> go.Figure:
     """The amplitude at each vehicle: simulated, and for a sinusoid predicted by |H(jω)|.
 
-    For a vehicle that does not drive to the end it is the largest deviation so far.
+    For a vehicle that does not drive to the end it is the largest deviation so far. Beside a run
+    behind a recorded leader stands what the vehicles themselves did.
     """
     wave, driving = run.amplitudes, run.survivors
     measured = wave.measured if wave else run.largest_deviation
     places, collided = np.arange(len(cast.labels)), driving < len(cast.labels)
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
     chart = style.Chart(
-        "platoon-amplitude", 380, hovermode="closest", showlegend=bool(wave) or collided,
+        "platoon-amplitude", 380, hovermode="closest",
+        showlegend=bool(wave or recorded) or collided,
         legend=style.LEGEND | {"y": 1.0}, margin={"l": 62, "r": 14, "t": 40, "b": 42},
     )  # fmt: skip
     if wave:
         hover = f"predicted %{{y:.3f}} {unit}<extra></extra>"
         chart.line(places, scaled(wave.predicted), "Predicted by |H(jω)|", width=2.5, hover=hover)
     names = np.array([html.escape(label) for label in cast.labels])
+    away = recorded.measured_speeds - run.leader.speed if recorded else np.empty((1, 0))
+    moved = np.fmax.reduce(np.abs(away))
     for name, values, part, symbol in (
         ("Simulated", measured, slice(None, driving), "circle"),
         ("Largest deviation before the collision", run.largest_deviation, slice(driving, None),
          "circle-open"),
+        ("Recorded", moved, slice(0, len(moved)), "diamond-open"),
     ):  # fmt: skip
         if len(places[part]):
             chart.line(

@@ -23,6 +23,7 @@ from accpinn.results.tables import (
     percent_cells,
 )
 from accpinn.results.vehicles import KnownVehicles
+from accpinn.segment import Segment
 from accpinn.stability import Assessment, StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.units import FloatArray
@@ -138,7 +139,9 @@ def _posterior(
         yield Column(VERDICT, group=group), words
 
 
-def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
+def amplitude_table(
+    run: PlatoonRun, labels: Sequence[str] = (), recorded: Segment | None = None
+) -> Table:
     """One row a vehicle, leader first: behind a sinusoid amplitudes, and else largest deviations.
 
     A vehicle that collides, and each one behind it, has no amplitude and no smallest gap; where it
@@ -147,6 +150,7 @@ def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     Args:
         run: a simulated platoon.
         labels: (M+1,) of the vehicles; by default their places.
+        recorded: the window in which the vehicles themselves drove behind the run's leader.
     """
     waves, driving, followers = run.amplitudes, run.survivors, len(run.minimum_gap)
     labels = labels or ["Leader", *(f"Follower {k + 1}" for k in range(followers))]
@@ -161,9 +165,17 @@ def amplitude_table(run: PlatoonRun, labels: Sequence[str] = ()) -> Table:
     gaps += (followers + 1 - len(gaps)) * [None]
     for hit in run.contacts:
         gaps[hit.follower] = f"collides at {hit.time:.0f} s"
-    return Table.of(
-        "", [(Column("Vehicle"), labels), *sizes, (Column("Smallest gap", "m", 2), gaps)]
-    )
+    filled: list[Filled] = [*sizes, (Column("Smallest gap", "m", 2), gaps)]
+    if recorded:
+        moved = np.abs(recorded.measured_speeds - run.leader.speed)
+        extremes = np.fmax.reduce(moved), [None, *np.fmin.reduce(recorded.measured_gaps).tolist()]
+        beside = zip(filled, extremes, strict=True)
+        filled = [
+            (replace(column, title=title, group=column.title), cells)
+            for (column, simulated), measured in beside
+            for title, cells in (("Simulated", simulated), ("Recorded", measured))
+        ]
+    return Table.of("", [(Column("Vehicle"), labels), *filled])
 
 
 def measured_gain_table(label: str, measured: MeasuredGain) -> Table:

@@ -18,9 +18,10 @@ from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, ParameterSet
 from accpinn.platoon import simulate_platoon
-from accpinn.platoon.leader import Sinusoid, SpeedStep
+from accpinn.platoon.leader import Recorded, Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
+from accpinn.results.figures.platoon import amplitude_by_vehicle, cast_of
 from accpinn.results.recording import quality_table
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
@@ -246,6 +247,19 @@ def test_the_measured_gain_as_a_table() -> None:
     assert len(table.rows) == len(found.omega)
     assert table.rows[3][1] == Estimate(found.gain[3], found.lower[3], found.upper[3])
     assert table.to_latex().isascii()
+
+
+def test_behind_a_recorded_leader_what_the_vehicles_did_stands_beside() -> None:
+    leader = Recorded(SEGMENT.time, SEGMENT.speeds[:, 0])
+    run = simulate_platoon(LEARNED, leader)
+    table, moved = amplitude_table(run, (), SEGMENT), "Largest deviation"
+    assert column(table, "Simulated", moved) == run.largest_deviation.tolist()
+    away = np.abs(SEGMENT.speeds - SEGMENT.speeds[0, 0]).max(axis=0)
+    np.testing.assert_allclose(column(table, "Recorded", moved), away)
+    assert column(table, "Recorded", "Smallest gap") == [None, *SEGMENT.gaps.min(axis=0)]
+    drawn = amplitude_by_vehicle(run, cast_of(ASTAZERO, (0, 1)), False, SEGMENT)
+    (beside,) = (trace for trace in drawn.data if trace.name == "Recorded")
+    np.testing.assert_allclose(beside.y, away)
 
 
 def test_amplitudes_and_smallest_gaps() -> None:
