@@ -109,7 +109,7 @@ def show_page() -> None:
     about.caption(frame.segment_line(segment, workspace.case))
     _controls(workspace, segment)
     if task:
-        monitor(workspace, task, lambda running: _show(workspace, task, segment, running))
+        monitor(task, lambda running: _show(workspace, task, segment, running))
     elif workspace.starts or (workspace.earlier and not workspace.restored):
         follower = pick_follower(segment.labels[1:], "compare_follower")
         _show_repeatability(_Shown(workspace, segment, (), follower))
@@ -477,7 +477,7 @@ def _show_starts(shown: _Shown) -> None:
                 show.downloads(table, f"{shown.stem}_starts", "compare_starts")
             show.messages(messages(spread.findings, segment))
 
-    monitor(workspace, task, draw)
+    monitor(task, draw)
 
 
 def _show_earlier(shown: _Shown) -> None:

@@ -20,7 +20,7 @@ from accpinn.tasks import Status
 from accpinn.tasks.batches import DownloadTask
 from pages.ui.components import show
 from pages.ui.components.frame import TURN
-from pages.ui.components.monitor import stop_button, watch
+from pages.ui.components.monitor import poll, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ask_for_columns
 from pages.ui.session import resources
@@ -236,7 +236,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     submitted = resources.download_queue().of(workspace.id, "download")
     task = submitted if isinstance(submitted, DownloadTask) else None
     if task and task.is_active:
-        watch(task, lambda: _line_of(task))
+        poll(task, lambda _: st.progress(task.share, _line_of(task)))
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button(
