@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -32,7 +33,7 @@ from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, refused_among, spread_of
 from accpinn.study.result import Parts, Result
-from accpinn.tasks import comparison_seconds
+from accpinn.tasks import Task, comparison_seconds
 from accpinn.units import FloatArray, MetresPerSecond, known_mean
 from pages.ui import models
 from pages.ui.components import frame, show
@@ -108,7 +109,7 @@ def show_page() -> None:
     about.caption(frame.segment_line(segment, workspace.case))
     _controls(workspace, segment)
     if task:
-        monitor(workspace, task, lambda running: _show(workspace, segment, running))
+        monitor(task, lambda running: _show(workspace, task, segment, running))
     elif workspace.starts or (workspace.earlier and not workspace.restored):
         follower = pick_follower(segment.labels[1:], "compare_follower")
         _show_repeatability(_Shown(workspace, segment, (), follower))
@@ -152,15 +153,13 @@ def _controls(workspace: Workspace, segment: Segment) -> None:
         st.rerun()
 
 
-def _show(workspace: Workspace, segment: Segment, running: bool) -> None:
+def _show(workspace: Workspace, task: Task[Any], segment: Segment, running: bool) -> None:
     """The rows so far; what takes a choice or a while only comes once all have ended."""
-    if workspace.comparison is None:
-        return
     if running:
         if workspace.compared:
             show.table(tables.methods_table(segment.info, workspace.compared, 0))
         return
-    _show_failures(refused_among(workspace.comparison.results))
+    _show_failures(refused_among(task.results))
     if not workspace.compared:
         return
     rows = workspace.compared_with_training()
@@ -478,7 +477,7 @@ def _show_starts(shown: _Shown) -> None:
                 show.downloads(table, f"{shown.stem}_starts", "compare_starts")
             show.messages(messages(spread.findings, segment))
 
-    monitor(workspace, task, draw)
+    monitor(task, draw)
 
 
 def _show_earlier(shown: _Shown) -> None:

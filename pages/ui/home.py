@@ -28,8 +28,6 @@ from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_s
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import compare_two, restore_run, show_entries
 
-TURN = "home_turn"
-"""The choice that leads to page Train, once a run has been restored."""
 CARDS = 5
 """In a row."""
 MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
@@ -89,12 +87,10 @@ def _continue(workspace: Workspace, recent: list[tuple[str, Shown]]) -> None:
 def _show_runs(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
     def restore(entry: Entry) -> None:
         restore_run(workspace, entry.id)
-        workspace.choices[TURN] = True
+        st.session_state[frame.TURN] = frame.TRAIN
 
     show_entries(entries, "home_runs", restore, help="Shows this run on every page.")
     compare_two(workspace, entries, "home_runs")
-    if workspace.choices.pop(TURN, False):
-        frame.go(frame.TRAIN, workspace)
 
 
 def _button(
@@ -114,8 +110,7 @@ def _button(
 def _ways_in(workspace: Workspace) -> None:
     left, right = st.columns((2, 1), gap="large")
     with left.container(key="home_drop"):
-        if drop_zone(workspace, announce=True):
-            frame.go(frame.DATA, workspace)
+        drop_zone(workspace, then=frame.DATA)
     with right:
         _button(
             workspace, "Train a sample now", frame.TRAIN, "train", width="stretch", type="primary",

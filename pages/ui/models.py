@@ -67,7 +67,7 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
             workspace.judge_models(chosen)
             st.rerun()
     if task:
-        monitor(workspace, task, lambda polled: show_judged(workspace, task.result or (), polled))
+        monitor(task, lambda polled: show_judged(workspace, task.result or (), polled))
     else:
         show_judged(workspace, workspace.judgements)
 

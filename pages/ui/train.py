@@ -123,7 +123,7 @@ def _show_page(workspace: Workspace) -> None:
     else:
         recording_needed(workspace, "To train further, the page needs")
     if training and segment:
-        monitor(workspace, training, lambda running: _show_run(workspace, segment, running))
+        monitor(training, lambda running: _show_run(workspace, segment, running))
     if result:
         _show_result(workspace, result)
 

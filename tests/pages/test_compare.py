@@ -186,6 +186,6 @@ def test_a_comparison_names_one_s_own_training_that_it_waits_for(session: Worksp
     page.button(key="compare_run").click().run()
     assert said in page.plain()
     assert "The comparison then starts by itself." in page.plain()
-    assert "Go to Train to stop it" in page.everything()
+    assert "monitor_stop_training" in page.buttons
     stop_tasks(session)
     assert "Stopped: no result" in open_page("Compare", session).plain()

@@ -1,14 +1,11 @@
 """The pages Stability and Platoon without a browser: source, verdicts, orders, disturbances."""
 
 import json
-from contextlib import suppress
 from dataclasses import replace
 from math import isfinite, pi
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as some
 
 from accpinn import Library, Parameters, stability_report
 from accpinn.errors import AccpinnError
@@ -359,11 +356,3 @@ def test_orders_are_numbers_and_ranges_and_others_are_refused() -> None:
                         ("1 " * 21, "there are 21")):  # fmt: skip
         with pytest.raises(AccpinnError, match=fault):
             parse_order(text, 3)
-
-
-@given(some.text(max_size=30), some.integers(1, 12))
-def test_any_text_is_an_order_or_a_sentence(text: str, count: int) -> None:
-    with suppress(AccpinnError):
-        order = parse_order(text, count)
-        assert order
-        assert all(0 <= k < count for k in order)

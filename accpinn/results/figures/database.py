@@ -74,7 +74,8 @@ def forest(grouped: Groups) -> go.Figure:
     # The groups' names may be long.
     chart.axis("y", tickvals=places, ticktext=names, automargin=True)
     gap = replace(TIME_GAP, name=f"Time gap at {speed * 3.6:.0f} km/h", symbol="time gap")
-    colour, sizes = style.FOLLOWERS[0], [_size(group.windows) for group in groups]
+    colour, counts = style.FOLLOWERS[0], [group.windows for group in groups]
+    sizes = np.clip(5.0 + 1.6 * np.sqrt(counts), 7.0, 14.0)
     driven = ["circle" if group.is_driven(speed) else "circle-open" for group in groups]
     for panel, quantity in enumerate((gap, ALPHA, BETA), 1):
         part, on_log_axis = values[:, panel - 1], quantity is not gap
@@ -118,10 +119,6 @@ def _mark_cut_ends(
         panel=panel, marker={"color": style.FOLLOWERS[0], "size": 8, "symbol": symbols},
         cliponaxis=False,
     )  # fmt: skip
-
-
-def _size(windows: int) -> float:
-    return float(np.clip(5.0 + 1.6 * np.sqrt(windows), 7.0, 14.0))
 
 
 RIM_SHARE = 1.08

@@ -147,7 +147,8 @@ def profiles(
         "platoon-profiles", height, style.stack(0.58, 0.42, spacing=0.06), (SPEED, GAP)
     )
     driven = run.valid
-    rows = _within(driven.time, span)
+    start, end = span or (-np.inf, np.inf)
+    rows = np.flatnonzero((driven.time >= start - 1e-9) & (driven.time <= end + 1e-9))
     if measured:
         time, paints = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
         for k, label in enumerate(measured.labels[1:]):
@@ -167,13 +168,6 @@ def profiles(
         chart.level("y2", 0, {"color": SLOWER, "width": 1.5, "dash": "dash"})
     _draw_collisions(chart, run, span)
     return chart.figure()
-
-
-def _within(time: FloatArray, span: Span | None) -> NDArray[np.intp]:
-    """The samples of a part, two at least."""
-    start, end = span or (-np.inf, np.inf)
-    inside = np.flatnonzero((time >= start - 1e-9) & (time <= end + 1e-9))
-    return inside if len(inside) > 1 else np.arange(len(time))
 
 
 def _draw(
@@ -224,15 +218,13 @@ def time_space(
     It shows a part of a run (by default all) as seen from somewhere. The height is in pixels.
     """
     driven = run.valid
-    inside = _within(driven.time, span)
-    count = min(len(inside), DOTS // len(cast.labels))
-    rows = inside[np.linspace(0, len(inside) - 1, count).round().astype(int)]
+    rows = samples(run, span or (-np.inf, np.inf), DOTS // len(cast.labels))
     time, speeds = driven.time[rows], driven.speeds[rows]
     from scipy.integrate import cumulative_trapezoid  # takes a while, which few need
 
-    way = cumulative_trapezoid(driven.speeds[inside, 0], driven.time[inside], initial=0)
-    mean = float(way[-1] / (driven.time[inside[-1]] - time[0]))
-    ahead = way[rows - inside[0]]
+    ahead = cumulative_trapezoid(driven.speeds[:, 0], driven.time, initial=0)[rows]
+    ahead -= ahead[0]
+    mean = float(ahead[-1] / (time[-1] - time[0]))
     origin = {"road": 0.0 * time, "leader": ahead, "observer": mean * (time - time[0])}[view]
     places = np.empty(speeds.shape)
     places[:, 0] = ahead - origin

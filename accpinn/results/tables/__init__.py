@@ -88,6 +88,8 @@ _SPELT = str.maketrans(
 _HERE = Path(__file__).parent
 STYLE = f"<style>\n{(_HERE / 'table.css').read_text(encoding='utf-8')}</style>"
 """What `Table.to_html` needs once on a page."""
+ENDINGS = {1: ("",), 2: ("_low", "_high"), 3: ("", "_low", "_high")}
+"""What is added to a column's name in a CSV file, by the number of columns that it takes there."""
 OUTSIDE = "outside its interval"
 HELD = "held"
 LONG = 16
@@ -290,19 +292,20 @@ class Table:
 
         No text is such that a spreadsheet would evaluate it.
         """
-        columns = [*zip(*self.rows, strict=True)] or [()] * len(self.columns)
-        endings = [_endings(cells) for cells in columns]
+        rows = [[_parts(cell) for cell in row] for row in self.rows]
+        sizes = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+        sizes = sizes or [1] * len(self.columns)
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        pairs = zip(self.columns, endings, strict=True)
-        writer.writerow(column.csv_name + ending for column, parts in pairs for ending in parts)
+        pairs = zip(self.columns, sizes, strict=True)
+        writer.writerow(column.csv_name + end for column, size in pairs for end in ENDINGS[size])
         writer.writerows(
             [
                 _csv_cell(part)
-                for cell, parts in zip(row, endings, strict=True)
-                for part in _parts(cell, len(parts))
+                for parts, size in zip(row, sizes, strict=True)
+                for part in (*parts, *(None,) * (size - len(parts)))
             ]
-            for row in self.rows
+            for row in rows
         )
         return text.getvalue()
 
@@ -369,23 +372,12 @@ def latex(text: str) -> str:
     return f"{{}}{shown}" if shown.startswith("[") else shown
 
 
-def _endings(cells: Sequence[Cell]) -> tuple[str, ...]:
-    """What is added to a column's name in a CSV file, once for each column that it takes there."""
-    if any(isinstance(_unmarked(cell), Estimate) for cell in cells):
-        return ("", "_low", "_high")
-    return ("_low", "_high") if any(isinstance(cell, Range) for cell in cells) else ("",)
-
-
-def _parts(cell: Cell, count: int) -> tuple[Cell, ...]:
-    """A cell as so many; a single value stands first."""
-    bare = _unmarked(cell)
+def _parts(cell: Cell) -> tuple[Cell, ...]:
+    """A cell as those that it takes in a CSV file."""
+    bare = cell.cell if isinstance(cell, Marked) else cell
     if isinstance(bare, Estimate):
         return bare.value, bare.lower, bare.upper
-    return cell if isinstance(cell, tuple) else (cell, *(None,) * (count - 1))
-
-
-def _unmarked(cell: Cell) -> Cell:
-    return cell.cell if isinstance(cell, Marked) else cell
+    return tuple(cell) if isinstance(cell, Range) else (cell,)
 
 
 def _csv_cell(cell: Cell) -> Cell:

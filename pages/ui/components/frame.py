@@ -48,6 +48,9 @@ CHARTED = ("Stability", "Platoon", "Database")
 CALLBACK_FAILED = "frame_callback_failed"
 """The entry in Streamlit's session state that is set when a widget's callback has failed."""
 
+TURN = "frame_turn"
+"""The entry with the page that a widget's callback turns to, once the script runs."""
+
 _STATUS = {
     Status.QUEUED: "is under way",
     Status.RUNNING: "is under way",
@@ -68,6 +71,8 @@ def begin(title: str) -> Workspace:
     st.html(HERE / "frame.css")
     admit()
     workspace = current()
+    if page := st.session_state.pop(TURN, None):
+        go(page, workspace)
     _sidebar(workspace)
     if title:
         with st.container(horizontal=True, vertical_alignment="center", key="frame_head"):

@@ -6,31 +6,27 @@ from typing import Any
 import streamlit as st
 
 from accpinn.tasks import Status, Task
-from pages.ui.components import frame, show
+from pages.ui.components import show
 from pages.ui.session.resources import task_queue
-from pages.ui.session.workspace import Workspace
 
 POLL = 1.0
 """Seconds between two looks; each draws the live charts anew, which keeps a slow computer busy."""
 
 
-def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None]) -> None:
-    """Show a task, again and again while it is active.
+def poll(
+    task: Task[Any], draw: Callable[[bool], object], is_stale: Callable[[], bool] = lambda: False
+) -> None:
+    """Draw a task, again and again while it is active.
 
-    When it begins and when it ends the whole page is drawn anew.
-
-    Args:
-        workspace: the session.
-        task: the one to be shown.
-        draw: draws what is known of it. Its argument is whether the task is polled: fragments that
-            poll must not be nested, so it then calls no other monitor and draws no widgets.
+    When it begins and ends, and when the page ``is_stale``, the whole page is drawn anew. The
+    argument of ``draw`` is whether the task is polled: fragments that poll must not be nested, so
+    it then calls no other and draws no widgets.
     """
     active, began = task.is_active, task.status
 
     def look() -> None:
-        if active and task.status is not began:  # the rest of the page says which, too
+        if active and (task.status is not began or is_stale()):  # the rest of the page says so, too
             st.rerun()
-        show_status(workspace, task)
         draw(active)
 
     if active:
@@ -39,17 +35,14 @@ def monitor(workspace: Workspace, task: Task[Any], draw: Callable[[bool], None])
         look()
 
 
-def watch(
-    task: Task[Any], line: Callable[[], str], is_stale: Callable[[], bool] = lambda: False
-) -> None:
-    """A bar with what ``line`` says, until the task ends or the page ``is_stale``."""
+def monitor(task: Task[Any], draw: Callable[[bool], object]) -> None:
+    """Show where a task stands, and below it what is known of it; see `poll`."""
 
-    def look() -> None:
-        if not task.is_active or is_stale():
-            st.rerun()
-        st.progress(task.share, line())
+    def show_all(polled: bool) -> None:
+        show_status(task)
+        draw(polled)
 
-    st.fragment(look, run_every=POLL)()
+    poll(task, show_all)
 
 
 def stop_button(task: Task[Any], label: str, key: str) -> None:
@@ -60,11 +53,11 @@ def stop_button(task: Task[Any], label: str, key: str) -> None:
     )  # fmt: skip
 
 
-def show_status(workspace: Workspace, task: Task[Any]) -> None:
+def show_status(task: Task[Any]) -> None:
     """One line, and a bar while it runs."""
     status, done, planned = task.status, len(task.results), len(task.names)
     if status is Status.QUEUED:
-        show_waiting(workspace, task)
+        show_waiting(task)
     elif status is Status.RUNNING:
         stopping = "Stopping … " if task.is_stopping else ""
         st.progress(task.share, stopping + " · ".join(progress_parts(task)))
@@ -91,7 +84,7 @@ def progress_parts(task: Task[Any]) -> list[str]:
     return parts + ([f"{duration} left at most"] if duration else [])
 
 
-def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
+def show_waiting(task: Task[Any]) -> None:
     """Which tasks are ahead of a queued one, for how long, and how to stop one's own."""
     ahead, seconds = task_queue().ahead_of(task), task_queue().wait_for(task)
     if not ahead:
@@ -112,10 +105,7 @@ def show_waiting(workspace: Workspace, task: Task[Any]) -> None:
         f" sooner, stop the {earlier.kind}; it {kept}.",
         icon="hourglass_top",
     )
-    if earlier.analysis:
-        frame.link(frame.TRAIN, "Go to Train to stop it", workspace)
-    else:
-        stop_button(earlier, f"Stop the {earlier.kind}", f"monitor_stop_{earlier.kind}")
+    stop_button(earlier, f"Stop the {earlier.kind}", f"monitor_stop_{earlier.kind}")
 
 
 def own_task_line(earlier: Task[Any], seconds: float | None) -> str:

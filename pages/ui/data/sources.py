@@ -20,15 +20,15 @@ from accpinn.storage import variable
 from accpinn.tasks import Status, Task
 from accpinn.tasks.batches import download_task
 from pages.ui.components import show
-from pages.ui.components.monitor import stop_button, watch
+from pages.ui.components.frame import TURN
+from pages.ui.components.monitor import poll, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ask_for_columns
 from pages.ui.session import resources
 from pages.ui.session.workspace import Workspace
 
-OPENING, ARRIVED = "data_opening", "data_arrived"
-"""Entries in Streamlit's session state: whether the ways to open another recording are shown, and
-whether an upload has just been opened."""
+OPENING = "data_opening"
+"""The entry in Streamlit's session state that shows the ways to open another recording."""
 ASK = "data_ask_columns"
 """The entry that asks for columns that are remembered, too."""
 MIRROR_VARIABLE = "ACCPINN_MIRROR"
@@ -152,11 +152,10 @@ def _ask(workspace: Workspace, file: File) -> None:
     show.messages(workspace.refusal, "error")
 
 
-def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
+def drop_zone(workspace: Workspace, then: str = "") -> None:
     """The field for a file of the user's own, and why the last attempt to open one failed.
 
-    Returns:
-        Whether a file has just been opened, where the page asks to ``announce`` that.
+    Once a file has been opened, the app turns to the page ``then``.
     """
     limit = int(config.get_option("server.maxUploadSize"))
 
@@ -165,7 +164,7 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
         if upload is not None:
             raw, name = upload.getvalue(), upload.name
             open_file(workspace, raw, name)
-            st.session_state[ARRIVED] = announce and not workspace.refusal
+            st.session_state[TURN] = then if not workspace.refusal else ""
             st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
 
     st.file_uploader(
@@ -180,7 +179,6 @@ def drop_zone(workspace: Workspace, announce: bool = False) -> bool:
     if workspace.refusal:
         kept = " The recording opened before is kept." if workspace.recording else ""
         show.messages(workspace.refusal + kept, "error")
-    return bool(st.session_state.pop(ARRIVED, False))
 
 
 def _choose_sample(workspace: Workspace) -> None:
@@ -238,7 +236,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     )  # fmt: skip
     task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
-        watch(task, lambda: _line_of(task))
+        poll(task, lambda _: st.progress(task.share, _line_of(task)))
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button(

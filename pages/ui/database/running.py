@@ -19,7 +19,7 @@ from accpinn.study.studies import Request, studies, study_path
 from accpinn.tasks import Status, Task
 from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
-from pages.ui.components.monitor import stop_button, watch
+from pages.ui.components.monitor import poll, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
 from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
@@ -100,7 +100,7 @@ def _watch(task: Task[BatchProgress]) -> None:
         found = task.latest.rows if task.latest else 0
         return found > rows and time.monotonic() - drawn > REDRAWN
 
-    watch(task, lambda: _line_of(task), has_more)
+    poll(task, lambda _: st.progress(task.share, _line_of(task)), has_more)
 
 
 def _line_of(task: Task[BatchProgress]) -> str:

@@ -219,9 +219,7 @@ def current() -> Workspace:
     asked = st.query_params.get(SESSION) or st.session_state.get(SESSION, "")
     is_own = asked.startswith(mark())
     workspace = workspaces().find(asked) if is_own else None
-    document = None
-    if is_own and workspace is None and asked:
-        document = store().session(asked)
+    document = store().session(asked) if is_own and asked and workspace is None else None
     st.session_state["lost_session"] = bool(asked) and not (workspace or document)
     if workspace is None:
         name = asked if document else f"{mark()}{secrets.token_urlsafe(16)}"
