@@ -11,7 +11,7 @@ the model is incomplete. Several searches run at once; one that comes close to a
 Source: Ljung, System Identification, 2nd ed., 1999, chapters 7 and 10.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -252,15 +252,10 @@ def maximise(
 
 def search(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
-) -> list[Maximum]:
-    """The maxima that `ascend` returns after its last round; arguments as there."""
-    rounds = ascend(criterion, z, groups, is_last_held)
-    while True:
-        try:
-            next(rounds)
-        except StopIteration as end:
-            maxima: list[Maximum] = end.value
-            return maxima
+) -> tuple[Maximum, ...]:
+    """The maxima at which `ascend` ends; arguments as there."""
+    *_, last = ascend(criterion, z, groups, is_last_held)
+    return last.maxima
 
 
 class Ascending(NamedTuple):
@@ -271,12 +266,15 @@ class Ascending(NamedTuple):
     value: FloatArray
     """(K,) the criterion."""
     information: FloatArray
-    """(K, P, P) expected at those rows; the curvature that the search corrects is another."""
+    """(K, P, P) expected at those rows; the curvature that the search corrects is another. At the
+    end without the coordinates that a bound holds."""
+    maxima: tuple[Maximum, ...] = ()
+    """(K,) the maximum that each row leads to, at the end; before that empty."""
 
 
 def ascend(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
-) -> Generator[Ascending, None, list[Maximum]]:
+) -> Iterator[Ascending]:
     """Ascend from each row of z (K, P); all rows move at once.
 
     Args:
@@ -286,10 +284,8 @@ def ascend(
         is_last_held: whether the last unknown keeps its value, each row its own.
 
     Yields:
-        The present rows, at the start and after each round; the arrays change later.
-
-    Returns:
-        The maximum that each row leads to.
+        The present rows, at the start, after each round and, with the maxima, at the end; the
+        arrays change later.
     """
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
@@ -349,7 +345,8 @@ def ascend(
         maxima.append(
             Maximum(criterion.form, end, float(top), likelihood, bend, bool(is_done), int(taken))
         )
-    return maxima
+    kept = [maximum.curvature for maximum in maxima]
+    yield Ascending(z, value, np.where(kept, known, 0.0), tuple(maxima))
 
 
 def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:

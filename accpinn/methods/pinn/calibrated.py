@@ -18,7 +18,6 @@ from accpinn.methods import Law
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import (
     Ascending,
-    Maximum,
     ascend,
     log_errors,
     natural,
@@ -82,21 +81,12 @@ class CalibratedTraining(Training):
             self._iteration += 1
             self._at = next(self._search)
             self._note()
-        except StopIteration as end:
-            maxima: list[Maximum] = end.value
-            self._at = Ascending(
-                np.array([maximum.coordinates for maximum in maxima]),
-                np.array([maximum.criterion for maximum in maxima]),
-                # Without the coordinates that a bound holds.
-                np.where([maximum.curvature for maximum in maxima], self._at.information, 0.0),
-            )
-            self._note(is_last=True)
         except np.linalg.LinAlgError:
             self.outcome = Outcome.DIVERGED
 
-    def _note(self, is_last: bool = False) -> None:
+    def _note(self) -> None:
         """Look at the present moment; Ψ is that of the splines, and of the network at the end."""
-        z = self._at.coordinates
+        z, is_last = self._at.coordinates, bool(self._at.maxima)
         everyone = np.broadcast_to(z, (self.followers, z.shape[1]))
         unknowns, theta = natural(self._form, everyone), vanishing(self._form, everyone)
         self._solution = Solution(frozen(theta), frozen(unknowns[:, :3]), theta == 0.0)

@@ -36,7 +36,6 @@ Statist. Soc. B 73 (2011) 423-498 (the precision of a stochastic equation's solu
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lapack
@@ -256,15 +255,9 @@ def _rate(form: FloatArray, times: int = 1) -> FloatArray:
     return moved
 
 
-class Factors(NamedTuple):
-    """What of the evidence at given unknowns does not depend on the measured values."""
-
-    posterior: FloatArray
-    """The factor of Λ + A in lower banded form."""
-    log_posterior: float
-    """½ log|Λ + A|."""
-    log_prior: float
-    """½ log|Λ|."""
+Factors = tuple[FloatArray, float]
+"""What of the evidence at given unknowns does not depend on the measured values: the factor of
+Λ + A in lower banded form, and ½ log|Λ| - ½ log|Λ + A|."""
 
 
 class Design:
@@ -296,7 +289,7 @@ class Design:
         posterior, fault = lapack.dpbtrf(prior + self.data(values), lower=1, overwrite_ab=1)
         if fault or np.isnan(log_prior):
             return None
-        return Factors(posterior, float(np.log(posterior[0]).sum()), float(log_prior))
+        return posterior, float(log_prior - np.log(posterior[0]).sum())
 
     def _of_physics(self, values: FloatArray) -> bytes:
         """Those of the unknowns that Λ depends on."""
@@ -370,12 +363,13 @@ class LinearEvidence:
         factors = self.design.factors(values)
         if factors is None:
             return -np.inf
+        posterior, log_ratio = factors
         right, own_squares = self.right(values)
         noise = noise_of(values)
-        weights, _ = lapack.dpbtrs(factors.posterior, right[:, None], lower=1)
+        weights, _ = lapack.dpbtrs(posterior, right[:, None], lower=1)
         squares = (own_squares / noise**2).sum() - right @ weights[:, 0]
         constant = 2 * (self._counts * np.log(noise)).sum() + self._counts.sum() * LOG_TWO_PI
-        return float(factors.log_prior - factors.log_posterior - (squares + constant) / 2)
+        return float(log_ratio - (squares + constant) / 2)
 
     def loss(self, values: FloatArray, config: PinnConfig) -> LossTerms:
         """The PiNN's loss Ψ of the most probable surrogate Φŵ, at the samples."""
