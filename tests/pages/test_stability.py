@@ -314,7 +314,8 @@ class TestPage:
 
     def test_steps_brakes_and_the_recorded_leader(self) -> None:
         page = open_page("Platoon", fitted())
-        assert "Recorded" in traces(page.choose("platoon_kind", "recorded"), 2)
+        drawn = page.choose("platoon_kind", "recorded").figures()[2]["data"]
+        assert "Recorded" in [one["name"] for one in drawn]
         page.choose("platoon_source", "published")
         for kind, setting, plenty in (("step", "change", -20.0), ("brake", "drop", 20.0)):
             assert "The smallest gap is" in page.choose("platoon_kind", kind).plain()
