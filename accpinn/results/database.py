@@ -8,13 +8,13 @@ from math import isnan
 from accpinn.findings import percent, probability
 from accpinn.inference.answer import SPEEDS
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.results.tables import ABSENT, Cell, Column, Filled, Marked, Range, Table, between
-from accpinn.results.tables.answer import EXTRAPOLATED, columns_of, gap_column
+from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
+from accpinn.results.tables.answer import columns_of, gap_cell, gap_column
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import GROUPABLE, Group, Groups
 from accpinn.study.plan import BatchEstimate
 from accpinn.study.studies import Failure, Request
-from accpinn.units import Estimate, MetresPerSecond
+from accpinn.units import Estimate
 
 TYPICAL = (
     "Typical values rest on every window's posterior: first over the windows of a vehicle, then"
@@ -129,7 +129,10 @@ def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"
-    gaps = {speed: [_gap(group, speed) for group in groups] for speed in SPEEDS}
+    gaps = {
+        speed: [gap_cell(group.time_gap(speed), group.is_driven(speed)) for group in groups]
+        for speed in SPEEDS
+    }
     if not is_wide:
         digits = NARROW.get(grouped.model.split("-")[0]) or dict.fromkeys(list(own)[:3], 2)
         columns = [
@@ -171,7 +174,8 @@ def spread_table(grouped: Groups) -> Table:
         for name, column in shown.items():
             scaled = replace(column, unit="%", digits=0) if name in relative else column
             factor = 100 if name in relative else 1
-            cells = [_spread(spreads(group).get(name), factor) for group in grouped.groups]
+            known = [spreads(group).get(name) for group in grouped.groups]
+            cells = [_scaled(spread, factor) if spread else None for spread in known]
             columns.append((replace(scaled, group=title, key=""), cells))
     return Table.of(f"Standard deviations, with {100 * grouped.level:g} % intervals", columns)
 
@@ -190,24 +194,14 @@ def _heads(grouped: Groups) -> list[Filled]:
     ]
 
 
-def _gap(group: Group, speed: MetresPerSecond) -> Cell:
-    span = group.time_gap(speed)
-    is_plain = isnan(span.value) or group.is_driven(speed)
-    return span if is_plain else Marked(span, EXTRAPOLATED)
-
-
-def _spread(spread: Estimate | None, factor: float) -> Cell:
-    if spread is None:
-        return None
-    return Estimate(*(factor * value for value in (spread.value, spread.lower, spread.upper)))
-
-
 def _share(share: Estimate, group: Group) -> Cell:
     """Of one vehicle its probability, else the share with its interval."""
-    value, low, high = (100 * part for part in (share.value, share.lower, share.upper))
-    if isnan(value) or len(group.cars) == 1:
-        return value
-    return Estimate(value, low, high)
+    shown = _scaled(share, 100)
+    return shown.value if isnan(share.value) or len(group.cars) == 1 else shown
+
+
+def _scaled(of: Estimate, factor: float) -> Estimate:
+    return Estimate(*(factor * value for value in (of.value, of.lower, of.upper)))
 
 
 def failure_table(failures: Sequence[Failure]) -> Table:

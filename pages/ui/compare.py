@@ -239,8 +239,8 @@ def _show_collisions(shown: _Shown) -> None:
     ):
         for row in rows:
             if sentences := messages(row.evaluation.all_findings, info):
-                bullets = "\n".join(f"- {escape_markdown(sentence)}" for sentence in sentences)
-                st.markdown(f"**{escape_markdown(name_of(row.fit))}**\n\n{bullets}")
+                name = escape_markdown(name_of(row.fit))
+                st.markdown(f"**{name}**\n\n{show.bullets(sentences)}")
 
 
 def _show_failures(failures: Sequence[Refused]) -> None:

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isnan
 
-from accpinn.inference.answer import SPEEDS, Answer
+from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import registry
 from accpinn.model.cthp import Case
 from accpinn.model.registry import CTHPS
@@ -69,7 +70,8 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
         f"Answer: {registry.TITLES[answer.model]}, {counted_windows(answer)}",
         [
             (Column("Follower"), row_labels(info, numbers)),
-            *((gap_column(speed, gaps, "at"), [_gap(answer, speed, k) for k in followers])
+            *((gap_column(speed, gaps, "at"),
+               [gap_cell(answer.time_gap(speed, k), answer.is_driven(speed, k)) for k in followers])
               for speed in SPEEDS),
             (at_median, [answer.time_gap(float(answer.speeds[k]), k) for k in followers]),
             *((replace(column, group=own), [answer.span(name, k) for k in followers])
@@ -80,9 +82,9 @@ def answer_table(info: SegmentInfo, answer: Answer, case: Case = "II") -> Table:
     )  # fmt: skip
 
 
-def _gap(answer: Answer, speed: MetresPerSecond, follower: int) -> Cell:
-    span = answer.time_gap(speed, follower)
-    return span if answer.is_driven(speed, follower) else Marked(span, EXTRAPOLATED)
+def gap_cell(span: Span, is_driven: bool) -> Cell:
+    """A time gap, marked where no window holds its speed."""
+    return span if is_driven or isnan(span.value) else Marked(span, EXTRAPOLATED)
 
 
 def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: int) -> Table:
