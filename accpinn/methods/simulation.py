@@ -438,6 +438,9 @@ def fit(
         if best.undetermined:
             vehicle = 0 if segment.shares(case) else segment.vehicles[row[0] + 1]
             findings.append(Undetermined(vehicle, model.title, best.undetermined))
+    symbols = tuple(parameter.symbol for parameter in model.parameters)
+    for k in np.flatnonzero(np.isnan(theta).all(axis=0)):
+        findings.append(Undetermined(segment.vehicles[k + 1], model.title, symbols))
     gaps, driven = np.full_like(segment.gaps, np.nan), segment.speeds.copy()
     for k in np.flatnonzero(np.isfinite(theta).all(axis=0)):
         pair = segment.pair(int(k))

@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 
 from accpinn.errors import SegmentError
-from accpinn.inference.intervals import NotDetermined, intervals
 from accpinn.methods import Law
 from accpinn.methods.registry import METHODS
 from accpinn.methods.simulation import Drives, Undetermined, estimate
@@ -89,11 +88,9 @@ def test_a_follower_without_a_stretch_is_undetermined_and_the_others_are_estimat
     window = driven((LAW, LAW), duration=100.0)
     mask = np.ones(window.gaps.shape, bool)
     mask[::50, 1] = False
-    part = replace(window, mask=mask)
-    fit = METHODS["simulation"].fit(part, law=Law("cthp"))
+    fit = METHODS["simulation"].fit(replace(window, mask=mask), law=Law("cthp"))
     np.testing.assert_allclose(fit.parameters.values[0], LAW, rtol=0.01)
     assert np.isnan(fit.parameters.values[1]).all()
-    known = intervals(part, fit)
-    assert [f.vehicle for f in known.findings if isinstance(f, NotDetermined)] == [3]
+    assert [f.vehicle for f in fit.findings if isinstance(f, Undetermined)] == [3]
     with pytest.raises(SegmentError, match="no follower has a stretch of 10 s"):
         METHODS["simulation"].fit(replace(window, mask=np.tile(mask[:, 1:], 2)), law=Law("cthp"))
