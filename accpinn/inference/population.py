@@ -36,6 +36,9 @@ from accpinn.units import FloatArray, Mask
 
 CHAINS, BURN, KEPT = 40, 20, 50
 """Parallel chains, and rounds of each that are left out and kept."""
+BURN_A_WINDOW = 5
+"""Rounds more that are left out for each window, as many weak ones move a chain slowly: with 22 of
+them and 20 rounds s₀ was still half a deviation away."""
 LESS_RELATED, MORE_CARS = 0.6, 2.0
 """Factors on the correlations and the variances between cars that were learned: 16 cars leave up to
 15 numbers of S uncertain, and as learned it drew cars unlike these towards them."""
@@ -135,7 +138,8 @@ def sampled_population(
     weights = np.ones((CHAINS, count))
     values, covariances, further = [], [], []
     away = chosen - mean[:, None]
-    for turn in range(BURN + KEPT):
+    left_out = BURN + BURN_A_WINDOW * count
+    for turn in range(left_out + KEPT):
         scatter = scale + np.einsum("ck,cki,ckj->cij", weights, away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)
         precision = root @ root.transpose(0, 2, 1)
@@ -150,7 +154,7 @@ def sampled_population(
         away = chosen - mean[:, None]
         distance = np.einsum("cki,cij,ckj->ck", away, precision, away)
         weights = rng.gamma(0.5 * (TAILS + p), 2.0 / (TAILS + distance))
-        if turn >= BURN:
+        if turn >= left_out:
             values.append(mean + population.centre)
             covariances.append(np.asarray(np.linalg.inv(precision), float))
             stretch = np.sqrt(rng.gamma(0.5 * TAILS, 2.0 / TAILS, (CHAINS, 1)))
