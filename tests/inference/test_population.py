@@ -41,8 +41,8 @@ def drawn(
 
 @pytest.fixture(autouse=True)
 def few_chains(monkeypatch: pytest.MonkeyPatch) -> None:
-    """600 draws are enough for these tolerances."""
-    monkeypatch.setattr(population, "CHAINS", 12)
+    """1,000 draws are enough for these tolerances."""
+    monkeypatch.setattr(population, "CHAINS", 20)
 
 
 def test_nominal_90_percent_intervals_hold_the_typical_value_and_a_further_window() -> None:
@@ -100,7 +100,7 @@ def test_the_prior_of_the_draws_does_not_count() -> None:
     estimates = np.random.default_rng(7).multivariate_normal(CENTRE, BOTH, 6)
     results = []
     for prior, is_told in ((WIDE, 1), (NARROW, 1), (NARROW, 0)):
-        draws, log_prior = drawn(estimates, 7, count=1500, prior=prior)
+        draws, log_prior = drawn(estimates, 7, 1500, 3 * ERROR, prior)
         results.append(sampled_population(draws, log_prior * is_told, TAUGHT).value)
     wide, narrow, wrong = (value.mean(axis=0) for value in results)
     deviation, other, _ = (value.std(axis=0) for value in results)
