@@ -94,14 +94,14 @@ class HeterogeneousFollowers(Finding, frozen=True):
 class DrawnToOthers(Finding, frozen=True):
     """Parameters of some followers' answer lie beyond the intervals of all their windows."""
 
-    text = "Drawn towards other cars, beyond what each window alone says: {symbols} of {named}."
+    text = "Drawn towards other cars, beyond what each window alone says: {which}."
 
-    vehicles: tuple[int, ...]
-    symbols: str
-    """The parameters, as "β and d"."""
+    away: tuple[tuple[str, tuple[int, ...]], ...]
+    """Parameters, as "β and d", and the vehicles."""
 
     def _words(self, about: Labelled) -> Words:
-        return {"named": _named(self.vehicles, about)}
+        said = (f"{name} of {_named(who, about)}" for name, who in self.away)
+        return {"which": "; ".join(said)}
 
 
 def _named(vehicles: Sequence[int], about: Labelled) -> str:
@@ -334,10 +334,10 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         float(np.ptp(column[kept])) if kept.sum() > 1 else None
         for column, kept in zip(gaps.T, known.T, strict=True)
     ]
-    drawn_away: dict[str, list[int]] = {}
+    drawn_away: dict[str, tuple[int, ...]] = {}
     for vehicle, row in zip(vehicles, rows, strict=True):
         if symbols := _drawn_away(model, parameters, low, high, row[0]):
-            drawn_away.setdefault(symbols, []).append(vehicle)
+            drawn_away[symbols] = (*drawn_away.get(symbols, ()), vehicle)
     return Answer(
         model=model,
         level=LEVEL,
@@ -365,7 +365,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         ),
         findings=(
             *_unlike_windows(vehicles, len(segments), differ, spreads),
-            *(DrawnToOthers(tuple(numbers), symbols) for symbols, numbers in drawn_away.items()),
+            *((DrawnToOthers(tuple(drawn_away.items())),) if drawn_away else ()),
             *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
         ),
         seconds=time.perf_counter() - started,

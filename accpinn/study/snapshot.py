@@ -49,7 +49,7 @@ from accpinn.study.result import Result, now
 
 SUFFIX = ".accpinn.zip"
 FORMAT = "accpinn snapshot"
-SCHEMA = 8
+SCHEMA = 9
 LARGEST = 24_000_000
 """Largest file, and largest unpacked contents, in bytes; an hour of ten followers with its data
 stays below."""

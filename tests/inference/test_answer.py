@@ -217,8 +217,8 @@ def test_what_other_cars_draw_away_from_the_windows_is_named() -> None:
     """These cars obey the CTHP, so their window says that there is no delay; real cars have one."""
     segment = sample_of(PLATOON, 120.0).segment
     one = answer((segment,))
-    findings = (found for found in one.findings if isinstance(found, DrawnToOthers))
-    drawn = {number: found.symbols for found in findings for number in found.vehicles}
+    (finding,) = (found for found in one.findings if isinstance(found, DrawnToOthers))
+    drawn = {number: symbols for symbols, vehicles in finding.away for number in vehicles}
     assert drawn.keys() == set(segment.vehicles[1:])
     assert all(symbols.endswith("d") for symbols in drawn.values())
     assert one.windows_upper.delay[0, 0] < one.span("delay", 0).value

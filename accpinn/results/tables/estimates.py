@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from math import nan
 
 import numpy as np
@@ -189,26 +190,29 @@ def probability_cells(uncertainty: Uncertainty) -> Iterator[Filled]:
 
 
 def comparison_table(
-    result: Result, estimates: Mapping[str, tuple[Parameters, Uncertainty]]
+    result: Result, estimates: Mapping[str, tuple[Parameters, Uncertainty | None]]
 ) -> Table:
     """One row a follower and method, or the truth; one for all followers in Case I.
 
-    Estimates are (M,) by method, from the result's windows, each with an uncertainty, which limits
-    the digits to those that its intervals support.
+    Estimates are (M,) by method, from the result's windows; where an uncertainty is known, its
+    intervals limit the digits to those that they support.
     """
     numbers = parameter_rows(result.info, result.fit.case)
-    triples = [(found, known.lower, known.upper) for found, known in estimates.values()]
-    values = np.array([[part.complete[: len(numbers)] for part in triple] for triple in triples])
-    rows = values.transpose(1, 2, 0, 3).reshape(3, -1, values.shape[-1])
-    labels = row_labels(result.info, numbers)
+    rows = [*product(range(len(numbers)), estimates.values())]
+    labels, names = row_labels(result.info, numbers), [*estimates]
     filled: list[Filled] = [
-        (Column("Vehicle"), [label for label in labels for _ in triples]),
-        (Column("Method"), [*estimates] * len(numbers)),
+        (Column("Vehicle"), [label for label in labels for _ in names]),
+        (Column("Method"), names * len(numbers)),
     ]
-    for at, column in shown_columns(Parameters.of(rows[0])):
-        cells = estimate_cells(*rows[..., at])
-        shown = [cell if cell.value or at < len(PARAMETER_COLUMNS) else None for cell in cells]
-        filled.append((replace(column, is_brief=True), shown))
+    sets = Parameters.of([found.complete[k] for k, (found, _) in rows])
+    for at, column in shown_columns(sets):
+        cells: list[Cell] = []
+        for k, (found, known) in rows:
+            parts = (found, known.lower, known.upper) if known else (found,)
+            value, *ends = (float(part.complete[k, at]) for part in parts)
+            is_there = value or at < len(PARAMETER_COLUMNS)
+            cells.append((Estimate(value, *ends) if ends else value) if is_there else None)
+        filled.append((replace(column, is_brief=True), cells))
     return Table.of(f"Estimates side by side, {where(result.info, windows=result.infos)}", filled)
 
 

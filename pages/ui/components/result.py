@@ -11,6 +11,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import HeterogeneousFollowers
 from accpinn.inference.identifiability import identifiability
+from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import History, Outcome
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
@@ -224,6 +225,7 @@ def _show_comparison(
     """The same parameters by least squares and maximum likelihood, and other forms of the model."""
     info, fit, segment, uncertainty = result.info, result.fit, result.segment, result.uncertainty
     own = name_of(fit).partition(" (")[0]
+    estimates: dict[str, tuple[Parameters, Uncertainty | None]]
     estimates = {own: (fit.parameters, uncertainty)}
     if result.segments:
         solved = Regression.of_windows(result.segments).solve(fit.case)
@@ -232,7 +234,7 @@ def _show_comparison(
     if (known := result.known_answer) and known.model in CTHPS:
         estimates["Answer"] = known.parameters, known.uncertainty
     if truth and has_terms_of(fit.model, truth):
-        estimates["Truth"] = truth, uncertainty
+        estimates["Truth"] = truth, None
     table = tables.comparison_table(result, estimates)
     rows = [number for number in tables.parameter_rows(info, fit.case) for _ in estimates]
     show.table(table, vehicle_colours(info.vehicles, rows))
