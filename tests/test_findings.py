@@ -51,8 +51,8 @@ def value(name: str, hint: Any, random: Random, count: int) -> Any:
     """Of a field with that name and type; so many of what it may have several."""
     parts = get_args(hint)
     if get_origin(hint) is tuple:
-        count = count if parts[-1] is ... else len(parts)
-        return tuple(value(name, parts[0], random, count) for _ in range(count))
+        kinds = count * [parts[0]] if parts[-1] is ... else parts
+        return tuple(value(name, kind, random, count) for kind in kinds)
     if parts and get_origin(hint) is not Literal:
         return value(name, random.choice(parts), random, count)
     return random.choice(parts or KEYS.get(name) or VALUES[hint])

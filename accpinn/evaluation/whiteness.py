@@ -30,7 +30,7 @@ from scipy.special import ndtr, ndtri
 from accpinn.findings import Finding, Labelled
 from accpinn.methods.fit import Fit
 from accpinn.methods.regression import STEP, OneSecondMeans, one_second_means
-from accpinn.model.registry import FOLLOWING, value_of
+from accpinn.model.registry import CTHPS, FOLLOWING, value_of
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
@@ -140,7 +140,9 @@ def whiteness(segment: Segment, fit: Fit) -> Whiteness:
 def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray]:
     """The seconds of a segment, and the residuals (M, K) in m/s² of a fit's model."""
     steps, model, speeds = one_second_means(segment), FOLLOWING[fit.model], segment.speeds
-    theta = np.nan_to_num([value_of(fit.model, fit.parameters, name) for name in model.names])
+    theta = np.array([value_of(fit.model, fit.parameters, name) for name in model.names])
+    if fit.model in CTHPS:  # τ has no effect where α = 0
+        theta = np.nan_to_num(theta)
     command = model.acceleration(segment.gaps, speeds[:, 1:], speeds[:, :-1], theta, np)
     reached = np.asarray(command, float).copy()
     for k, (lag, delay) in enumerate(fit.parameters.complete[:, 4:]):

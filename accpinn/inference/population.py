@@ -36,9 +36,6 @@ from accpinn.units import FloatArray, Mask
 
 CHAINS, BURN, KEPT = 40, 20, 50
 """Parallel chains, and rounds of each that are left out and kept."""
-BURN_A_WINDOW = 5
-"""Rounds more that are left out for each window, as many weak ones move a chain slowly: with 22 of
-them and 20 rounds s₀ was still half a deviation away."""
 LESS_RELATED, MORE_CARS = 0.6, 2.0
 """Factors on the correlations and the variances between cars that were learned: 16 cars leave up to
 15 numbers of S uncertain, and as learned it drew cars unlike these towards them."""
@@ -113,7 +110,12 @@ class Sampled(NamedTuple):
 
 
 def sampled_population(
-    drawn: FloatArray, log_prior: FloatArray, population: Population, seed: int = 0
+    drawn: FloatArray,
+    log_prior: FloatArray,
+    population: Population,
+    seed: int = 0,
+    *,
+    left_out: int = 0,
 ) -> Sampled:
     """Sample the typical value of one car and how its windows differ.
 
@@ -122,6 +124,7 @@ def sampled_population(
         log_prior: (K, n) log density of the prior that these posteriors have, up to a constant.
         population: of the model's p coordinates.
         seed: of the draws.
+        left_out: rounds that are left out beyond `BURN`.
     """
     rng = np.random.default_rng(seed)
     count, size, p = drawn.shape
@@ -138,7 +141,7 @@ def sampled_population(
     weights = np.ones((CHAINS, count))
     values, covariances, further = [], [], []
     away = chosen - mean[:, None]
-    left_out = BURN + BURN_A_WINDOW * count
+    left_out += BURN
     for turn in range(left_out + KEPT):
         scatter = scale + np.einsum("ck,cki,ckj->cij", weights, away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)

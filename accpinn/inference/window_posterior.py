@@ -152,6 +152,7 @@ def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
     sampling, rng = Sampling(proposal, count_of(model)), np.random.default_rng(0)
     for count in PROPOSED:
         phi = sampling.proposal.draw(count, rng)
+        phi[:, ~free] = estimate.scores[~free]  # a mean of equal values may round
         away, none = (phi - estimate.scores)[:, free], np.zeros(count)
         log = log_prior_of_likely(model, phi, law.held) - log_prior(model, phi)
         log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)

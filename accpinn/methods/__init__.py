@@ -158,6 +158,8 @@ class Method:
     ) -> tuple[Fit, ...]:
         """Estimate the parameters of a segment, or those that several have in common.
 
+        A method without `takes_windows` would estimate each by itself; `study.run` refuses that.
+
         Args:
             segments: (K,) speeds (N, M+1) in m/s and space-gaps (N, M) in m of the same vehicles.
             case: "I" for one parameter set, "II" for one per follower.

@@ -82,8 +82,8 @@ class Undetermined(Finding, frozen=True):
     """Parameters of a model about which the data say hardly more than the prior."""
 
     text = (
-        "{vehicle}: these data say hardly more of {symbols} of the {model} than what is known of"
-        " cars beforehand."
+        "{vehicle}: these data say hardly more about {symbols} of the {model} than is known of cars"
+        " beforehand."
     )
 
     vehicle: int

@@ -372,7 +372,7 @@ def estimates(
         law: any model.
 
     Raises:
-        SegmentError: where a window is too short.
+        SegmentError: where a window is too short, or simulations almost diverge.
     """
     for segment in segments:
         refuse_short(segment)
@@ -391,7 +391,13 @@ def estimates(
     simulated = [[part for k in row for part in parts[k]] for row in rows]
     ends = np.cumsum([0, *map(len, simulated)]).tolist()
     groups = [range(*pair) for pair in pairwise(ends)]
-    best = estimate(model, Drives.of([*chain(*simulated)], model), groups, held=law.held)
+    try:
+        best = estimate(model, Drives.of([*chain(*simulated)], model), groups, held=law.held)
+    except np.linalg.LinAlgError:
+        raise SegmentError(
+            f"{segments[0].source}: simulations by the {model.title} almost diverge with what is"
+            " held; hold other values, or none."
+        ) from None
     return tuple(zip(rows, best, strict=True))
 
 

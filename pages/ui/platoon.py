@@ -98,8 +98,7 @@ def show_page() -> None:
         return
     places = words.Places(chosen.spoken) if figures.is_in_order(chosen, order) else words.PLACES
     cast = figures.cast_of(chosen, order)
-    is_of_them = recorded is not None and cast.labels[1:] == recorded.labels[1:]
-    themselves = recorded if is_of_them else None
+    themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
     _show_answer(workspace, source, run, places, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
@@ -108,6 +107,13 @@ def show_page() -> None:
         "Animation": lambda: _show_animation(run, cast),
         PANELS: _show_panels,
     })  # fmt: skip
+
+
+def _are_recorded(source: KnownVehicles, cast: figures.Cast, recorded: Segment) -> bool:
+    """Whether a platoon is the recorded one: in Case I all followers have one parameter set."""
+    if source.result and source.result.fit.case == "I":
+        return len(cast.labels) == len(recorded.labels)
+    return cast.labels[1:] == recorded.labels[1:]
 
 
 def open_panels(workspace: Workspace) -> None:

@@ -29,7 +29,8 @@ from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
-KMH = 3.6
+KMH, SLOWEST = 3.6, 5.0
+"""km/h of a m/s, and the lowest speed that can be chosen."""
 HEIGHT = 370
 """Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
@@ -76,10 +77,10 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
     """The vehicles at a speed that the user chooses, by default the recording's median."""
     median = round(KMH * source.median_speed)
     speed = st.number_input(
-        "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
+        "Speed in km/h", SLOWEST, 250.0, step=5.0, width=160, format="%.0f",
         help=f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
         f" at every speed. The recording's median: {median} km/h.",
-        **kept(workspace, "stability_speed", float(median)),
+        **kept(workspace, "stability_speed", max(SLOWEST, median)),
     )  # fmt: skip
     if speed == median:
         return source

@@ -164,6 +164,13 @@ def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
     assert np.isnan(one.differ[0])
 
 
+def test_a_held_parameter_of_an_idm_is_held_in_every_draw() -> None:
+    found = window_posterior(windows(range(1), duration=60.0)[0], "II", "idm", (("v0", 100.0),))
+    scores = found.likely[0, :, FOLLOWING["idm"].names.index("v0")]
+    assert np.unique(scores).size == 1
+    assert effective_draws(found.likely[0, :, 0]) > 250
+
+
 @pytest.mark.parametrize("held", [{"delay": 0.5}, {"s0": -3.0, "delay": 1.3}])
 def test_a_held_term_keeps_its_value_exactly(held: dict[str, float]) -> None:
     given = answer(windows(range(2), duration=60.0), model="cthp-s0-delay", held=held)

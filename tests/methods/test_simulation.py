@@ -1,16 +1,19 @@
 """Closed-loop simulation least squares, of the CTHP and of the registry's models."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from accpinn import cut
 from accpinn.errors import SegmentError
 from accpinn.methods import Law
 from accpinn.methods.registry import METHODS
 from accpinn.methods.simulation import Drives, Undetermined, estimate
 from accpinn.model.registry import FOLLOWING
+from accpinn.recordings.openacc import read
 from tests.support.driving import LAW, driven
 from tests.support.following import driven as followed
 
@@ -49,7 +52,7 @@ def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
     (short,) = followed(model, TRUTHS["idm"][:1], 7, noise=0.03, seconds=31.0)
     (finding,) = METHODS["simulation"].fit(short, law=Law("idm")).findings
     assert isinstance(finding, Undetermined)
-    assert finding.sentence(short).startswith("2 Car 2: ")
+    assert finding.symbols
     assert (found.lower < found.theta).all()
     assert (found.theta < found.upper).all()
 
@@ -82,6 +85,14 @@ def test_what_is_left_out_moves_nothing() -> None:
         for other in (window.gaps, gaps)
     ]
     np.testing.assert_allclose(fits[0].parameters.own, fits[1].parameters.own, rtol=1e-9)
+
+
+def test_simulations_that_almost_diverge_are_refused(openacc_dir: Path) -> None:
+    recording = read(openacc_dir / "ZalaZone" / "dynamic_part10.csv")
+    with pytest.raises(SegmentError, match="almost diverge"):
+        METHODS["simulation"].fit(
+            cut(recording, 120.0, 60.0, (1, 2)), law=Law("fvdm", (("kappa", 10.0),))
+        )
 
 
 def test_a_follower_without_a_stretch_is_undetermined_and_the_others_are_estimated() -> None:

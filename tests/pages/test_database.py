@@ -52,7 +52,7 @@ def study(recording: Path) -> Path:
         Path(os.environ["ACCPINN_STUDIES"]) / "mine",
         made(**known, model="Model 3"),
         made(**known, vehicle=3, make="Kia", name="Kia", tau=1.5, p_l2_stable=1.0, l2_stable=True),
-        made("gone.csv", tau=1.2),
+        made("gone.csv", tau=1.2, trajectory="1"),
         made("gone.csv", tau=3.0, method="splines", make=None),
     )
 

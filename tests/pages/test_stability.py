@@ -335,6 +335,11 @@ class TestPage:
         page.choose("platoon_order", "repeated")
         assert page.widget("platoon_followers").value == 3, "as many as recorded"
 
+    def test_in_case_i_all_followers_have_one_parameter_set(self) -> None:
+        page = open_page("Platoon", fitted(case="I"))
+        drawn = page.choose("platoon_kind", "recorded").figures()[2]["data"]
+        assert "Recorded" in [one["name"] for one in drawn]
+
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_sinusoid_duration", -5.0)
         (error,) = page.boxes("error")

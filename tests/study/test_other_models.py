@@ -67,7 +67,7 @@ def test_an_idm_is_found_by_fit_and_in_its_answer(folder: Path) -> None:
         assert span.further_lower < span.lower < true < span.upper < span.further_upper
     for speed in (50 / 3.6, 100 / 3.6):
         true = FOLLOWING["idm"].equilibrium_gaps(IDM[0], speed) / speed
-        assert answer.time_gap(speed, 0).value == pytest.approx(true, rel=0.03)
+        assert answer.time_gap(speed, 0).value == pytest.approx(true, rel=0.05)
     assert answer.trust[0].is_reproduced
     assert result.evaluation.closed_loop.gap_mae[0] < 0.2
 

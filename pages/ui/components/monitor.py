@@ -20,9 +20,10 @@ def poll(
 
     When it begins and ends, and when the page ``is_stale``, the whole page is drawn anew. The
     argument of ``draw`` is whether the task is polled: fragments that poll must not be nested, so
-    it then calls no other and draws no widgets.
+    it then calls no other.
     """
-    active, began = task.is_active, task.status
+    began = task.status  # read first: a task that ends in between is drawn once more
+    active = task.is_active
 
     def look() -> None:
         if active and (task.status is not began or is_stale()):  # the rest of the page says so, too

@@ -30,7 +30,7 @@ from pages.ui.components.show import bound, escape_markdown, kept, segments, sel
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
-from pages.ui.session.resources import rated, whole_drive, windows_in_car_following
+from pages.ui.session.resources import rated, segment_of, whole_drive, windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, Workspace
 
 CASES: Mapping[Case, str] = {
@@ -326,16 +326,19 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
     if segment is None:
         show.messages(workspace.fault, "error")
     else:
-        windows = workspace.several_windows or (workspace.window,)
-        ratings = rated(recording, windows, workspace.vehicles, workspace.excluded)
+        several = [
+            segment_of(recording, window, workspace.vehicles, workspace.excluded)
+            for window in workspace.several_windows
+        ]
+        ratings = rated(recording, (*several,) or (segment,))
         with st.container(horizontal=True):
             for rating in ratings:
                 colour, icon = MARKS[rating.grade]
                 label = words.WORDS[rating.question][rating.grade]
                 with st.popover(f":{colour}[:material/{icon}:] {label}"):
                     st.markdown(escape_markdown(words.MEANING[rating.question]))
-                    if len(windows) > 1:
-                        st.caption(f"This is the worst of the {len(windows)} windows.")
+                    if several:
+                        st.caption(f"This is the worst of the {len(several)} windows.")
                     if reasons := messages(rating.findings, segment):
                         st.markdown(show.bullets(reasons))
         wrong = next(rating for rating in ratings if rating.question == "consistent")

@@ -174,14 +174,8 @@ def segment_of(
 
 
 @lru_cache(maxsize=KEPT_CHOICES)
-def rated(
-    recording: Recording,
-    windows: tuple[Window, ...],
-    vehicles: tuple[int, ...],
-    excluded: tuple[str, ...],
-) -> tuple[Rating, ...]:
-    """What the windows are worth together: for each question the worst of them."""
-    segments = [segment_of(recording, window, vehicles, excluded) for window in windows]
+def rated(recording: Recording, segments: tuple[Segment, ...]) -> tuple[Rating, ...]:
+    """What windows are worth together: for each question the worst of them."""
     return worst([rate(segment, recording, assess_quality(segment)) for segment in segments])
 
 
