@@ -76,7 +76,7 @@ def learn(
 
 
 def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, FloatArray]:
-    """(K, n, p) draws, beside other cars, of the K windows of each car over its runs in a campaign."""
+    """(K, n, p) draws of `likely` of the K windows of each car, of all its runs in a campaign."""
     together = defaultdict[Car, list[FloatArray]](list)
     for car, segments in windows.items():
         drawn = [window_posterior(segment, "II", model).likely[0] for segment in segments]
