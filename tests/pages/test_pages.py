@@ -19,6 +19,7 @@ from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.tasks import Status
+from pages.ui.components.monitor import poll
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
@@ -659,3 +660,24 @@ def test_after_a_fault_of_a_widget_s_callback_the_page_says_so_once_and_shows_wh
     assert page.workspace() is session
     assert shown == [written.value for written in (*page.title, *page.markdown, *page.caption)]
     assert not page.sound().error
+
+
+class Ending:
+    """A task that ends after the first look at it."""
+
+    looks = 0
+
+    @property
+    def status(self) -> Status:
+        self.looks += 1
+        return Status.DONE if self.looks > 1 else Status.RUNNING
+
+    @property
+    def is_active(self) -> bool:
+        return self.status is Status.RUNNING
+
+
+def test_a_task_that_ends_while_the_page_is_drawn_is_not_polled_for_ever() -> None:
+    polled = list[bool]()
+    poll(Ending(), polled.append)
+    assert polled == [False]
