@@ -388,7 +388,7 @@ def parse_vehicles(text: str) -> tuple[int, ...]:
         SegmentError: for a text that names none.
     """
     numbers: list[int] = []
-    for part in re.split(r"[\s,]+", re.sub(r"\s*[-–]\s*", "-", text.strip(" ,"))):
+    for part in re.split(r"\s*,\s*|\s+", re.sub(r"\s*[-–]\s*", "-", text.strip(" ,"))):
         match = _PART.fullmatch(part)
         if not match:
             raise SegmentError(f'"{text[:40]}" names no vehicles; write them as 1-5 or as 1,2.')

@@ -80,7 +80,7 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
         "Speed in km/h", SLOWEST, 250.0, step=5.0, width=160, format="%.0f",
         help=f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
         f" at every speed. The recording's median: {median} km/h.",
-        **kept(workspace, "stability_speed", max(SLOWEST, median)),
+        **kept(workspace, "stability_speed", max(SLOWEST, float(median))),
     )  # fmt: skip
     if speed == median:
         return source
