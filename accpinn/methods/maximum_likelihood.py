@@ -180,7 +180,7 @@ def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSiz
     """
     if fit.method != KEY or "unknowns" not in fit.arrays:
         return ()
-    numbers = (0,) if fit.case == "I" else vehicles[1:]
+    numbers = (0,) if fit.case == "I" and len(vehicles) > 2 else vehicles[1:]
     rows = fit.arrays["unknowns"][:, DISTURBANCE].tolist()
     return tuple(DisturbanceSize(number, *row) for number, row in zip(numbers, rows, strict=False))
 

@@ -265,6 +265,7 @@ class FollowingFast(FastTraining):
         for k, row in enumerate(open_.reshape(at.solution.shape) & free):
             named = zip(self.model.parameters, row, strict=True)
             if symbols := tuple(p.symbol for p, is_open in named if is_open):
-                vehicle = self.segment.vehicles[k + 1] if self.case == "II" else 0
+                shared = self.segment.shares(self.case)
+                vehicle = 0 if shared else self.segment.vehicles[k + 1]
                 findings.append(Undetermined(vehicle, self.model.title, symbols))
         return findings
