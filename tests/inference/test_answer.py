@@ -97,7 +97,7 @@ def test_an_estimate_lies_in_its_interval_and_a_further_window_varies_more() -> 
     given = usual()
     for span in [given.span(name, 0) for name in given.names] + [given.time_gap(28.0, 0)]:
         assert span.lower < span.value < span.upper
-        assert span.further_upper - span.further_lower > 1.2 * (span.upper - span.lower)
+        assert span.further_upper - span.further_lower > 1.1 * (span.upper - span.lower)
     ends = given.windows_lower.values, given.windows_upper.values
     assert ((ends[0] < given.windows.values) & (given.windows.values < ends[1])).mean() > 0.85
 
