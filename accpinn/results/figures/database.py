@@ -142,16 +142,15 @@ def _axis(values: FloatArray, on_log_axis: bool) -> tuple[float, float]:
 
 def _decades(low: float, high: float) -> style.Part:
     """A logarithmic axis with few round values, as there is little room."""
-    chosen: list[float] = []
-    for digits in ((1,), (1, 5), (1, 2, 5)):
-        every = (d * 10.0**p for p in range(-5, 3) for d in digits)
-        chosen = [tick for tick in every if low <= tick <= high]
-        if len(chosen) > 1:
-            break
     kept: list[float] = []
-    for tick in chosen:
-        if not kept or np.log(tick / kept[-1]) > APART * np.log(high / low):
-            kept.append(tick)
+    for digits in ((1,), (1, 5), (1, 2, 5)):
+        kept = []
+        for tick in (d * 10.0**p for p in range(-5, 3) for d in digits):
+            is_apart = not kept or np.log(tick / kept[-1]) > APART * np.log(high / low)
+            if low <= tick <= high and is_apart:
+                kept.append(tick)
+        if len(kept) > 1:
+            break
     return {"tickvals": kept, "ticktext": [f"{tick:g}" for tick in kept],
             "range": np.log10([low, high]).tolist()}  # fmt: skip
 
