@@ -4,7 +4,6 @@ Each switch is timed from the click in the sidebar until the script has ended an
 is drawn.
 """
 
-import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -53,7 +52,7 @@ def _train(page: Page, recording: Path) -> None:
     page.goto("/")
     idle(page)
     give(page, recording)
-    button = page.get_by_role("button", name=re.compile("Train on "))
+    button = page.get_by_test_id("stBaseButton-primary").filter(has_text="Train on ")
     button.click(timeout=TRAINING_MS)
     table(page, ESTIMATES).wait_for(timeout=TRAINING_MS)
     idle(page)
