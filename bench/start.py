@@ -21,10 +21,11 @@ from bench.measurement import Measurement, Spent, timed
 from tests.support.server import ROOT, running
 
 SAMPLE = ROOT / "sample_data" / "synthetic_astazero_like.csv"
+PART = ("--vehicles", "1,2", "--duration", "300", "--no-cache")
 COMMANDS: tuple[tuple[str, tuple[str, ...], Seconds], ...] = (
     ("import accpinn", ("-c", "import accpinn"), 0.2),
     ("info of a recording", ("-m", "accpinn", "info", str(SAMPLE)), 0.4),
-    ("fit of a recording", ("-m", "accpinn", "fit", str(SAMPLE), "--no-cache"), 2.0),
+    ("fit of one follower, 300 s", ("-m", "accpinn", "fit", str(SAMPLE), *PART), 2.5),
 )
 """Name, arguments of the interpreter, and limit."""
 FIRST_PAGE: Seconds = 3.0
