@@ -2,18 +2,14 @@
 
     p(z | recording) ∝ L(z) p(z),   z = ln of all unknowns (see `methods.maximum_likelihood`)
 
-is sampled by adaptive multiple importance sampling: proposals are multivariate Student's t; the
-first has the curvature at the maximum, each further one the weighted mean and covariance of all
-draws before it. Every draw counts, weighted by the posterior over the mixture of all proposals. An
-unknown that a bound holds at the maximum stays there, except α, ατ, β and the further unknown of a
-form.
+is sampled as `inference.importance_sampling` tells; the first proposal has the curvature at the
+maximum. An unknown that a bound holds at the maximum stays there, except α, ατ, β and the further
+unknown of a form.
 
 With a lag or a delay the posterior is a curved ridge and may have two modes. The proposal is then a
 mixture with a part at the maximum and one for each of several values of the lag. Each of these lies
 at the maximum of the criterion for its value, is as wide as these values are apart, and adapts to
-the draws near it. What is proposed below the least value is folded back there. So that few draws of
-large weight do not draw the next proposal to themselves, it adapts to weights to a power of at most
-one.
+the draws near it. What is proposed below the least value is folded back there.
 
 With an intercept s₀ it is the time gap at the mean speed v that is determined, and of τ and s₀ only
 τ + s₀/v. So proposals are of w, which is z with ln α(τ + s₀/v) in place of ln ατ: there the ridge
@@ -23,25 +19,28 @@ ridge into the inside.
 The prior of α, β and τ is wide: normal in their logarithms, so that 95 % of α lie within a factor
 of fifty of 0.08 1/s², of β within one of twenty of 0.2 1/s, and of τ within one of three of 1.4 s.
 It matters only where a recording contains little information, and keeps intervals finite there.
-
-Source: Cappé, Douc, Guillin, Marin and Robert, Statistics and Computing 18 (2008) 447-459; Cornuet,
-Marin, Mira and Robert, Scandinavian Journal of Statistics 39 (2012) 798-812.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.special import gammaln
 
+from accpinn.inference.importance_sampling import (
+    S0,
+    Posterior,
+    Proposal,
+    Sampling,
+    Student,
+    floored,
+    normalised,
+)
 from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import COMMON, EXTRA, Form
+from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.model.registry import FOLLOWING, Held
-from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds
+from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)
 """Standard deviations of ln α, ln β and the logarithm of the time gap."""
@@ -53,72 +52,16 @@ STAGES = (150, 150, 150, 450)
 """Number of draws in each stage."""
 FURTHER = 8
 """Largest number of further stages, as large as the last one."""
-ENOUGH = 250
-"""Effective draws at which a group needs no further stage."""
 GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
 """Lags or delays in s of the parts of the first proposal, and the gain in log density that is worth
 no further round in the search for a part's maximum."""
-FREEDOM = 8.0
-"""Degrees of freedom of Student's t; its tails are wider than those of all posteriors so far."""
-PAIRED = 4
-"""Draws per unknown above which their covariance is made exact."""
-INFLATION = 1.1
-"""Factor on the proposal's deviations, for the same reason."""
-TRUST = 10.0
-"""Effective draws at which their covariance and the previous scale have equal weight."""
-LEAST_EFFECTIVE = 40.0
-"""Effective draws to which a proposal adapts at least."""
-POWERS = 0.8 ** np.arange(30)
-"""Powers of the weights that are tried for that."""
 INSIDE = 0.2
 """Share that τ has in the time gap τ + s₀/v of a part that is moved inside; a quarter of it is too
 near to the end of the ridge."""
 LEAST_PRECISION = 0.25
 """Least precision of the first proposal in any direction, against a flat criterion."""
-LEAST_SHARE = 0.02
-"""Least share of a part of a mixture."""
-S0 = len(COMMON)
-"""Where z has s₀, in models that have it."""
 SLOWEST: MetresPerSecond = 2.0
 """Least speed v for a time gap that is to hold in a window."""
-ROUNDING = 1e-12
-"""Share of the largest variance below which a variance counts as zero."""
-
-
-@dataclass(frozen=True, eq=False)
-class Posterior:
-    """Weighted draws of the unknowns of one group."""
-
-    coordinates: FloatArray
-    """(n, P) draws of z."""
-    weights: FloatArray
-    """(n,) weights, which sum to one."""
-    log_likelihood: FloatArray
-    """(n,) of the data at each draw."""
-
-    @property
-    def effective(self) -> float:
-        """The number of independent draws that would be equally precise."""
-        return float(1.0 / (self.weights**2).sum())
-
-    def under(self, factor: FloatArray) -> "Posterior":
-        """The same draws under a density that has a further factor, whose logarithms are (n,)."""
-        with np.errstate(divide="ignore"):
-            return replace(self, weights=normalised(np.log(self.weights) + factor))
-
-    def all_evenly(self, count: int) -> FloatArray:
-        """(count, P) draws of z of equal weight, in no particular order of time."""
-        return np.asarray(self.coordinates[self._even(count)])
-
-    def log_likelihood_evenly(self, count: int) -> FloatArray:
-        """(count,) of the draws in the order of `all_evenly`."""
-        return np.asarray(self.log_likelihood[self._even(count)])
-
-    def _even(self, count: int) -> Groups:
-        """(count,) indices of draws, each as often as its weight demands."""
-        edges = np.cumsum(self.weights)
-        at = (np.arange(count) + 0.5) / count * edges[-1]
-        return np.asarray(np.searchsorted(edges, at))
 
 
 def features(form: Form, z: FloatArray) -> FloatArray:
@@ -185,7 +128,7 @@ def sample(
     for g, (first, speed) in enumerate(zip(_first_parts(criterion, maxima), speeds, strict=True)):
         inside = (_inside(criterion, g, part, speed) if is_ridge else part for part in first)
         ends = least, speed if is_ridge else np.inf
-        first_proposal = Proposal.at([_by_time_gap(part, speed) for part in inside], *ends)
+        first_proposal = _first_proposal([_by_time_gap(part, speed) for part in inside], *ends)
         samplings.append(Sampling(first_proposal, criterion.size))
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*STAGES, *[STAGES[-1]] * FURTHER)):
@@ -209,64 +152,35 @@ def sample(
     return tuple(sampling.posterior for sampling in samplings)
 
 
-class Sampling:
-    """The draws of one group so far, and the proposal of the next ones."""
+def _first_proposal(maxima: Sequence[Maximum], least: float, speed: MetresPerSecond) -> Proposal:
+    """A mixture with a part at each maximum; all but the first lie on the grid of the lag."""
+    curvatures = np.array([maximum.curvature for maximum in maxima])
+    if len(maxima) > 1:
+        # An unknown that a bound holds in some parts varies in these as well.
+        held = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
+        usual = np.diagonal(curvatures, axis1=1, axis2=2).max(axis=0)
+        curvatures += np.einsum("kp,pq->kpq", held * usual, np.eye(len(usual)))
+        grid = [maximum.coordinates[-1] for maximum in maxima[1:]]
+        curvatures[1:, -1, -1] += 1.0 / np.gradient(grid) ** 2
+    parts = tuple(
+        _curved(maximum.coordinates, curvature)
+        for maximum, curvature in zip(maxima, curvatures, strict=True)
+    )
+    mass = [
+        maximum.criterion + np.log(np.diag(part.root[1])).sum()
+        for maximum, part in zip(maxima, parts, strict=True)
+    ]
+    return Proposal(parts, floored(normalised(np.array(mass))), least, speed)
 
-    def __init__(self, proposal: "Proposal", size: int) -> None:
-        """With no draws of the P unknowns yet."""
-        self.proposal = proposal
-        self.posterior = Posterior(np.empty((0, size)), np.empty(0), np.empty(0))
-        self._past: list[tuple[Proposal, float]] = []
-        """Proposals so far, and the logarithms of how many draws each made."""
-        self._drawn, self._target, self._factor = np.empty((0, size)), np.empty(0), np.empty(0)
-        self._log_density = np.empty(0)
-        """(n,) of all past proposals together, up to a constant."""
 
-    @property
-    def lacks(self) -> bool:
-        """Whether too few draws count, by themselves or with the further factor."""
-        return min(self.posterior.effective, self._with_factor.effective) < ENOUGH
-
-    @property
-    def _with_factor(self) -> Posterior:
-        return self.posterior.under(self._factor)
-
-    def add(
-        self,
-        drawn: FloatArray,
-        z: FloatArray,
-        target: FloatArray,
-        log_likelihood: FloatArray,
-        factor: FloatArray,
-    ) -> None:
-        """Weigh all draws anew with these of the proposal, which adapts to them.
-
-        Args:
-            drawn: (n, P) w.
-            z: (n, P)
-            target: (n,) log posterior over w, up to a constant.
-            log_likelihood: (n,)
-            factor: (n,) logarithms of the further factor.
-        """
-        before = [weight + proposal.log_density(drawn) for proposal, weight in self._past]
-        self._past.append((self.proposal, float(np.log(len(drawn)))))
-        none = np.full(len(drawn), -np.inf)
-        self._log_density = np.append(self._log_density, np.logaddexp.reduce([none, *before]))
-        self._drawn = np.concatenate([self._drawn, drawn])
-        self._target = np.append(self._target, target)
-        self._factor = np.append(self._factor, factor)
-        densities = self.proposal.log_densities(self._drawn)
-        own = self._past[-1][1] + np.logaddexp.reduce(densities)
-        self._log_density = np.logaddexp(self._log_density, own)
-        ratios = self._target - self._log_density
-        self.posterior = Posterior(
-            np.concatenate([self.posterior.coordinates, z]),
-            normalised(ratios),
-            np.append(self.posterior.log_likelihood, log_likelihood),
-        )
-        if self._with_factor.effective < ENOUGH <= self.posterior.effective:
-            ratios = ratios + self._factor
-        self.proposal = self.proposal.adapted(self._drawn, _tempered(ratios), densities)
+def _curved(centre: FloatArray, curvature: FloatArray) -> Student:
+    """The distribution whose log density has a curvature (P, P) at the centre."""
+    free = np.diag(curvature) > 0
+    free[:3] = True
+    values, vectors = np.linalg.eigh(curvature[np.ix_(free, free)])
+    scale = np.zeros_like(curvature)
+    scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
+    return Student(centre, scale)
 
 
 def _inside(criterion: Criterion, group: int, part: Maximum, speed: MetresPerSecond) -> Maximum:
@@ -336,179 +250,3 @@ def _log_posterior(
     parts[1, inside] = criterion.log_likelihood(plausible, groups[inside])
     parts[:, ~np.isfinite(parts).all(axis=0)] = -np.inf
     return parts[0], parts[1]
-
-
-@dataclass(frozen=True, eq=False)
-class Student:
-    """A multivariate Student's t distribution."""
-
-    centre: FloatArray
-    """(P,) centre."""
-    scale: FloatArray
-    """(P, P) scale matrix; rows and columns of unknowns that a bound holds are zero."""
-
-    @classmethod
-    def of(cls, centre: FloatArray, curvature: FloatArray) -> "Student":
-        """The distribution whose log density has a curvature (P, P) at the centre."""
-        free = np.diag(curvature) > 0
-        free[:3] = True
-        values, vectors = np.linalg.eigh(curvature[np.ix_(free, free)])
-        scale = np.zeros_like(curvature)
-        scale[np.ix_(free, free)] = vectors / np.maximum(values, LEAST_PRECISION) @ vectors.T
-        return cls(centre, scale)
-
-    def adapted(self, drawn: FloatArray, weights: FloatArray) -> "Student":
-        """The distribution with the mean and covariance of draws (n, P) with weights (n,)."""
-        total = weights.sum()
-        if not total > 0.0:
-            return self
-        weights = weights / total
-        centre = weights @ drawn
-        away = drawn - centre
-        covariance = (away * weights[:, None]).T @ away
-        effective = 1.0 / (weights**2).sum()
-        trust = effective / (effective + TRUST)
-        return Student(centre, trust * covariance + (1.0 - trust) * self.scale)
-
-    @cached_property
-    def root(self) -> tuple[Mask, FloatArray]:
-        """Which coordinates are free (P,), and a root of their scale (f, f)."""
-        # Unlike eigenvectors, Cholesky's root is continuous in the matrix, so draws are the same
-        # on every processor.
-        variances = np.diag(self.scale)
-        free: Mask = np.asarray(variances > ROUNDING * variances.max())
-        part = self.scale[np.ix_(free, free)] + np.diag(ROUNDING * variances[free])
-        return free, np.asarray(np.linalg.cholesky(part) * INFLATION)
-
-    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Draws (count, P)."""
-        free, root = self.root
-        half = rng.standard_normal(((count + 1) // 2, len(root)))
-        # Opposite pairs of the exact covariance: few draws are as wide as many.
-        normal = np.concatenate([half, -half])[:count]
-        if count > PAIRED * len(root):
-            spread = np.linalg.cholesky(normal.T @ normal / count)
-            normal = solve_triangular(spread, normal.T, lower=True).T
-        stretch = np.resize(FREEDOM / rng.chisquare(FREEDOM, len(half)), count)
-        drawn = np.tile(self.centre, (count, 1))
-        drawn[:, free] += (normal * np.sqrt(stretch)[:, None]) @ root.T
-        return drawn
-
-    @cached_property
-    def _whitening(self) -> FloatArray:
-        """(f, f) the transpose of the root's inverse."""
-        root = self.root[1]
-        return np.asarray(solve_triangular(root, np.eye(len(root)), lower=True).T)
-
-    def log_density(self, drawn: FloatArray) -> FloatArray:
-        """(n,) log density of the free coordinates at (n, P)."""
-        free, root = self.root
-        away = (drawn - self.centre)[:, free] @ self._whitening
-        distance = np.einsum("nf,nf->n", away, away)
-        count = len(root)
-        size = np.log(np.diag(root)).sum() + 0.5 * count * np.log(FREEDOM * np.pi)
-        size += gammaln(FREEDOM / 2.0) - gammaln((FREEDOM + count) / 2.0)
-        return np.asarray(-size - 0.5 * (FREEDOM + count) * np.log(1.0 + distance / FREEDOM))
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """A mixture of Student's t distributions."""
-
-    parts: tuple[Student, ...]
-    """The K parts."""
-    shares: FloatArray
-    """(K,) shares of the parts, which sum to one."""
-    least: float = -np.inf
-    """Least value of the last coordinate, at which what is below it is folded."""
-    speed: MetresPerSecond = np.inf
-    """v of the time gap; what is above τ = 0, s₀ = v (τ + s₀/v), is folded there."""
-
-    @classmethod
-    def at(cls, maxima: Sequence[Maximum], least: float, speed: MetresPerSecond) -> "Proposal":
-        """A mixture with a part at each maximum; all but the first lie on the grid of the lag."""
-        curvatures = np.array([maximum.curvature for maximum in maxima])
-        if len(maxima) > 1:
-            # An unknown that a bound holds in some parts varies in these as well.
-            held = np.where(np.diagonal(curvatures, axis1=1, axis2=2) > 0, 0.0, 1.0)
-            usual = np.diagonal(curvatures, axis1=1, axis2=2).max(axis=0)
-            curvatures += np.einsum("kp,pq->kpq", held * usual, np.eye(len(usual)))
-            grid = [maximum.coordinates[-1] for maximum in maxima[1:]]
-            curvatures[1:, -1, -1] += 1.0 / np.gradient(grid) ** 2
-        parts = tuple(
-            Student.of(maximum.coordinates, curvature)
-            for maximum, curvature in zip(maxima, curvatures, strict=True)
-        )
-        mass = [
-            maximum.criterion + np.log(np.diag(part.root[1])).sum()
-            for maximum, part in zip(maxima, parts, strict=True)
-        ]
-        return cls(parts, _floored(normalised(np.array(mass))), least, speed)
-
-    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Draws (count, P)."""
-        numbers = rng.multinomial(count, self.shares)
-        parts = zip(self.parts, numbers, strict=True)
-        drawn = np.concatenate([part.draw(number, rng) for part, number in parts])
-        for at, end, nearest in self._ends(drawn):
-            drawn[:, at] = nearest(drawn[:, at], 2.0 * end - drawn[:, at])
-        return drawn
-
-    def _ends(self, drawn: FloatArray) -> Iterator[tuple[int, FloatArray | float, np.ufunc]]:
-        """Where draws (n, P) are folded: the coordinate, its end, and what keeps it inside."""
-        if np.isfinite(self.least):
-            yield -1, self.least, np.maximum
-        if np.isfinite(self.speed):
-            yield S0, self.speed * np.exp(drawn[:, 1] - drawn[:, 0]), np.minimum
-
-    def log_density(self, drawn: FloatArray) -> FloatArray:
-        """(n,) log density at (n, P)."""
-        return np.asarray(np.logaddexp.reduce(self.log_densities(drawn)))
-
-    def log_densities(self, drawn: FloatArray) -> FloatArray:
-        """(K, n) log density of each part at (n, P), times its share."""
-        images = [drawn]
-        for at, end, _ in self._ends(drawn):
-            folded = [image.copy() for image in images]
-            for image in folded:
-                image[:, at] = 2.0 * end - image[:, at]
-            images += folded
-        every = [[part.log_density(image) for part in self.parts] for image in images]
-        logs = np.logaddexp.reduce(np.array(every))
-        return np.asarray(np.log(self.shares)[:, None] + logs)
-
-    def adapted(self, drawn: FloatArray, weights: FloatArray, densities: FloatArray) -> "Proposal":
-        """Adapt each part to the weighted draws that probably came from it.
-
-        Args:
-            drawn: (n, P) draws.
-            weights: (n,) their weights.
-            densities: (K, n) their `log_densities`.
-        """
-        belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * weights
-        pairs = zip(self.parts, belongs, strict=True)
-        parts = [part.adapted(drawn, own_weights) for part, own_weights in pairs]
-        return replace(self, parts=tuple(parts), shares=_floored(belongs.sum(axis=1)))
-
-
-def _floored(shares: FloatArray) -> FloatArray:
-    """Shares of which none vanishes, because a part may have had too few draws so far."""
-    floored = shares + LEAST_SHARE
-    return np.asarray(floored / floored.sum())
-
-
-def _tempered(log: FloatArray) -> FloatArray:
-    """Weights (n,) to the largest power at which `LEAST_EFFECTIVE` draws or more count, if any."""
-    for power in POWERS:
-        weights = normalised(power * log)
-        if (weights**2).sum() <= 1.0 / LEAST_EFFECTIVE:
-            break
-    return weights
-
-
-def normalised(log: FloatArray) -> FloatArray:
-    """Weights (n,) that sum to one, from their logarithms up to a constant."""
-    if not np.isfinite(log.max()):  # nothing plausible was proposed
-        return np.asarray(np.full(len(log), 1.0 / len(log)))
-    weights = np.exp(log - log.max())
-    return np.asarray(weights / weights.sum())

@@ -21,17 +21,9 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from accpinn.inference.importance_sampling import Posterior, Proposal, Sampling, Student
 from accpinn.inference.population import log_of_window, population_of
-from accpinn.inference.posterior import (
-    AT_SPEED,
-    Posterior,
-    Proposal,
-    Sampling,
-    Student,
-    features,
-    log_prior_of_features,
-    sample,
-)
+from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
 from accpinn.methods import Law, one_thread, simulation
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
