@@ -70,7 +70,8 @@ class Trust(Finding, frozen=True):
             drive = f"Collides in the simulation of the drive, {self.rmse:.1f} m off."
         else:
             drive = (
-                f"The model does not reproduce the drive within half of what the gap varies: {off}."
+                f"The model misses much of the drive: its gap is {self.rmse:.1f} m off (rms), while"
+                f" the gap's own deviation is {self.deviation:.1f} m."
             )
         return f"{_agreement('Its time gap is', self.windows, self.same, self.same)} {drive}"
 

@@ -373,9 +373,9 @@ def _show_identifiability(shown: _Shown) -> None:
     st.caption(
         "Profile of the loss: the misfit of the accelerations with one parameter held and the"
         f" others at their best. Dashed: {100 * INCREASE:.0f} % worse, hardly visible in any plot."
-        f" Grey: the {100 * uncertainty.level:.0f} % interval of the tab Summary. It may lie beside"
-        " the curve: the curve takes all samples as independent, while the interval accounts for"
-        " disturbances that last for seconds and bias the estimate."
+        f" Grey: the {100 * uncertainty.level:.0f} % interval of this model by maximum likelihood."
+        " It may lie beside the curve: the curve takes all samples as independent, while the"
+        " interval accounts for disturbances that last for seconds and bias the estimate."
     )
     if np.isfinite(shown.answer.parameters.alpha[follower]):
         model = escape_markdown(registry.TITLES[shown.answer.model])

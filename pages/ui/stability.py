@@ -352,7 +352,7 @@ def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:
         f"{escape_markdown(segment.source)}, {about}. The measured gain from the speed"
         " ahead to the vehicle's own, from the recorded speeds alone (Welch's method,"
         f" {gain.pieces} pieces of {gain.length:.0f} s), with {level} bars for the random error."
-        " Faint: the coherence is not above that of unrelated signals. Where the points leave the"
+        " Open: the coherence is not above that of unrelated signals. Where the points leave the"
         " curve, the model with these parameters does not describe how this vehicle passes on"
         f" disturbances. A peak narrower than {gain.omega[0]:.2g} rad/s appears lower than it is;"
         " above 0.3 rad/s, where vehicles pass on little, the vehicle's own disturbances make the"

@@ -39,7 +39,9 @@ class TestSaving:
         kept = library().read(entry.id)
         assert kept.fit.parameters.values.tobytes() == session.result.parameters.values.tobytes()
 
+        assert page.boxes("success")
         page.press("snapshots_back")
+        assert not page.boxes("success"), "it was said of the snapshot that was left"
         assert page.button(key=f"snapshots_open_{entry.id}").label == "\\<b\\>mine\\<\\/b\\>"
         page.checkbox(key="snapshots_with_data").check()
         page.press("Save")

@@ -317,7 +317,7 @@ def checks(result: Result) -> tuple[Check, ...]:
             messages(events, info),
         ),
         Check(
-            "Residual explained",
+            "Residual only noise",
             "Whether the model's residual is no more than noise. Page Compare shows forms of the"
             " model with a smaller residual.",
             False if is_correlated else True if is_tested else None,

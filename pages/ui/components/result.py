@@ -158,8 +158,9 @@ def _about_estimates(result: Result) -> str:
         return f"{said}. The training did not converge, so they have no intervals or probabilities."
     outside = "" if result.uncertainty.inside.all() else "; an estimate with \\* lies outside"
     return (
-        f"{said}. In brackets: the {100 * result.uncertainty.level:.0f} % interval, the values"
-        f" consistent with the data{outside}. Probability: the share of them that is string stable."
+        f"{said}. In brackets: the {100 * result.uncertainty.level:.0f} % interval of the values"
+        f" consistent with the data, the same for every method{outside}. Probability: the share of"
+        " these values that is string stable."
     )
 
 
@@ -243,7 +244,7 @@ def _show_comparison(
     st.caption(
         f"Disturbances that last for seconds bias {biased}; maximum likelihood estimates the"
         " disturbances together with the parameters, and the intervals are around it."
-        + (f" {own} maximises the same likelihood." if is_likely else "")
+        + (f" {own} maximises the evidence, a likelihood of its own." if is_likely else "")
         + (f" {APART}" if "Answer" in estimates else "")
     )
     show.downloads(table, f"{Path(info.source).stem}_comparison", f"{page}_comparison")
@@ -292,8 +293,8 @@ def _show_history(result: Result, history: History, truth: Parameters | None, pa
     show.follower_key(info, has_truth, info.shares(result.fit.case))
     if history.deviations is not None:
         st.caption(
-            f"{BANDS} The search starts at the estimates of maximum"
-            " likelihood, so little is left to move; the last point is its result."
+            f"{BANDS} The search starts at the estimates of maximum likelihood; the last point is"
+            " its result."
         )
     show.charts([*figures.training_figures(history, info, model, truth).items()], page)
 

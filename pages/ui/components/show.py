@@ -111,6 +111,11 @@ def flashing(about: str = "") -> Iterator[None]:
         flash("error", f"{about}{fault}")
 
 
+def forget_flash() -> None:
+    """Show the last click's outcome no longer."""
+    st.session_state.pop(FLASH, None)
+
+
 def flashed() -> None:
     """The outcome of the last click; a second run right after the first must not swallow it."""
     if FLASH in st.session_state:

@@ -41,7 +41,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         return
     quality = assess_quality(segment)
     estimate = least_squares.fit(segment, workspace.case)
-    st.markdown("**Preview of the window**")
+    st.markdown(f"**Preview of the window {segment.window}**")
     if workspace.recording is None:
         show.not_acc(segment)
     table = tables.quality_table(segment.info, quality, estimate)
@@ -189,8 +189,9 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         ]
         if not spare:
             st.caption(
-                "All windows in car-following are learned from. To keep one for validation, switch"
-                " it off on page Train, tab Windows, or open another recording of these vehicles."
+                "All windows in car-following are learned from; what is offered here is the rest,"
+                " in which errors are larger. To keep one for validation, switch it off on page"
+                " Train, tab Windows, or open another recording of these vehicles."
             )
     stretches = complete_windows(chosen, vehicles, learned)
     first = spare[0] if spare else first_window(chosen, stretches, workspace.window.duration)

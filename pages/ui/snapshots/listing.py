@@ -147,8 +147,10 @@ def show_both(first: Result, second: Result) -> None:
         st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
     else:
         said = "Both are from the same data of one recording, by the same settings"
-        is_same = first.parameters == second.parameters
-        st.caption(f"{said}{', and have the same parameters' if is_same else ''}.")
+        if first.parameters == second.parameters:
+            st.caption(f"{said}, and have the same parameters: nothing differs.")
+            return
+        st.caption(f"{said}.")
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
     show.table(differences_table(first, second))
     _show_responses(first, second)

@@ -60,10 +60,16 @@ def show_page() -> None:
         st.caption("No snapshot is kept here yet.")
         return
     show_entries(
-        entries, "snapshots", lambda entry: setattr(workspace, "viewed", entry.id),
+        entries, "snapshots", lambda entry: _view(workspace, entry.id),
         lambda entry: _delete_button(workspace, entry),
         help="Shows the result, with its link, report and verification.",
     )  # fmt: skip
+
+
+def _view(workspace: Workspace, name: str) -> None:
+    """Show a snapshot, or the list; what was said of another one goes."""
+    workspace.viewed = name
+    show.forget_flash()
 
 
 def _save_form(workspace: Workspace) -> None:
@@ -236,7 +242,7 @@ def _show_buttons(
 def back_button(workspace: Workspace) -> None:
     st.button(
         "All snapshots", icon=":material/arrow_back:", key="snapshots_back",
-        on_click=setattr, args=(workspace, "viewed", ""),
+        on_click=_view, args=(workspace, ""),
     )  # fmt: skip
 
 
