@@ -32,7 +32,10 @@ COMMANDS = {
     "download": ("recordings", "runs of the OpenACC database from their publisher"),
     "export": ("files", "parameters of a snapshot for other programs"),
 }
-"""The module of each, which has `add_NAME_options(parser)` and `run_NAME(options)`; its meaning."""
+"""The module of each, and its meaning.
+
+The module has `NAME_OPTIONS`, `run_NAME(options)`, and where there is more to say `NAME_HELP`.
+"""
 
 CONVENTIONS = (
     "Times are seconds from the recording's first sample. Vehicles are numbered as in the file, and"
@@ -83,7 +86,10 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         )
         if name in arguments:
             home = import_module(f"accpinn.cli.{module}")
-            getattr(home, f"add_{name}_options")(command)
+            for add in getattr(home, f"{name.upper()}_OPTIONS"):
+                add(command)
+            more = getattr(home, f"{name.upper()}_HELP", "")
+            command.epilog = f"{more}\n\n{command.epilog}" if more else command.epilog
             command.set_defaults(run=getattr(home, f"run_{name}"))
     return parser
 

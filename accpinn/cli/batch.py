@@ -10,9 +10,9 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.channels import fields
-from accpinn.cli.options import ALL, add_method_help, named_keys
+from accpinn.cli.options import ALL, CASE, METHODS_HELP, named_keys
 from accpinn.cli.output import interruptible, note, print_json, show, show_result
-from accpinn.cli.recordings import add_json_option
+from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import LEVEL
 from accpinn.methods.registry import METHODS, method_of
@@ -31,27 +31,30 @@ KEYS = (
     "stopped", "unknown_names",
 )  # fmt: skip
 
-
-def add_batch_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `batch`."""
-    option = parser.add_argument
-    option("sources", nargs="+", metavar="FOLDER|FILE", help="recordings; folders with all below")
-    option("--out", required=True, metavar="STUDY", help="folder of the results; is continued")
-    option(
-        "--window",
-        default=f"{DURATION:g}",
-        metavar="S|all",
-        help=f"longest window in s; all: whole stretches ({DURATION:g})",
-    )
-    option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)")
-    option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
+FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}
+BATCH_HELP = METHODS_HELP
+BATCH_OPTIONS = (
+    option("sources", nargs="+", metavar="FOLDER|FILE", help="recordings; folders with all below"),
+    option("--out", required=True, metavar="STUDY", help="folder of the results; is continued"),
+    option("--window", default=f"{DURATION:g}", metavar="S|all",
+           help=f"longest window in s; all: whole stretches ({DURATION:g})"),
+    option("--methods", default=ALL, metavar="all|A,B", help="some of those below (all)"),
+    CASE,
     option("--model", choices=FOLLOWING, default=BEST, metavar="NAME",
-           help=f"of answers ({BEST}): {', '.join(FOLLOWING)}")  # fmt: skip
-    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)")
-    option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place")
-    option("--mapping", metavar="JSON", help="columns, units and sample time of other tables")
-    add_json_option(parser)
-    add_method_help(parser)
+           help=f"of answers ({BEST}): {', '.join(FOLLOWING)}"),
+    option("--workers", type=int, metavar="N", help="processes on this machine (one a processor)"),
+    option("--scheduler", metavar="URL", help="of dask, as tcp://host:8786, in their place"),
+    option("--mapping", metavar="JSON", help="columns, units and sample time of other tables"),
+    JSON,
+)  # fmt: skip
+TABLE_OPTIONS = (
+    option("study", metavar="STUDY", help="the folder that batch wrote to"),
+    option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}"),
+    option("--wide", action="store_true", help="all columns, beyond the width of a terminal"),
+    option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})"),
+    option("--format", choices=[*FORMATS], default="text", help="(text)"),
+    JSON,
+)
 
 
 def run_batch(options: argparse.Namespace) -> int:
@@ -121,17 +124,6 @@ def _batch_text(summary: BatchProgress, out: str) -> str:
     return "\n".join(lines)
 
 
-def add_table_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `table`."""
-    option = parser.add_argument
-    option("study", metavar="STUDY", help="the folder that batch wrote to")
-    option("--by", default=",".join(BY), metavar="A,B", help=f"of {', '.join(GROUPABLE)}")
-    option("--wide", action="store_true", help="all columns, beyond the width of a terminal")
-    option("--level", type=float, default=LEVEL, metavar="P", help=f"of intervals ({LEVEL:g})")
-    option("--format", choices=[*FORMATS], default="text", help="(text)")
-    add_json_option(parser)
-
-
 def run_table(options: argparse.Namespace) -> int:
     """Group the answers, and print the table."""
     by = tuple(dict.fromkeys(part.strip() for part in options.by.split(",") if part.strip()))
@@ -144,6 +136,3 @@ def run_table(options: argparse.Namespace) -> int:
         is_wide = options.wide or options.format != "text"
         show(FORMATS[options.format](group_table(grouped, is_wide)).rstrip("\n"))
     return 0
-
-
-FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}

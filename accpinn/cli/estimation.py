@@ -15,17 +15,17 @@ from typing import Any
 from tqdm import tqdm
 
 from accpinn.cli.options import (
-    add_method_help,
-    add_model_options,
-    add_run_options,
-    add_segment_options,
-    add_windows_option,
+    METHODS_HELP,
+    MODEL,
+    RUN,
+    SEGMENT,
+    WINDOWS,
     chosen_analysis,
     chosen_store,
     named_keys,
 )
 from accpinn.cli.output import interruptible, note, show_result
-from accpinn.cli.recordings import chosen_recording
+from accpinn.cli.recordings import chosen_recording, option
 from accpinn.errors import ConfigError
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import OnProgress, Outcome, Progress
@@ -89,32 +89,43 @@ STARTS_HELP = fill(
 )
 
 
-def add_fit_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `fit`."""
-    add_segment_options(parser)
-    add_windows_option(parser)
-    add_model_options(parser)
-    add_method_help(parser)
-    option = parser.add_argument
-    option(
-        "--method", choices=list(METHODS), metavar="NAME",
-        help="(pinn; simulation for a model that its preset cannot estimate)",
-    )  # fmt: skip
-    option("--preset", choices=list(PRESETS), help=f"of the PiNN ({DEFAULT}); fast, paper: biased")
-    option("--initial", metavar="A,B,T", help="of the search: α,β,τ (1,1,1), or the model's own")
-    option("--iterations", type=int, metavar="N", help="of the PiNN, at most")
-    option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset")
-    option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)")
-    add_run_options(parser)
-    option(
-        "--intervals", action="store_true",
-        help="print 90 %% intervals of the method's estimates, and what lies outside; with --out"
-        " and for maximum likelihood they are printed anyway",
-    )  # fmt: skip
-    option("--out", metavar="SNAPSHOT", help="save the result, with its intervals, in this file")
-    option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too")
-    option("--name", default="", help="of the snapshot")
-    option("--note", default="", help="in the snapshot")
+FIT_HELP = COMPARE_HELP = METHODS_HELP
+FIT_OPTIONS = (
+    *SEGMENT,
+    WINDOWS,
+    *MODEL,
+    option("--method", choices=list(METHODS), metavar="NAME",
+           help="(pinn; simulation for a model that its preset cannot estimate)"),
+    option("--preset", choices=list(PRESETS), help=f"of the PiNN ({DEFAULT}); fast, paper: biased"),
+    option("--initial", metavar="A,B,T", help="of the search: α,β,τ (1,1,1), or the model's own"),
+    option("--iterations", type=int, metavar="N", help="of the PiNN, at most"),
+    option("--lbfgs", type=int, metavar="N", help="L-BFGS iterations that end the paper preset"),
+    option("--seed", type=int, metavar="N", help="of the PiNN's random numbers (0)"),
+    *RUN,
+    option("--intervals", action="store_true",
+           help="print 90 %% intervals of the method's estimates, and what lies outside; with"
+           " --out and for maximum likelihood they are printed anyway"),
+    option("--out", metavar="SNAPSHOT", help="save the result, with its intervals, in this file"),
+    option("--with-data", action="store_true", help="speeds and gaps in the snapshot, too"),
+    option("--name", default="", help="of the snapshot"),
+    option("--note", default="", help="in the snapshot"),
+)  # fmt: skip
+COMPARE_OPTIONS = (
+    *SEGMENT,
+    *MODEL,
+    option("--methods", default="all", metavar="all | A,B", help="some of those below (all)"),
+    option("--models", nargs="?", const="all", metavar="all | A,B",
+           help="car-following models in place of methods, each judged in windows left out: all in"
+           " car-following, or blocks of the one given"),
+    *RUN,
+)  # fmt: skip
+STARTS_OPTIONS = (
+    *SEGMENT,
+    option("--preset", choices=list(PRESETS), default="fast", help="(fast)"),
+    option("--iterations", type=int, metavar="N", help="of each training, at most"),
+    option("--seeds", type=int, default=1, metavar="N", help="per start (1)"),
+    *RUN,
+)
 
 
 def run_fit(options: argparse.Namespace) -> int:
@@ -229,22 +240,6 @@ def _texts(tables: Iterable[Table]) -> Iterator[str]:
         yield from (table.to_text(), "")
 
 
-def add_compare_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `compare`."""
-    add_segment_options(parser)
-    add_model_options(parser)
-    add_method_help(parser)
-    parser.add_argument(
-        "--methods", default="all", metavar="all | A,B", help="some of those below (all)"
-    )
-    parser.add_argument(
-        "--models", nargs="?", const="all", metavar="all | A,B",
-        help="car-following models in place of methods, each judged in windows left out: all in"
-        " car-following, or blocks of the one given",
-    )  # fmt: skip
-    add_run_options(parser)
-
-
 def run_compare(options: argparse.Namespace) -> int:
     """Run the methods, and print a row for each, with intervals and errors of both kinds."""
     if options.models:
@@ -323,16 +318,6 @@ def _judged_text(source: str, judged: tuple[Judgement, ...]) -> str:
         parts += [table.to_text() for table in tables]
         parts.append("\n".join(messages(car.findings, car.info)))
     return "\n\n".join([source, *parts])
-
-
-def add_starts_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `starts`."""
-    add_segment_options(parser)
-    parser.epilog = f"{STARTS_HELP}\n\n{parser.epilog}"
-    parser.add_argument("--preset", choices=list(PRESETS), default="fast", help="(fast)")
-    parser.add_argument("--iterations", type=int, metavar="N", help="of each training, at most")
-    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="per start (1)")
-    add_run_options(parser)
 
 
 def run_starts(options: argparse.Namespace) -> int:

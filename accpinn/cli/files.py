@@ -7,7 +7,7 @@ from typing import Any
 
 from accpinn.channels import PARAMETERS, by_key, fields
 from accpinn.cli.output import complain, note, print_json, progress, show, show_result
-from accpinn.cli.recordings import add_json_option
+from accpinn.cli.recordings import JSON, Option, option
 from accpinn.errors import ConfigError, RecordingError, SnapshotError
 from accpinn.recordings import Recording
 from accpinn.recordings.files import read
@@ -25,27 +25,48 @@ ID_DIGITS = 12
 """Digits of a result's key that the table shows."""
 
 
-def add_verify_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `verify`."""
-    _add_snapshot(
-        parser, "run the methods again and check the errors where it has no data", PATIENCE
-    )
-    add_json_option(parser)
+def _of_snapshot(use: str, usual: Seconds) -> tuple[Option, ...]:
+    """The options of a snapshot that is checked, with the ``use`` of a recording."""
+    refit = f"run the methods again however long that takes (else those of up to {usual:g} s)"
+
+    def add_patience(parser: argparse.ArgumentParser) -> None:
+        which = parser.add_mutually_exclusive_group()
+        which.add_argument("--refit", action="store_true", help=refit)
+        which.add_argument("--quick", action="store_true", help="run no method again")
+
+    return (
+        option("file", metavar="FILE", help="a snapshot (.accpinn.zip)"),
+        option("--recording", metavar="CSV", help=use),
+        option("--trajectory", metavar="ID",
+               help="which one of a recording's table that holds several"),
+        add_patience,
+    )  # fmt: skip
 
 
-def _add_snapshot(parser: argparse.ArgumentParser, use: str, usual: Seconds) -> None:
-    parser.add_argument("file", metavar="FILE", help="a snapshot (.accpinn.zip)")
-    parser.add_argument("--recording", metavar="CSV", help=use)
-    parser.add_argument(
-        "--trajectory", metavar="ID", help="which one of a recording's table that holds several"
-    )
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument(
-        "--refit",
-        action="store_true",
-        help=f"run the methods again however long that takes (else those of up to {usual:g} s)",
-    )
-    which.add_argument("--quick", action="store_true", help="run no method again")
+VERIFY_OPTIONS = (
+    *_of_snapshot("run the methods again and check the errors where it has no data", PATIENCE),
+    JSON,
+)
+REPORT_OPTIONS = (
+    *_of_snapshot("draw its data too, where they are not in the snapshot", PROMPT),
+    option("-o", "--out", metavar="HTML", help="the page to write (beside the snapshot)"),
+)
+EXPORT_HELP = "With --json: a parameter card, with intervals, provenance and attribution."
+EXPORT_OPTIONS = (
+    option("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip)"),
+    option("--sumo", metavar="XML",
+           help="write vehicle types for SUMO's model ACC or IDM, one a follower, and a"
+           " distribution over samples of the posterior"),
+    option("--samples", type=int, default=SAMPLES, metavar="N",
+           help=f"samples in that distribution; 0 for none ({SAMPLES})"),
+    JSON,
+)  # fmt: skip
+RUNS_OPTIONS = (
+    option("words", nargs="*", metavar="WORDS",
+           help="each must stand in recording, vehicles, window, method, preset, name, note or"
+           " date (all results)"),
+    JSON,
+)  # fmt: skip
 
 
 def _patience(options: argparse.Namespace, usual: Seconds) -> Seconds:
@@ -115,14 +136,6 @@ def _verification_text(snapshot: Result, verification: Verification, given: Set[
     return "\n".join([", ".join(filter(None, about)), "", table, "", *said])
 
 
-def add_report_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `report`."""
-    _add_snapshot(parser, "draw its data too, where they are not in the snapshot", PROMPT)
-    parser.add_argument(
-        "-o", "--out", metavar="HTML", help="the page to write (beside the snapshot)"
-    )
-
-
 def run_report(options: argparse.Namespace) -> int:
     """Write the page, and say where; 1 when the snapshot does not agree with itself."""
     from accpinn.results.report import render_report  # plotly's script is read from disk
@@ -151,27 +164,6 @@ def run_report(options: argparse.Namespace) -> int:
     return 1
 
 
-def add_export_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `export`."""
-    parser.add_argument("file", metavar="SNAPSHOT", help="a snapshot (.accpinn.zip)")
-    parser.add_argument(
-        "--sumo",
-        metavar="XML",
-        help="write vehicle types for SUMO's model ACC or IDM, one a follower, and a"
-        " distribution over samples of the posterior",
-    )
-    parser.add_argument(
-        "--samples",
-        type=int,
-        default=SAMPLES,
-        metavar="N",
-        help=f"samples in that distribution; 0 for none ({SAMPLES})",
-    )
-    add_json_option(parser)
-    card = "With --json: a parameter card, with intervals, provenance and attribution."
-    parser.epilog = f"{card}\n\n{parser.epilog}"
-
-
 def run_export(options: argparse.Namespace) -> int:
     """Write what was asked for; say where, or print the card."""
     if options.sumo is None and not options.json:
@@ -187,13 +179,6 @@ def run_export(options: argparse.Namespace) -> int:
     else:
         show(str(options.sumo))
     return 0
-
-
-def add_runs_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `runs`."""
-    words = "each must stand in recording, vehicles, window, method, preset, name, note or date"
-    parser.add_argument("words", nargs="*", metavar="WORDS", help=f"{words} (all results)")
-    add_json_option(parser)
 
 
 def run_runs(options: argparse.Namespace) -> int:

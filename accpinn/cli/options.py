@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from accpinn.cli.recordings import add_json_option, add_recording, chosen_recording
+from accpinn.cli.recordings import JSON, RECORDING, chosen_recording, option
 from accpinn.errors import ConfigError, SegmentError
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import BEST, FOLLOWING, PAPER
@@ -19,54 +19,6 @@ ALL = "all"
 """The word for all methods or models, and for all complete windows of a recording."""
 
 
-def add_segment_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that choose data, the same for every command that estimates."""
-    add_recording(parser)
-    option = parser.add_argument
-    option("--start", type=float, default=0.0, metavar="S", help="of the window in s (0)")
-    option("--duration", type=float, default=DURATION, metavar="S", help=f"in s ({DURATION:g})")
-    option(
-        "--vehicles",
-        type=_parsed(parse_vehicles),
-        metavar="1-5 | 1,2",
-        help="leader first (the longest run of recorded vehicles from the first on)",
-    )
-    option(
-        "--leave-out",
-        type=_parsed(parse_regimes),
-        default=(),
-        metavar="REGIME,..",
-        help="regimes to exclude from the model's equation:"
-        f" {', '.join(map(as_typed, EXCLUDABLE))}",
-    )
-    option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
-
-
-def add_windows_option(parser: argparse.ArgumentParser) -> None:
-    """Declare that several windows may share one estimate."""
-    parser.add_argument(
-        "--windows",
-        type=_parsed(lambda text: text if text in (ALL, AUTO) else parse_windows(text)),
-        metavar="auto | 0-300,600-900 | all",
-        help="several windows in place of one; auto: all in car-following under ACC; all: complete"
-        " stretches in pieces of --duration",
-    )
-
-
-def add_model_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the model of answer and fit."""
-    parser.add_argument(
-        "--model", choices=list(FOLLOWING), metavar="NAME",
-        help=f"of the answer and of the fit where its method can estimate it; by default {BEST},"
-        f" which maximum-likelihood, simulation and the preset calibrated fit, all others {PAPER}:"
-        f" {', '.join(FOLLOWING)}",
-    )  # fmt: skip
-    parser.add_argument(
-        "--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",
-        help="a term of the model that keeps its value, as s0=4",
-    )  # fmt: skip
-
-
 def _held(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
     try:
@@ -75,19 +27,6 @@ def _held(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(
             f'"{text[:40]}" holds nothing; write --hold s0=4, once for each parameter.'
         ) from None
-
-
-def add_method_help(parser: argparse.ArgumentParser) -> None:
-    """Explain the methods below the options."""
-    lines = [f"  {key:<16} {method.summary}" for key, method in METHODS.items()]
-    parser.epilog = "\n".join(["methods:", *lines, "", parser.epilog or ""])
-
-
-def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Declare how estimations run and how the result is printed."""
-    parser.add_argument("--threads", type=int, metavar="N", help="processor threads for training")
-    parser.add_argument("--no-cache", action="store_true", help="neither read nor store results")
-    add_json_option(parser)
 
 
 def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -100,6 +39,45 @@ def _parsed(parse: Callable[[str], Any]) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(str(fault)) from None
 
     return parsed
+
+
+CASE = option("--case", choices=["I", "II"], default="II", help="I: one set for all followers (II)")
+SEGMENT = (
+    *RECORDING,
+    option("--start", type=float, default=0.0, metavar="S", help="of the window in s (0)"),
+    option("--duration", type=float, default=DURATION, metavar="S", help=f"in s ({DURATION:g})"),
+    option("--vehicles", type=_parsed(parse_vehicles), metavar="1-5 | 1,2",
+           help="leader first (the longest run of recorded vehicles from the first on)"),
+    option("--leave-out", type=_parsed(parse_regimes), default=(), metavar="REGIME,..",
+           help="regimes to exclude from the model's equation:"
+           f" {', '.join(map(as_typed, EXCLUDABLE))}"),
+    CASE,
+)  # fmt: skip
+"""Options that choose data, the same for every command that estimates."""
+WINDOWS = option(
+    "--windows",
+    type=_parsed(lambda text: text if text in (ALL, AUTO) else parse_windows(text)),
+    metavar="auto | 0-300,600-900 | all",
+    help="several windows in place of one; auto: all in car-following under ACC; all: complete"
+    " stretches in pieces of --duration",
+)
+MODEL = (
+    option("--model", choices=list(FOLLOWING), metavar="NAME",
+           help="of the answer and of the fit where its method can estimate it; by default"
+           f" {BEST}, which maximum-likelihood, simulation and the preset calibrated fit, all"
+           f" others {PAPER}: {', '.join(FOLLOWING)}"),
+    option("--hold", type=_held, action="append", default=[], metavar="NAME=VALUE",
+           help="a term of the model that keeps its value, as s0=4"),
+)  # fmt: skip
+RUN = (
+    option("--threads", type=int, metavar="N", help="processor threads for training"),
+    option("--no-cache", action="store_true", help="neither read nor store results"),
+    JSON,
+)
+"""How estimations run and how the result is printed."""
+METHODS_HELP = "\n".join(
+    ["methods:", *(f"  {key:<16} {method.summary}" for key, method in METHODS.items())]
+)
 
 
 def named_keys(text: str, every: Iterable[str], of: Callable[[str], Any]) -> tuple[str, ...]:

@@ -6,7 +6,9 @@
 import argparse
 import sys
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -23,35 +25,37 @@ from accpinn.results.messages import messages
 from accpinn.results.tables import Column, Table
 from accpinn.storage import folder as folder_of
 
+Option = Callable[[Any], object]
+"""Adds an option, or several that exclude each other, to a parser."""
 
-def add_recording(parser: argparse.ArgumentParser) -> None:
-    """Declare the file of a recording, and what of it to take."""
-    parser.add_argument("file", metavar="FILE", help="an OpenACC run or a table of pairs (CSV)")
-    parser.add_argument(
-        "--trajectory", metavar="ID", help="which one of a table that holds several"
-    )
-    parser.add_argument(
-        "--mapping",
-        metavar="JSON",
-        help="columns, units and sample time of any other table; remembered for its like",
-    )
+
+def option(*names: str, **settings: Any) -> Option:
+    """An option with the arguments of `ArgumentParser.add_argument`."""
+    return methodcaller("add_argument", *names, **settings)
+
+
+JSON = option("--json", action="store_true", help="one JSON document")
+RECORDING = (
+    option("file", metavar="FILE", help="an OpenACC run or a table of pairs (CSV)"),
+    option("--trajectory", metavar="ID", help="which one of a table that holds several"),
+    option("--mapping", metavar="JSON",
+           help="columns, units and sample time of any other table; remembered for its like"),
+)  # fmt: skip
+"""The file of a recording, and what of it to take."""
+INFO_OPTIONS = (*RECORDING, JSON)
+DOWNLOAD_OPTIONS = (
+    option("names", nargs="*", metavar="CAMPAIGN|FILE", help="runs of the catalogue (all)"),
+    option("--to", metavar="FOLDER", help="where recordings are kept (ACCPINN_RECORDINGS)"),
+    option("--list", action="store_true", help="show the catalogue, and what is there already"),
+    option("--from", dest="base", default=PUBLISHED_AT, metavar="URL", help="of a mirror"),
+    JSON,
+)
 
 
 def chosen_recording(options: argparse.Namespace) -> Recording:
     """The recording that the options name."""
     mapping = load_mapping(options.mapping) if options.mapping else None
     return read(options.file, trajectory=options.trajectory, mapping=mapping)
-
-
-def add_json_option(parser: argparse.ArgumentParser) -> None:
-    """Declare that the result may be asked for as a document."""
-    parser.add_argument("--json", action="store_true", help="one JSON document")
-
-
-def add_info_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `info`."""
-    add_recording(parser)
-    add_json_option(parser)
 
 
 def run_info(options: argparse.Namespace) -> int:
@@ -91,16 +95,6 @@ def _recording_text(recording: Recording) -> str:
     said += [f"Distance setting: {setting}"] if setting else []
     said += [f"Note: {warning}" for warning in messages(recording.findings, recording)]
     return "\n".join([table.to_text(), "", *said]).rstrip()
-
-
-def add_download_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `download`."""
-    option = parser.add_argument
-    option("names", nargs="*", metavar="CAMPAIGN|FILE", help="runs of the catalogue (all)")
-    option("--to", metavar="FOLDER", help="where recordings are kept (ACCPINN_RECORDINGS)")
-    option("--list", action="store_true", help="show the catalogue, and what is there already")
-    option("--from", dest="base", default=PUBLISHED_AT, metavar="URL", help="of a mirror")
-    add_json_option(parser)
 
 
 def run_download(options: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
 from accpinn.cli.output import show_result
-from accpinn.cli.recordings import add_json_option
+from accpinn.cli.recordings import JSON, option
 from accpinn.errors import ConfigError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters
@@ -16,7 +16,7 @@ from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import assumption
 from accpinn.results.messages.platoon import Places, disturbance, smallest_gap
-from accpinn.results.messages.stability import TITLES, against_measured, headline, reason
+from accpinn.results.messages.stability import against_measured, headline, reason, reasons
 from accpinn.results.tables.estimates import yes_or_no
 from accpinn.results.tables.stability import amplitude_table, known_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
@@ -26,27 +26,33 @@ PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MOST_VEHICLES = 100
 MEASURED = ("omega", "gain", "lower", "upper", "coherence", "coherent", "level", "averages")
 
-
-def add_stability_options(parser: argparse.ArgumentParser) -> None:
-    """Declare α, β, τ with one value a vehicle, first follower first; or a snapshot."""
-    parser.add_argument(
-        "file", nargs="?", metavar="SNAPSHOT", help="take the answer that a snapshot holds instead"
-    )
-    for parameter in PARAMETERS:
-        parser.add_argument(
-            f"--{parameter.key}",
-            type=float,
-            nargs="+",
-            metavar=parameter.key[0].upper(),
-            help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle",
-        )
-    for term, unit in (("s0", "m"), ("lag", "s"), ("delay", "s")):
-        parser.add_argument(
-            f"--{term}", type=float, nargs="+", metavar=unit.upper(),
-            help=f"of models that have it, in {unit}; one value, or one a vehicle (0)",
-        )  # fmt: skip
-    parser.add_argument("--snapshot", metavar="FILE", help="the same as SNAPSHOT")
-    add_json_option(parser)
+STABILITY_OPTIONS = (
+    option("file", nargs="?", metavar="SNAPSHOT", help="take the answer that a snapshot holds"
+           " instead"),
+    *(option(f"--{parameter.key}", type=float, nargs="+", metavar=parameter.key[0].upper(),
+             help=f"{parameter.symbol} in {parameter.unit}, one value a vehicle")
+      for parameter in PARAMETERS),
+    *(option(f"--{term}", type=float, nargs="+", metavar=unit.upper(),
+             help=f"of models that have it, in {unit}; one value, or one a vehicle (0)")
+      for term, unit in (("s0", "m"), ("lag", "s"), ("delay", "s"))),
+    option("--snapshot", metavar="FILE", help="the same as SNAPSHOT"),
+    JSON,
+)  # fmt: skip
+"""α, β, τ with one value a vehicle, first follower first; or a snapshot."""
+SIMULATE_OPTIONS = (
+    *STABILITY_OPTIONS,
+    option("--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated"
+           " (8)"),
+    *(option(f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})")
+      for name, default, meaning in (
+          ("frequency", 0.25, "of the sinusoid in rad/s"),
+          ("amplitude", 1.0, "of the leader's speed in m/s"),
+          ("speed", 20.0, "of the equilibrium in m/s"),
+          ("settle", 20.0, "steady driving first, in s"),
+          ("duration", 500.0, "of the whole run in s"),
+      )),
+)  # fmt: skip
+"""The defaults are the paper's simulation."""
 
 
 def _chosen(options: argparse.Namespace) -> KnownVehicles:
@@ -139,10 +145,10 @@ def _describe_uncertainty(known: Uncertainty, k: int) -> dict[str, Any]:
     """Probabilities and intervals of a vehicle's stability."""
     spans = {name: getattr(known, name) for name in ("peak_gain", "linf_gain")}
     return {
-        "probability_l2": float(known.probability_l2[k]),
-        "probability_linf": float(known.probability_linf[k]),
+        "probability_l2": known.probability_l2[k],
+        "probability_linf": known.probability_linf[k],
         "level": known.level,
-        "intervals": {n: [float(s.lower[k]), float(s.upper[k])] for n, s in spans.items()},
+        "intervals": {name: [span.lower[k], span.upper[k]] for name, span in spans.items()},
     }
 
 
@@ -151,39 +157,18 @@ def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[s
 
 
 def _report_text(subject: KnownVehicles) -> str:
-    vehicles, report = subject.vehicles, subject.report
-    lines, labels = [known_table(subject).to_text(), ""], vehicles.labels
+    vehicles, lines = subject.vehicles, [known_table(subject).to_text(), ""]
     if subject.uncertainty:
         lines.append(headline(subject))
     if stored := subject.result and subject.result.known_answer:
         lines.append(assumption(stored))
     lines += against_measured(subject.checks, vehicles)
-    for label, vehicle in zip(labels, report.vehicles, strict=True):
-        for verdict in (vehicle.l2, vehicle.linf_paper, vehicle.linf_exact):
-            lines.append(f"{label}, {TITLES[verdict.criterion]}: {reason(verdict, vehicle)}")
-    for name in PLATOON if len(labels) > 1 else ():
-        verdict = getattr(report.platoon, name)
-        title, why = TITLES[verdict.criterion], reason(verdict, report, vehicles.spoken)
-        lines.append(f"Platoon, {title}: {yes_or_no(verdict)}. {why}")
+    for k, (label, said) in enumerate(reasons(subject)):
+        for verdict, why in said:
+            title = verdict.criterion.value
+            of_platoon = f"Platoon, {title}: {yes_or_no(verdict)}. {why}"
+            lines.append(f"{label}, {title}: {why}" if k < len(vehicles) else of_platoon)
     return "\n".join(lines)
-
-
-def add_simulate_options(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `simulate`; their defaults are the paper's simulation."""
-    add_stability_options(parser)
-    parser.add_argument(
-        "--vehicles", type=int, metavar="N", help="followers; one parameter set is repeated (8)"
-    )
-    for name, default, meaning in (
-        ("frequency", 0.25, "of the sinusoid in rad/s"),
-        ("amplitude", 1.0, "of the leader's speed in m/s"),
-        ("speed", 20.0, "of the equilibrium in m/s"),
-        ("settle", 20.0, "steady driving first, in s"),
-        ("duration", 500.0, "of the whole run in s"),
-    ):
-        parser.add_argument(
-            f"--{name}", type=float, default=default, help=f"{meaning} ({default:g})"
-        )
 
 
 def run_simulate(options: argparse.Namespace) -> int:

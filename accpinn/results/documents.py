@@ -116,14 +116,14 @@ def _described(result: Result, with_intervals: bool) -> dict[str, Any]:
     fit, info = result.fit, result.info
     uncertainty = result.uncertainty if with_intervals else None
     return {
-        **fields(fit, "method", "case", "model", "loss", "network_weights", "iterations"),
-        **fields(fit, "seconds", "cached"),
+        **fields(fit, "method", "case", "model", "loss", "network_weights", "iterations",
+                 "seconds", "cached"),
         **{name: fit.config.get(name) for name in ("preset", "seed")},
         "parameters": _parameters(info, fit.parameters, fit.model),
         "intervals": uncertainty and _intervals(info, uncertainty, fit.model),
         "level": uncertainty and uncertainty.level,
         "outcome": fit.outcome.name.lower(),
-    }
+    }  # fmt: skip
 
 
 def _window(result: Result, k: int) -> dict[str, Any]:
@@ -132,10 +132,7 @@ def _window(result: Result, k: int) -> dict[str, Any]:
     The fit's parameters are those of all windows together.
     """
     segment, fit, answer = result.segments[k], result.fits[k], result.answer
-    low, high = (
-        _values(ends[k], answer.model) for ends in (answer.windows_lower, answer.windows_upper)
-    )
-    ends = [{name: [a[name], b[name]] for name in a} for a, b in zip(low, high, strict=True)]
+    ends = _ends(answer.windows_lower[k], answer.windows_upper[k], answer.model)
     driven = ClosedLoop.of(segment, fit)
     return {
         **fields(segment.window, "start", "duration"),
@@ -180,7 +177,6 @@ def _row(result: Result) -> dict[str, Any]:
 
 def _form(form: ModelForm, vehicle: int, k: int) -> dict[str, Any]:
     """One form of the model for one follower."""
-    low, high = (_values(part, form.form)[k] for part in (form.lower, form.upper))
     return {
         "form": form.form,
         "vehicle": vehicle,
@@ -188,7 +184,7 @@ def _form(form: ModelForm, vehicle: int, k: int) -> dict[str, Any]:
         "aic": form.aic[k],
         "log_likelihood_ratio": form.likelihood_ratio[k],
         "holdout": form.holdout[k],
-        "intervals": {name: [low[name], high[name]] for name in low} | {"level": LEVEL},
+        "intervals": _ends(form.lower, form.upper, form.form)[k] | {"level": LEVEL},
     }
 
 
@@ -238,21 +234,18 @@ def _model(key: str) -> dict[str, Any]:
 def _card(snapshot: Result, k: int) -> dict[str, Any]:
     uncertainty, following = snapshot.uncertainty, FOLLOWING[snapshot.fit.model]
     make, model = make_and_model(snapshot.info.names[k + 1])
-    sets = (snapshot.parameters, uncertainty.lower, uncertainty.upper)
-    ends = [
-        [float(value_of(following.key, parameters, name)[k]) for parameters in sets]
-        for name in following.names
-    ]
+    sets = {"value": snapshot.parameters, "low": uncertainty.lower, "high": uncertainty.upper}
     return {
         "make": make,
         "model": model,
         **{
-            parameter.name: {"value": value, "low": low, "high": high, "unit": parameter.unit}
-            for parameter, (value, low, high) in zip(following.parameters, ends, strict=True)
+            p.name: {key: float(value_of(following.key, parameters, p.name)[k])
+                     for key, parameters in sets.items()} | {"unit": p.unit}
+            for p in following.parameters
         },
         "probability_l2_stable": float(uncertainty.probability_l2[k]),
         "probability_linf_stable": float(uncertainty.probability_linf[k]),
-    }
+    }  # fmt: skip
 
 
 def answer_document(info: SegmentInfo, answer: Answer) -> list[dict[str, Any]]:
@@ -401,6 +394,12 @@ def _values(parameters: Parameters, model: str) -> list[dict[str, float]]:
     return [{name: row[at] for name, at in columns} for row in parameters.everything.tolist()]
 
 
+def _ends(lower: Parameters, upper: Parameters, model: str) -> list[dict[str, list[float]]]:
+    """Both ends of the interval of each parameter by name, for each follower."""
+    pairs = zip(_values(lower, model), _values(upper, model), strict=True)
+    return [{name: [low[name], high[name]] for name in low} for low, high in pairs]
+
+
 def _parameters(
     info: SegmentInfo, parameters: Parameters | None, model: str = PAPER
 ) -> list[dict[str, Any]]:
@@ -411,19 +410,16 @@ def _parameters(
 def _intervals(info: SegmentInfo, uncertainty: Uncertainty, model: str) -> list[dict[str, Any]]:
     """Both ends of the parameters and of what follows from them, one entry a follower."""
     gains = {name: getattr(uncertainty, name) for name in ("peak_gain", "linf_gain", "crossover")}
-    lower, upper = (_values(part, model) for part in (uncertainty.lower, uncertainty.upper))
-    return _of_followers(
-        info,
-        (
-            {
-                **{name: [low[name], high[name]] for name in low},
-                "probability_l2": uncertainty.probability_l2[k],
-                "probability_linf": uncertainty.probability_linf[k],
-                **{name: [gain.lower[k], gain.upper[k]] for name, gain in gains.items()},
-            }
-            for k, (low, high) in enumerate(zip(lower, upper, strict=True))
-        ),
+    rows = (
+        ends
+        | {
+            "probability_l2": uncertainty.probability_l2[k],
+            "probability_linf": uncertainty.probability_linf[k],
+        }
+        | {name: [gain.lower[k], gain.upper[k]] for name, gain in gains.items()}
+        for k, ends in enumerate(_ends(uncertainty.lower, uncertainty.upper, model))
     )
+    return _of_followers(info, rows)
 
 
 def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:

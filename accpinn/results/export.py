@@ -81,7 +81,8 @@ def sumo_types(
     root.append(ElementTree.Comment(ABOUT_IDM if _is_idm(model) else ABOUT_ACC))
     speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds.clip(min=SLOWEST)
     for k, (name, speed) in enumerate(zip(names, speeds.tolist(), strict=True)):
-        label = _identifier(name, k)
+        allowed = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
+        label = f"F{k + 1}_{allowed or 'vehicle'}"
         if not np.isfinite(parameters[k].values).all():
             raise ParameterError(f"{name}: τ is undetermined, so SUMO cannot use the parameters.")
         root.append(_type(label, parameters[k], speed, model))
@@ -121,11 +122,6 @@ def _type(
     if steps > 1:
         settings["actionStepLength"] = f"{steps * STEP:.12g}"
     return ElementTree.Element("vType", {"id": label, "carFollowModel": name, **settings})
-
-
-def _identifier(name: str, follower: int) -> str:
-    """As "F1_Audi_A6"."""
-    return f"F{follower + 1}_{re.sub(r'[^A-Za-z0-9.-]+', '_', name).strip('_') or 'vehicle'}"
 
 
 def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:

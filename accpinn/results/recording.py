@@ -31,35 +31,18 @@ from accpinn.segment.quality import (
 from accpinn.segment.suggestion import Suggestion
 from accpinn.study.comparison import COMPARED, SensitivityResult
 
+GRADED: Mapping[Question, Sequence[str]] = {
+    "complete": ("Samples complete", "Samples bridged", "Samples missing"),
+    "excited": ("Excitation sufficient", "Excitation small", "Excitation insufficient"),
+    "following": ("Car-following", "Not only car-following", "Little car-following"),
+    "driver": ("Driven by ACC", "Not ACC throughout", "Driven by hand", "Driver not recorded"),
+    "consistent": ("Gaps consistent with speeds", "", "Gaps contradict speeds",
+                   "Consistency not known"),
+}  # fmt: skip
 WORDS: Mapping[Question, Mapping[Grade, str]] = {
-    "complete": {
-        Grade.GOOD: "Samples complete",
-        Grade.FAIR: "Samples bridged",
-        Grade.POOR: "Samples missing",
-    },
-    "excited": {
-        Grade.GOOD: "Excitation sufficient",
-        Grade.FAIR: "Excitation small",
-        Grade.POOR: "Excitation insufficient",
-    },
-    "following": {
-        Grade.GOOD: "Car-following",
-        Grade.FAIR: "Not only car-following",
-        Grade.POOR: "Little car-following",
-    },
-    "driver": {
-        Grade.GOOD: "Driven by ACC",
-        Grade.FAIR: "Not ACC throughout",
-        Grade.POOR: "Driven by hand",
-        Grade.UNKNOWN: "Driver not recorded",
-    },
-    "consistent": {
-        Grade.GOOD: "Gaps consistent with speeds",
-        Grade.POOR: "Gaps contradict speeds",
-        Grade.UNKNOWN: "Consistency not known",
-    },
+    question: dict(zip(Grade, labels, strict=False)) for question, labels in GRADED.items()
 }
-"""Label of each grade."""
+"""Label of each grade, from good to not known."""
 MEANING: Mapping[Question, str] = {
     "complete": "Whether every speed and gap of the window was measured.",
     "excited": (

@@ -3,7 +3,7 @@
 A nonlinear model answers small disturbances differently at every speed in equilibrium. Its
 linearisation at a speed is a CTHP (see `model.following`), so verdict, Bode magnitude and gains are
 those of the CTHP; they say nothing of disturbances so large that the linearisation does not hold.
-The sentences about them are in `results.messages.stability`.
+Further sentences about them are in `results.messages.stability`.
 """
 
 from collections.abc import Iterable
@@ -42,36 +42,42 @@ from accpinn.units import FloatArray, MetresPerSecond, RadiansPerSecond, Seconds
 
 CERTAIN = 0.95
 """A vehicle is called string stable from this probability on, and unstable up to its complement."""
-Assessment = Literal["unstable", "stable", "open", "not determined"]
+Assessment = Literal["unstable", "stable", "undecided", "not determined"]
 
 
 def assessment(stable: float) -> Assessment:
     """The assessment by a probability of string stability; nan is that of unknown parameters."""
     if isnan(stable):
         return "not determined"
-    return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "open"
+    return "stable" if stable >= CERTAIN else "unstable" if stable <= 1 - CERTAIN else "undecided"
 
 
 class Behaviour(Enum):
-    """The kind of motion that the parameters make."""
+    """The kind of motion that the parameters make, as a sentence."""
 
-    REAL_POLES = "real poles"
-    COMPLEX_POLES = "complex poles"
-    UNDAMPED = "undamped"
-    NO_GAP_CONTROL = "no gap control"
-    NO_REACTION = "no reaction"
+    REAL_POLES = "Its slowest poles are real: the vehicle settles without oscillating."
+    COMPLEX_POLES = "Its slowest poles are complex: the vehicle settles oscillating."
+    UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped: it oscillates for ever."
+    NO_GAP_CONTROL = (
+        "With α = 0 there is no gap control: the vehicle follows the speed ahead, so no speed"
+        " disturbance grows, but the gap stays wherever it ends up."
+    )
+    NO_REACTION = (
+        "With α = 0 and β = 0 the vehicle does not react to the one ahead, so no disturbance"
+        " passes it."
+    )
 
 
 class Criterion(Enum):
-    """A question that a verdict answers: three about a vehicle, four about a platoon."""
+    """A question that a verdict answers, as a title: three about a vehicle, four of a platoon."""
 
-    L2 = "L2"
-    LINF_PAPER = "Linf, paper"
-    LINF_EXACT = "Linf, exact"
-    L2_STRICT = "L2, strict"
-    L2_WEAK = "L2, weak"
-    LINF_STRICT = "Linf, strict"
-    LINF_WEAK = "Linf, weak"
+    L2 = "L₂ string stability"
+    LINF_PAPER = "L∞ string stability, the paper's criterion"
+    LINF_EXACT = "L∞ string stability, exact criterion"
+    L2_STRICT = "Strict L₂ string stability"
+    L2_WEAK = "Weak L₂ string stability"
+    LINF_STRICT = "Strict L∞ string stability"
+    LINF_WEAK = "Weak L∞ string stability"
 
 
 @dataclass(frozen=True)

@@ -270,18 +270,17 @@ def _show_estimates(shown: _Shown) -> None:
     speed, row = float(answer.speeds[follower]), shown.row_of(answer.model)
     uncertainty, model = row.uncertainty, row.fit.model
     earlier = _choose_earlier(shown, speed)
-    dots = [
-        figures.NamedEstimate(name_of(f), gains_and_gap(f.model, f.parameters[follower], speed))
+    spans = answer.gains_and_gap(follower)
+    parts = np.array([(span.value, span.lower, span.upper) for span in spans]).T
+    dots = [(f"Answer ({registry.TITLES[answer.model]})", parts)]
+    dots += [
+        (name_of(f), gains_and_gap(f.model, f.parameters[follower], speed))
         for f in (row.fit for row in shown.rows)
     ]
-    spans = answer.gains_and_gap(follower)
-    value, *ends = np.array([(span.value, span.lower, span.upper) for span in spans]).T
-    title = f"Answer ({registry.TITLES[answer.model]})"
-    dots.insert(0, figures.NamedEstimate(title, value, ends=np.array(ends)))
     truth = gains_and_gap(PAPER, shown.truth, speed) if shown.truth else None
     drawn = gains_and_gap(model, uncertainty.draws[:, follower], speed)
     band = np.array(interval_ends(drawn, uncertainty.level))
-    figure = figures.estimates([*dots, *earlier], shown.colour, band, truth)
+    figure = figures.estimates(dots, shown.colour, band, truth, earlier)
     show.chart(figure, "compare_estimates")
     st.caption(
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
@@ -313,7 +312,7 @@ def _show_course(shown: _Shown) -> None:
         show.chart(figure, "compare_curves")
 
 
-def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.NamedEstimate]:
+def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Row]:
     """Earlier fits of the session to lay over the chart of estimates."""
     known: dict[str, FloatArray] = {}
     for row in reversed(shown.workspace.earlier):
@@ -328,9 +327,7 @@ def _choose_earlier(shown: _Shown, speed: MetresPerSecond) -> list[figures.Named
         "Earlier fits to lay over the chart", list(known), key="compare_earlier",
         max_selections=MOST, placeholder=f"{len(known)} kept",
     )  # fmt: skip
-    return [
-        figures.NamedEstimate(name, known[name], earlier=True) for name in chosen if name in known
-    ]
+    return [(name, known[name]) for name in chosen if name in known]
 
 
 def _show_tracks(shown: _Shown, tracks: Sequence[tuple[str, ParameterTrack]]) -> None:

@@ -289,11 +289,11 @@ def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
 
 def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
     """The reason for each verdict; of many vehicles for the one chosen."""
-    about = [words.BEHAVIOURS[vehicle.behaviour] for vehicle in source.report.vehicles]
+    about = [vehicle.behaviour.value for vehicle in source.report.vehicles]
     reasons, texts = words.reasons(source), []
     for (label, said), behaviour in zip(reasons, [*about, PLATOON], strict=False):
         lines = [
-            f"\n- {words.TITLES[verdict.criterion]}: **{words.verdict_in_words(verdict)}**."
+            f"\n- {verdict.criterion.value}: **{words.verdict_in_words(verdict)}**."
             f" {escape_markdown(why)}"
             for verdict, why in said
         ]

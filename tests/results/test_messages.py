@@ -309,7 +309,7 @@ def test_an_equation_has_every_parameter_of_its_model_and_no_other(model: str) -
 
 @pytest.mark.parametrize(
     ("stable", "state"),
-    [(0.001, "unstable"), (0.05, "unstable"), (0.09, "open"), (0.95, "stable"),
+    [(0.001, "unstable"), (0.05, "unstable"), (0.09, "undecided"), (0.95, "stable"),
      (math.nan, "not determined")],
 )  # fmt: skip
 def test_a_verdict_follows_the_posterior_not_the_estimate(stable: float, state: str) -> None:

@@ -7,7 +7,7 @@ says beside the typical value, and the joint distribution of its parameters.
 
 import html
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle
 from typing import NamedTuple
 
@@ -51,45 +51,36 @@ FURTHER, TYPICAL = 0.14, 0.28
 """Opacity of the bands of a further window and of the typical value."""
 
 
-@dataclass(frozen=True, eq=False)
-class NamedEstimate:
-    """A method's estimate: one row of the chart."""
-
-    name: str
-    values: FloatArray
-    """(3,) α, β and the time gap; nan where undetermined."""
-    earlier: bool = False
-    """Whether it is from an earlier run, which is drawn as a ring."""
-    ends: FloatArray | None = None
-    """(2, 3) lower and upper ends of its own interval, drawn as a bar."""
+Row = tuple[str, FloatArray]
+"""A name and (3,) α, β and the time gap, nan where undetermined; or (3, 3) with lower and upper
+ends of their intervals below."""
 
 
 def estimates(
-    rows: Sequence[NamedEstimate],
-    colour: str,
-    band: FloatArray,
-    truth: FloatArray | None = None,
-) -> go.Figure:
+    rows: Sequence[Row], colour: str, band: FloatArray, truth: FloatArray | None = None,
+    earlier: Sequence[Row] = (),
+) -> go.Figure:  # fmt: skip
     """A dot a method for α, β and the time gap of one follower, over the interval of a model.
 
-    The rows are given from the top down; the truth (3,) is dashed, where it is known. Intervals of
-    a row's own are bars; the ``band`` (2, 3) is shaded, nan where nothing is known.
+    The rows are given from the top down, then those of ``earlier`` runs, which are rings; the truth
+    (3,) is dashed, where it is known. Intervals of a row's own are bars; the ``band`` (2, 3) is
+    shaded, nan where nothing is known.
     """
+    rows = [*rows, *earlier]
     chart = _beside_each_other("compare-estimates", 110 + 30 * len(rows))
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
-    names = [html.escape(row.name).replace(" (", "<br>(", 1) for row in rows]
+    names = [html.escape(name).replace(" (", "<br>(", 1) for name, _ in rows]
     chart.axis("y*", categoryorder="array", categoryarray=names[::-1], showgrid=True,
                automargin=True)  # fmt: skip
     marker = {
         "size": 10, "color": colour, "line": {"width": 2, "color": colour},
-        "symbol": ["circle-open" if row.earlier else "circle" for row in rows],
+        "symbol": ["circle"] * (len(rows) - len(earlier)) + ["circle-open"] * len(earlier),
     }  # fmt: skip
-    values = np.array([row.values for row in rows])
-    ends = np.array([[row.values] * 2 if row.ends is None else row.ends for row in rows])
+    parts = np.stack([np.broadcast_to(values, (3, 3)) for _, values in rows], axis=-1)
     lower, upper = band
     gap = replace(PARAMETERS[-1], symbol="Time gap")
     for which, quantity in enumerate((*PARAMETERS[:-1], gap)):
-        column, low, high = values[:, which], ends[:, 0, which], ends[:, 1, which]
+        column, low, high = parts[:, which]
         true = [] if truth is None else truth[[which]].tolist()
         chart.dots(
             column, names, panel=which + 1, marker=marker, ends=(low, high), along="x",

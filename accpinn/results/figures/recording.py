@@ -123,7 +123,12 @@ def overview(
     for panel, strip in enumerate(strips, len(shares) + 1):
         for bars in strip:
             chart.add(**bars, panel=panel, showlegend=False)
-        chart.axis(f"y{panel}", **_categories(strip))
+        numbers = sorted({bars["y"][0] for bars in strip}, key=int, reverse=True)
+        chart.axis(
+            f"y{panel}", type="category", showgrid=False, categoryorder="array",
+            categoryarray=numbers, showticklabels=len(numbers) <= LABELLED, dtick=1,
+            tickfont={"size": 9},
+        )  # fmt: skip
     return chart.figure()
 
 
@@ -145,15 +150,6 @@ def _curves(
                 values = time_gaps(speed, recording.gap_behind(number - 1))
             drawn.append((1, number, values))
     return drawn
-
-
-def _categories(strip: Sequence[style.Part]) -> style.Part:
-    """The vertical axis of a strip: the vehicles' numbers from the top down."""
-    numbers = sorted({bars["y"][0] for bars in strip}, key=int, reverse=True)
-    return {
-        "type": "category", "showgrid": False, "categoryorder": "array", "categoryarray": numbers,
-        "showticklabels": len(numbers) <= LABELLED, "dtick": 1, "tickfont": {"size": 9},
-    }  # fmt: skip
 
 
 def motion(info: SegmentInfo, source: Trajectories) -> go.Figure:

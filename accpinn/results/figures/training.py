@@ -44,6 +44,28 @@ BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
 
 
+class _Course(style.Chart):
+    """A small panel over the iterations of a training; ``right`` is its margin in pixels."""
+
+    def __init__(self, history: History, title: str, key: str, right: float = 14) -> None:
+        head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
+        margin = {"l": 62, "r": right, "t": 34, "b": 42}
+        super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin)
+        self.axis("x", "Iteration")
+        is_long = history.iteration.max(initial=0) >= LONG
+        if is_long:  # some dozens are seen better on another axis
+            self.axis("x", type="log", dtick=1)
+        # A logarithmic axis has no zero.
+        self.iterations = np.maximum(history.iteration, 1.0 if is_long else 0.0)
+
+    def course(
+        self, values: FloatArray, name: str, colour: str, width: float = 2, **look: Any
+    ) -> None:
+        """Draw (K,) values; few of them are marked."""
+        look |= {"mode": "lines+markers" if len(values) <= FEW else "lines", "marker": {"size": 4}}
+        self.line(self.iterations, values, name, colour, width, **look)
+
+
 def training_figures(
     history: History,
     segment: SegmentInfo,
@@ -71,11 +93,11 @@ def loss_history(history: History) -> go.Figure:
     names += [("log evidence", style.MODEL)] if history.evidence is not None else []
     spans = ", ".join(f'<span style="color:{colour}">{name}</span>' for name, colour in names)
     right = 14 if history.evidence is None else 62
-    chart = _over_iterations(history, f"Loss: {spans}", "loss", right)
+    chart = _Course(history, f"Loss: {spans}", "loss", right)
     for symbol, name, values, colour, width in used:
         positive = np.where(values > 0, values, np.nan)
         hover = f"%{{y:.4g}}<extra>{symbol} {name}</extra>"
-        _line(chart, history, positive, name, colour, width, hover=hover, showlegend=False)
+        chart.course(positive, name, colour, width, hover=hover, showlegend=False)
     chart.axis("y", "Loss", type="log", **_decades([term[2] for term in used]))
     if history.evidence is not None:
         # As a difference: the evidence itself has too many digits for an axis.
@@ -84,8 +106,8 @@ def loss_history(history: History) -> go.Figure:
         chart.axis("y2", "Log evidence minus its last value", overlaying="y", side="right",
                    showgrid=False, tickmode="auto", nticks=5, standoff=2, exponentformat="none",
                    range=[missing.max() - 1.05 * span, missing.max() + 0.05 * span])  # fmt: skip
-        _line(chart, history, missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",
-              showlegend=False)  # fmt: skip
+        chart.course(missing, "log evidence", style.MODEL, dash="dash", yaxis="y2",
+                     showlegend=False)  # fmt: skip
     return chart.figure()
 
 
@@ -116,11 +138,11 @@ def parameter_history(
     ends = _interval(history, which)
     is_cthp = not column.group
     title = TITLES[column.key] if is_cthp else f"{column.group}: {column.title}"
-    chart = _over_iterations(history, title, f"parameter-{which}")
+    chart = _Course(history, title, f"parameter-{which}")
     for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
         if ends is not None:
-            chart.band(_counted(history), ends[0][:, k], ends[1][:, k], colour, 0.125)
-        _line(chart, history, values[:, k], name, colour)
+            chart.band(chart.iterations, ends[0][:, k], ends[1][:, k], colour, 0.125)
+        chart.course(values[:, k], name, colour)
     seen = [values.ravel(), *(end[-1] for end in ends or ())]
     for reference, look in ((truth, style.TRUTH), (solved, SOLVED)):
         if reference and has_terms_of(model, reference):
@@ -137,17 +159,6 @@ def _curves(model: str) -> list[tuple[int, Column]]:
     return every if model in CTHPS else every[3:]
 
 
-def _line(
-    chart: style.Chart, history: History, values: FloatArray, name: str, colour: str,
-    width: float = 2, **look: Any,
-) -> None:  # fmt: skip
-    """Draw (K,) values over the iterations; few of them are marked."""
-    mode = "lines+markers" if len(values) <= FEW else "lines"
-    chart.line(
-        _counted(history), values, name, colour, width, mode=mode, marker={"size": 4}, **look
-    )
-
-
 def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:
     """Ends (K, P) of the 90 % interval that the training states; None where it states none."""
     if history.deviations is None or which >= history.deviations.shape[2]:
@@ -155,27 +166,6 @@ def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | N
     spread = np.exp(NORMAL_90 * np.nan_to_num(history.deviations[:, :, which]))
     values = history.parameters.values[:, :, which]
     return values / spread, values * spread
-
-
-def _is_long(history: History) -> bool:
-    """Whether the iterations need a logarithmic axis; some dozens are seen better on another."""
-    return bool(history.iteration.max(initial=0) >= LONG)
-
-
-def _counted(history: History) -> FloatArray:
-    """(K,) the iterations; a logarithmic axis has no zero."""
-    return np.maximum(history.iteration, 1.0 if _is_long(history) else 0.0)
-
-
-def _over_iterations(history: History, title: str, key: str, right: float = 14) -> style.Chart:
-    """A small panel over iterations; ``right`` is its margin in pixels."""
-    head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
-    margin = {"l": 62, "r": right, "t": 34, "b": 42}
-    chart = style.Chart(key, HISTORY_HEIGHT, title=head, margin=margin)
-    chart.axis("x", "Iteration")
-    if _is_long(history):
-        chart.axis("x", type="log", dtick=1)
-    return chart
 
 
 def _decades(series: list[FloatArray]) -> dict[str, Any]:

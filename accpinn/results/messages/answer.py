@@ -73,25 +73,21 @@ def cards(
         is_known = not isnan(answer.time_gap(answer.stated_speed, k).value)
         is_shared = together and is_sure and is_known
         groups.setdefault(assessed(subject, k) if is_shared else k, []).append(k)
-    return tuple(_card(info, answer, subject, group) for group in groups.values())
-
-
-def _card(
-    info: SegmentInfo, answer: Answer, subject: KnownVehicles, followers: Sequence[int]
-) -> Card:
-    trusts = [answer.trust[k] for k in followers]
-    labels = [who(trust.vehicle, info) for trust in trusts]
-    everyone = range(len(answer.speeds)) if trusts[0].vehicle == 0 else followers
-    against = _against(info, answer, subject, everyone)
-    are_several = len(trusts) > 1 or trusts[0].vehicle == 0
-    lead = (
-        _headline(labels, are_several, answer, followers),
-        *_gains("Their" if are_several else "Its", answer, followers),
-        *_disturbances(subject, everyone, are_several),
-    )
-    trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
-    is_contradicted = trusts[0].is_contradicted or bool(against)
-    return Card(" ".join(lead), " ".join((*against, trust)), is_contradicted)
+    said = []
+    for followers in groups.values():
+        trusts = [answer.trust[k] for k in followers]
+        labels = [who(trust.vehicle, info) for trust in trusts]
+        everyone = range(len(answer.speeds)) if trusts[0].vehicle == 0 else followers
+        against = _against(info, answer, subject, everyone)
+        are_several = len(trusts) > 1 or trusts[0].vehicle == 0
+        lead = [_headline(labels, are_several, answer, followers)]
+        lead += _gains("Their" if are_several else "Its", answer, followers)
+        if subject.uncertainty and assessed(subject, everyone[0]) != "not determined":
+            lead.append(becomes(subject, everyone, "they" if are_several else "it", are_several))
+        trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
+        is_contradicted = trusts[0].is_contradicted or bool(against)
+        said.append(Card(" ".join(lead), " ".join((*against, trust)), is_contradicted))
+    return tuple(said)
 
 
 def about_answer(answer: Answer) -> str:
@@ -177,15 +173,6 @@ def _gains(whose: str, answer: Answer, followers: Sequence[int]) -> tuple[str, .
     share = f"{5 * ceil(20 * (factor - 1)):.0f} %"
     within = share if factor <= 1.3 else f"a factor of {ceil(10 * factor) / 10:g}"
     return (f"{whose} gains are known within {within}.",)
-
-
-def _disturbances(
-    subject: KnownVehicles, followers: Sequence[int], are_several: bool
-) -> tuple[str, ...]:
-    """What becomes of disturbances behind followers of one verdict, where it is known."""
-    if subject.uncertainty is None or assessed(subject, followers[0]) == "not determined":
-        return ()
-    return (becomes(subject, followers, "they" if are_several else "it", are_several),)
 
 
 def _against(

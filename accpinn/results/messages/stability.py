@@ -19,28 +19,6 @@ from accpinn.stability import (
 )
 from accpinn.units import Estimate, FloatArray
 
-TITLES: Mapping[Criterion, str] = {
-    Criterion.L2: "L₂ string stability",
-    Criterion.LINF_PAPER: "L∞ string stability, the paper's criterion",
-    Criterion.LINF_EXACT: "L∞ string stability, exact criterion",
-    Criterion.L2_STRICT: "Strict L₂ string stability",
-    Criterion.L2_WEAK: "Weak L₂ string stability",
-    Criterion.LINF_STRICT: "Strict L∞ string stability",
-    Criterion.LINF_WEAK: "Weak L∞ string stability",
-}
-BEHAVIOURS: Mapping[Behaviour, str] = {
-    Behaviour.REAL_POLES: "Its slowest poles are real: the vehicle settles without oscillating.",
-    Behaviour.COMPLEX_POLES: "Its slowest poles are complex: the vehicle settles oscillating.",
-    Behaviour.UNDAMPED: "With β = 0 and τ = 0 the vehicle is undamped: it oscillates for ever.",
-    Behaviour.NO_GAP_CONTROL: (
-        "With α = 0 there is no gap control: the vehicle follows the speed ahead, so no speed"
-        " disturbance grows, but the gap stays wherever it ends up."
-    ),
-    Behaviour.NO_REACTION: (
-        "With α = 0 and β = 0 the vehicle does not react to the one ahead, so no disturbance"
-        " passes it."
-    ),
-}
 _UNDAMPED = "With β = 0 and τ = 0 the vehicle is undamped"
 _UNSTABLE = (
     "The vehicle itself is unstable, as its lag or delay is too long for its gains: any disturbance"
@@ -49,7 +27,7 @@ _UNSTABLE = (
 _ASSESSED: Mapping[Assessment, tuple[str, str]] = {
     "unstable": ("amplifies disturbances", "amplify disturbances"),
     "stable": ("is L₂ string stable", "are L₂ string stable"),
-    "open": ("may or may not amplify disturbances", "may or may not amplify disturbances"),
+    "undecided": ("may or may not amplify disturbances", "may or may not amplify disturbances"),
     "not determined": ("is not determined by the data", "are not determined by the data"),
 }
 """Verb for one vehicle, and for several."""
@@ -126,7 +104,7 @@ def reason(
             return _strict(verdict, of, names)
         return _weak(verdict, of)
     if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
-        return BEHAVIOURS[of.behaviour]
+        return str(of.behaviour.value)
     if verdict.criterion is Criterion.L2:
         return _l2(of)
     return _linf_paper(of) if verdict.criterion is Criterion.LINF_PAPER else _linf_exact(of)
@@ -336,7 +314,8 @@ def becomes(
     numbers = [subject.vehicles.vehicles[k + 1] for k in alike]
     against = any(check.contradiction and check.vehicle in numbers for check in subject.checks)
     start = f"By the model, {named} {verb}" if against else f"{capital(named)} {verb}"
-    odds = _odds(known.probability_l2[alike]) if known and (is_headline or kind == "open") else ""
+    has_odds = is_headline or kind == "undecided"
+    odds = _odds(known.probability_l2[alike]) if known and has_odds else ""
     if kind == "not determined":
         return f"Not determined by the data: {named}."
     if kind != "unstable":

@@ -13,7 +13,6 @@ import re
 import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -40,10 +38,10 @@ from accpinn.results.figures.training import tracking, training_figures
 from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as on_platoon
-from accpinn.results.messages import stability as sentences
+from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as words
 from accpinn.results.reproduction import verification_table
-from accpinn.results.tables import STYLE, Column, Table
+from accpinn.results.tables import STYLE, Column, Table, template
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.stability import criteria_part, known_table
@@ -107,7 +105,7 @@ def render_report(snapshot: Result, verification: Verification | None = None) ->
     story = _story(snapshot, verification)
     drawings = [picture.drawn() for picture in story["shown"]]
     document = json.dumps(drawings, ensure_ascii=False, separators=(",", ":"))
-    return _template().render(
+    return template("report/page.html").render(
         story,
         style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
         table_style=Markup(re.sub(r"</?style>", "", STYLE)),
@@ -145,11 +143,8 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 
 def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
-    info, fit, adequacy = snapshot.info, snapshot.fit, snapshot.parts.adequacy
-    known = snapshot.known_answer
     subject, motion = known_vehicles(snapshot), motion_picture(snapshot)
     vehicles = subject.vehicles
-    places = on_platoon.Places(vehicles.spoken if len(vehicles) > 1 else ())
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
     training = [*training_pictures(snapshot)]
@@ -161,32 +156,24 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
         **dict(zip(names, parts, strict=True)),
         "shown": list(chain.from_iterable(parts)),
         "snapshot": snapshot,
+        "known": snapshot.known_answer,
+        "adequacy": snapshot.parts.adequacy,
         "words": words,
         "on_answer": on_answer,
-        "about_windows": messages(known.findings if known else (), info),
-        "cautions": words.cautions(snapshot),
+        "on_platoon": on_platoon,
+        "on_stability": on_stability,
+        "tables": tables,
+        "messages": messages,
         "sheets": sheets,
-        "conditional": words.conditional(snapshot, adequacy),
-        "forms": messages(adequacy.findings if adequacy else (), info),
-        "label": on_answer.papers_estimate(fit),
-        "name": tables.name_of(fit),
-        "assumption": on_answer.assumption(known) if known else "",
         "reasons": [
             (label, [why for verdict, why in said if verdict.criterion in EXPLAINED])
-            for label, said in (sentences.reasons(subject) if subject.has_report else ())
+            for label, said in (on_stability.reasons(subject) if subject.has_report else ())
         ],
-        "measured": sentences.against_measured(snapshot.gain_checks, info),
         "run": run,
-        "run_warnings": messages(run.findings, places) if run else (),
+        "places": on_platoon.Places(vehicles.spoken if len(vehicles) > 1 else ()),
         "repeated": repeated,
-        "linear": on_platoon.by_linearisation(run) if run else "",
-        "models": [
-            (each, messages(each.findings, info), sheets[f"models_{each.info.vehicles[1]}"])
-            for each in snapshot.parts.judgements or ()
-        ],
         "checked": checked,
         "checks": Markup(verification_table(checked).to_html()),
-        "method": tables.TITLES.get(fit.method, fit.method),
     }
 
 
@@ -219,18 +206,6 @@ def _policy(*scripts: str) -> str:
         f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline';"
         " img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
-
-
-@cache
-def _template() -> Template:
-    made = Environment(
-        loader=FileSystemLoader(HERE),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return made.get_template("page.html")
 
 
 def motion_picture(snapshot: Result) -> Picture | None:
@@ -277,17 +252,17 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
         return
     bode = with_legend(stability_figures.bode(subject))
     said = ["Bode magnitude from the speed ahead to the vehicle's own."]
-    said += [sentences.about_bode(uncertainty)]
-    said += [sentences.MEASURED] if stability_figures.measured_of(subject) else []
+    said += [on_stability.about_bode(uncertainty)]
+    said += [on_stability.MEASURED] if stability_figures.measured_of(subject) else []
     yield Picture("bode", bode, " ".join(said))
     if len(vehicles) > 1:
         chart = stability_figures.criteria_by_vehicle(subject)
-        yield Picture("criteria", with_legend(chart), sentences.CRITERIA)
+        yield Picture("criteria", with_legend(chart), on_stability.CRITERIA)
     if is_lagged(vehicles.parameters):
         return
     held = len(vehicles) - 1
     chart = stability_figures.stability_map(subject, held, "beta")
-    about = sentences.about_map(vehicles, held)
+    about = on_stability.about_map(vehicles, held)
     if uncertainty:
         about += f" {stability_figures.cloud_caption(chart, uncertainty, 'beta')}"
     yield Picture("map", with_legend(chart), about)

@@ -48,33 +48,20 @@ Values = Sequence[float] | FloatArray
 ABSENT = "–"
 """Stands where a quantity has no meaning, as the leader's α."""
 
+_SYMBOLS = {
+    "α": "alpha", "β": "beta", "γ": "gamma", "κ": "kappa", "λ": "lambda", "τ": "tau", "ω": "omega",
+    "Δ": "Delta", "∞": "infty", "‖": "|", "≤": "le",
+}  # fmt: skip
+_CHARACTERS = {
+    "\\": "backslash", "~": "asciitilde", "^": "asciicircum", "<": "less", ">": "greater",
+    "|": "bar", '"': "quotedbl",
+}  # fmt: skip
 _LATEX = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
     **{letter: f"\\{letter}" for letter in "{}$&#%_"},
-    "α": r"$\alpha$",
-    "β": r"$\beta$",
-    "τ": r"$\tau$",
-    "Δ": r"$\Delta$",
-    "ω": r"$\omega$",
-    "∞": r"$\infty$",
-    "‖": r"$\|$",
-    "λ": r"$\lambda$",
-    "γ": r"$\gamma$",
-    "κ": r"$\kappa$",
+    **{letter: rf"\text{name}{{}}" for letter, name in _CHARACTERS.items()},
+    **{letter: rf"$\{name}$" for letter, name in _SYMBOLS.items()},
     **{digit: f"$_{k}$" for k, digit in enumerate("₀₁₂")},
-    "²": r"$^2$",
-    "≤": r"$\le$",
-    "−": "$-$",
-    "–": "--",
-    "…": r"\dots{}",
-    "\n": " ",
-    "\t": " ",
+    **{"²": "$^2$", "−": "$-$", "–": "--", "…": r"\dots{}", "\n": " ", "\t": " "},
 }
 _LATIN = "\u024f"
 """Letters up to here LaTeX knows; of others it shows the number."""
@@ -338,7 +325,7 @@ class Table:
 
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
-        return _template().render(
+        return template("tables/table.html").render(
             table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG
         )
 
@@ -353,13 +340,16 @@ class Table:
 
 
 @cache
-def _template() -> "Template":
-    """The HTML of every table."""
-    from jinja2 import Environment, StrictUndefined  # few commands print HTML
+def template(name: str) -> "Template":
+    """The HTML of tables and pages, by its path below `results`."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # few commands print HTML
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    environment = Environment(
+        loader=FileSystemLoader(_HERE.parent), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
     environment.globals["meanings"] = MEANINGS
-    return environment.from_string((_HERE / "table.html").read_text(encoding="utf-8"))
+    return environment.get_template(name)
 
 
 def latex(text: str) -> str:

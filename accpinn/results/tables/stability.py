@@ -1,7 +1,8 @@
 """String stability as tables in the manner of the paper's Table III, with the exact L∞ gain."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from math import nan
 
 import numpy as np
@@ -24,7 +25,7 @@ from accpinn.results.tables import (
 )
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment import Segment
-from accpinn.stability import Assessment, StabilityReport, assessment
+from accpinn.stability import StabilityReport, assessment
 from accpinn.stability.measured_gain import MeasuredGain
 from accpinn.units import FloatArray
 
@@ -37,13 +38,6 @@ STABLE, EXACT = "Stable", Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
-WORDS: Mapping[Assessment, str] = {
-    "unstable": "unstable",
-    "stable": "stable",
-    "open": "undecided",
-    "not determined": "not determined",
-}
-"""The posterior's verdict on a vehicle, as a cell has it."""
 
 
 def stability_table(
@@ -133,10 +127,9 @@ def _posterior(
     """The probability of string stability, and what it amounts to; marked where contradicted."""
     if shares is not None:
         yield Column.chance(PROBABILITY, group), percent_cells(shares)
-        words: list[Cell] = [WORDS[assessment(share)] for share in shares]
-        for k, why in enumerate(against):
-            words[k] = Marked(WORDS[assessment(shares[k])], why) if why else words[k]
-        yield Column(VERDICT, group=group), words
+        words = [assessment(share) for share in shares]
+        marked = (Marked(word, why) if why else word for word, why in zip_longest(words, against))
+        yield Column(VERDICT, group=group), marked
 
 
 def amplitude_table(

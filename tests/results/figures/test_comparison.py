@@ -1,7 +1,5 @@
 """Figures of the answer and of methods side by side: what they draw is what was estimated."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -23,24 +21,23 @@ TRUTH = Parameters.of(TRUE)
 def test_estimates_intervals_and_truth_stand_where_they_belong() -> None:
     fit = splines.fit(SEGMENT)
     uncertainty, found = intervals(SEGMENT, fit), fit.parameters.values[0]
-    row = figures.NamedEstimate("PiNN (fast preset)", found)
-    old = figures.NamedEstimate("Before", 1.1 * found, earlier=True)
+    row, old = ("PiNN (fast preset)", found), ("Before", 1.1 * found)
     band = np.array([uncertainty.lower.values[0], uncertainty.upper.values[0]])
-    figure = figures.estimates([row, old], COLOUR, band, TRUE)
+    figure = figures.estimates([row], COLOUR, band, TRUE, [old])
     drawn = np.transpose([trace.x for trace in figure.data])
-    np.testing.assert_allclose(drawn, [found, old.values])
+    np.testing.assert_allclose(drawn, [found, 1.1 * found])
     assert {tuple(trace.marker.symbol) for trace in figure.data} == {("circle", "circle-open")}
     assert list(figure.data[0].y) == ["PiNN<br>(fast preset)", "Before"]
     ends = [(band.x0, band.x1) for band in rectangles(figure)]
     np.testing.assert_allclose(ends, band.T)
     dashed = [shape.x0 for shape in figure.layout.shapes if shape.type == "line"]
     np.testing.assert_allclose(dashed, TRUE)
-    beside = replace(row, ends=np.array([row.values - 1.0, row.values + 2.0]))
+    beside = ("Beside", np.array([found, found - 1.0, found + 2.0]))
     for trace in figures.estimates([beside], COLOUR, band).data:
         np.testing.assert_allclose([trace.error_x.arrayminus, trace.error_x.array], [[1.0], [2.0]])
     unbounded = band.copy()
     unbounded[1, 2] = np.inf
-    undetermined = figures.NamedEstimate("Least squares", np.array([0.0, 0.2, np.nan]))
+    undetermined = ("Least squares", np.array([0.0, 0.2, np.nan]))
     figure = figures.estimates([undetermined], COLOUR, unbounded)
     assert np.isfinite([shape.x1 for shape in figure.layout.shapes]).all()
 

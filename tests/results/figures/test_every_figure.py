@@ -81,7 +81,7 @@ FIGURES: dict[str, Callable[[], go.Figure]] = {
     "comparison.forest": lambda: comparison.forest([SEGMENT.info], answer((SEGMENT,)), 0, COLOUR),
     "comparison.joint": lambda: comparison.joint(answer((SEGMENT,)), 0, COLOUR),
     "comparison.estimates": lambda: comparison.estimates(
-        [comparison.NamedEstimate(NAME, fitted().fit.parameters.values[0])], COLOUR,
+        [(NAME, fitted().fit.parameters.values[0])], COLOUR,
         np.array([fitted().known.lower.values[0], fitted().known.upper.values[0]]),
     ),
     "comparison.tracks": lambda: comparison.tracks([(NAME, recursive.fit(SEGMENT).track)], 0),

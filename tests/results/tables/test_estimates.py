@@ -37,7 +37,6 @@ from accpinn.results.tables.estimates import (
     parameter_table,
 )
 from accpinn.results.tables.stability import (
-    WORDS,
     amplitude_table,
     criteria_part,
     measured_gain_table,
@@ -234,7 +233,7 @@ def test_verdicts_have_intervals_and_probabilities() -> None:
     assert column(table, "Probability", LINF)[0] == pytest.approx(100 * known.probability_linf[0])
     stable = known.probability_l2
     assert column(verdicts, "Probability", L2) == pytest.approx(100 * stable)
-    assert column(verdicts, "Verdict", L2) == [WORDS[assessment(share)] for share in stable]
+    assert column(verdicts, "Verdict", L2) == [assessment(share) for share in stable]
     decibels = 20 * np.log10([peak.lower[0], peak.upper[0]])
     assert column(verdicts, "Peak", L2)[0][1:] == tuple(decibels)
     assert column(verdicts, "‖h‖₁", LINF)[0][1:] == (gain.lower[0], gain.upper[0])
