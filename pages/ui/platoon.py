@@ -21,6 +21,7 @@ from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as words
+from accpinn.results.messages.answer import cautions
 from accpinn.results.messages.stability import not_acc, probabilities
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import KnownVehicles
@@ -137,13 +138,18 @@ def _show_answer(
         details = f"{words.smallest_gap(run, places)} {words.by_linearisation(run)}".rstrip()
         if recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
-            details = f"The leader: {leader}; the platoon begins in equilibrium. {details}"
+            details = (
+                f"The leader: {leader}; the platoon begins in equilibrium. The drive mixes many"
+                " frequencies: what one of them alone grows by stands on page Stability."
+                f" {details}"
+            )
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
             details += f" The simulation is that of the estimates. {odds}"
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
+        show.cautions(cautions(source.result))
         if source.result and source.result is workspace.result and st.button(
             "Next: which model describes these cars?", key="platoon_next",
             icon=":material/arrow_forward:", type="tertiary",

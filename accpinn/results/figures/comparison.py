@@ -9,7 +9,7 @@ import html
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
@@ -67,7 +67,9 @@ def estimates(
     shaded, nan where nothing is known.
     """
     rows = [*rows, *earlier]
-    chart = _beside_each_other("compare-estimates", 110 + 30 * len(rows))
+    chart = _beside_each_other(
+        "compare-estimates", 90 + 30 * len(rows), margin={"l": 0, "r": 12, "t": 44, "b": 6}
+    )
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
     names = [html.escape(name).replace(" (", "<br>(", 1) for name, _ in rows]
     chart.axis("y*", categoryorder="array", categoryarray=names[::-1], showgrid=True,
@@ -87,7 +89,7 @@ def estimates(
             bar={"thickness": 2}, hover=f"%{{y}}<br>{_value(quantity, 'x')}<extra></extra>",
         )  # fmt: skip
         _range(chart, which, lower, upper, [*column, *low, *high, *true])
-        chart.axis(f"x{which + 1}", quantity.heading)
+        chart.axis(f"x{which + 1}", quantity.heading, side="top")
         for value in true:
             chart.level(f"x{which + 1}", value, style.TRUTH | {"width": 2})
     return chart.figure()
@@ -176,9 +178,11 @@ def _value(quantity: Quantity, axis: str) -> str:
     return f"{quantity.symbol} = %{{{axis}:.4f}} {quantity.unit}"
 
 
-def _beside_each_other(key: str, height: int) -> style.Chart:
+def _beside_each_other(key: str, height: int, **layout: Any) -> style.Chart:
     """A panel for each of α, β, τ."""
-    chart = style.Chart(key, height, style.row(3, 0.03), hovermode="closest", dragmode=False)
+    chart = style.Chart(
+        key, height, style.row(3, 0.03), hovermode="closest", dragmode=False, **layout
+    )
     chart.axis("x*", tickangle=0)
     return chart
 

@@ -18,9 +18,10 @@ from accpinn.recordings import GapContradictsSpeeds, ValuesOutOfRange
 from accpinn.results.messages.stability import against_model, assessed, becomes
 from accpinn.results.tables import between, supported_digits
 from accpinn.results.tables.answer import columns_of, counted_windows
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Assessment
+from accpinn.study.result import Result
 from accpinn.units import Estimate, MetresPerSecond
 
 PAPERS_PRESETS = ("fast", "paper")
@@ -48,6 +49,8 @@ def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
 class Card(NamedTuple):
     """What is said first of a follower, or of several."""
 
+    who: str
+    """The follower, or all of them."""
     lead: str
     """The answer: time gap, gains, what becomes of disturbances."""
     trust: str
@@ -86,8 +89,22 @@ def cards(
             lead.append(becomes(subject, everyone, "they" if are_several else "it", are_several))
         trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
         is_contradicted = trusts[0].is_contradicted or bool(against)
-        said.append(Card(" ".join(lead), " ".join((*against, trust)), is_contradicted))
+        told = " ".join((*against, trust))
+        said.append(Card(joined(labels), " ".join(lead), told, is_contradicted))
     return tuple(said)
+
+
+def cautions(result: Result | None) -> tuple[str, ...]:
+    """What is against the answer of each follower, for what is concluded from it."""
+    known = result.known_answer if result else None
+    if not (result and known):
+        return ()
+    about = cards(result.info, known, known_vehicles(result))
+    return tuple(
+        f"{card.who}: {card.trust[0].lower()}{card.trust[1:]}"
+        for card in about
+        if card.is_contradicted
+    )
 
 
 def about_answer(answer: Answer) -> str:

@@ -294,7 +294,8 @@ def _show_history(result: Result, history: History, truth: Parameters | None, pa
     if history.deviations is not None:
         st.caption(
             f"{BANDS} The search starts at the estimates of maximum likelihood; the last point is"
-            " its result."
+            " its result, with the loss of the network that is drawn for it; before, that of"
+            " splines."
         )
     show.charts([*figures.training_figures(history, info, model, truth).items()], page)
 

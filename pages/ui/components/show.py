@@ -74,6 +74,12 @@ def messages(
         getattr(st, kind)(said, icon=f":material/{icon or _ICONS[kind]}:")
 
 
+def cautions(sentences: Sequence[str]) -> None:
+    """Sentences in small print, each with a mark."""
+    for said in sentences:
+        st.caption(f":orange[:material/warning:] {escape_markdown(said)}")
+
+
 def warnings(sentences: Sequence[str], about: str) -> None:
     """The first few openly, the rest on demand; ``about`` says what they are of."""
     messages(sentences[:SHOWN], "warning")
