@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.recordings import Mode, Recording, completed
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
 from accpinn.units import FloatArray, MetresPerSecond, known_mean
@@ -269,7 +269,8 @@ def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> R
         if k == 0 and pair.has_human_leader:
             mode[place, 0] = Mode.HUMAN
     name = None if is_only else pairs[0].trajectory
-    recording = Recording(
+    ids = [pairs[0].leader, *(pair.follower for pair in pairs)]
+    return Recording(
         source=source_file.name + (f", trajectory {excerpt(name)}" if name is not None else ""),
         sha256=source_file.sha256(name),
         campaign=_data_set(source_file.name),
@@ -278,10 +279,8 @@ def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> R
         gap=gap,
         mode=mode,
         trajectory=name,
+        names={k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)},
     )
-    ids = [pairs[0].leader, *(pair.follower for pair in pairs)]
-    names = {k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)}
-    return completed(recording, names, ())
 
 
 def _fill(place: NDArray[np.float64], values: FloatArray) -> None:
