@@ -359,6 +359,12 @@ class Recording:
         """Numbers of the vehicles that have data."""
         return tuple(vehicle.index for vehicle in self.vehicles if vehicle.present)
 
+    @cached_property
+    def followed(self) -> tuple[int, ...]:
+        """Numbers of the vehicles to which the next one has a space-gap; both have speeds."""
+        known: Mask = np.asarray(np.isfinite(self.gap).any(axis=0))
+        return tuple(k for k in self.present if k + 1 in self.present and known[k - 1])
+
     def label(self, number: int) -> str:
         """Number and name of vehicle ``number``."""
         return vehicle_label(number, self.vehicles[number - 1].name)
@@ -403,7 +409,7 @@ def facts_of(recording: Recording | None) -> Facts:
 
 def check(recording: Recording) -> Iterator[Finding]:
     """All findings about the data of a recording."""
-    gaps = _gaps(recording)
+    gaps = recording.followed
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
     for number in recording.present:
@@ -453,16 +459,6 @@ def agreement(
     if pair[0].std() < 1e-9:
         return 0.0
     return float(np.corrcoef(pair.argsort().argsort() if of_ranks else pair)[0, 1])
-
-
-def _gaps(recording: Recording) -> list[int]:
-    """The numbers of the space-gaps that hold a value, between two present vehicles."""
-    present = set(recording.present)
-    return [
-        number
-        for number in range(1, recording.gap.shape[1] + 1)
-        if {number, number + 1} <= present and np.isfinite(recording.gap_behind(number)).any()
-    ]
 
 
 def _missing(

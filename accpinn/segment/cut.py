@@ -419,8 +419,7 @@ def chains(recording: Recording) -> tuple[tuple[int, ...], ...]:
     """The longest possible platoons: every maximal run of linked vehicles, in order."""
     platoons: list[tuple[int, ...]] = []
     for number in recording.present:
-        follows = platoons and platoons[-1][-1] == number - 1
-        if follows and _has_gap(recording, number - 1):
+        if number - 1 in recording.followed:
             platoons[-1] = (*platoons[-1], number)
         else:
             platoons.append((number,))
@@ -463,12 +462,8 @@ def _fault(recording: Recording, chosen: tuple[int, ...]) -> str:
     for ahead, behind in pairwise(chosen):
         if behind != ahead + 1:
             return f"vehicle {behind} does not follow vehicle {ahead}"
-        if not _has_gap(recording, ahead):
+        if ahead not in recording.followed:
             return (
                 f"{GAP.of(ahead)}, the space-gap between vehicles {ahead} and {behind}, is missing"
             )
     return ""
-
-
-def _has_gap(recording: Recording, ahead: int) -> bool:
-    return bool(np.isfinite(recording.gap_behind(ahead)).any())
