@@ -253,18 +253,6 @@ def attenuation(parameters: Parameters) -> Callable[[FloatArray], tuple[FloatArr
     return at
 
 
-def rational(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
-    """(V, 6) numerator and denominator of H in falling powers, the delay by its approximant."""
-    upper, lower = polynomials(parameters)
-    alpha, _, beta = parameters.theta.T
-    delay = parameters.complete[:, 5]
-    late = np.stack([np.ones_like(delay), -delay / 2.0, delay**2 / 12.0], axis=1)
-    upper = np.where(
-        (alpha == 0)[:, None], upper, _padded(_product(np.stack([alpha, beta], axis=1), late))
-    )
-    return upper[:, ::-1], lower[:, ::-1]
-
-
 def frequency_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:
     """(V, K) H(jω) of V vehicles at (K,) frequencies in rad/s; infinite in undamped resonance."""
     s = 1j * np.asarray(omega, float)
