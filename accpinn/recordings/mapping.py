@@ -227,7 +227,7 @@ def _recording(
 
 def _modes(columns: Columns, mapping: CsvMapping) -> NDArray[np.int8]:
     """(N, V) values of `Mode`."""
-    modes = np.full((len(columns.rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
+    modes = np.full((len(columns), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
     for mode in mapping.modes:
         words = columns.words[mode.column]
         modes[[word in mode.acc for word in words], mode.vehicle - 1] = Mode.ACC

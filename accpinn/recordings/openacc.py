@@ -234,7 +234,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         source_file, layout, [first, *speeds.values(), *gaps.values()], [*drivers.values()]
     )
     columns.measured(TIME, first)
-    samples = len(columns.rows)
+    samples = len(columns)
     speed = np.full((samples, vehicles), np.nan)
     gap = np.full((samples, vehicles - 1), np.nan)
     mode = np.full((samples, MAX_VEHICLES), Mode.UNKNOWN, np.int8)
