@@ -16,6 +16,7 @@ from datetime import date
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,21 +235,15 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         source_file, layout, [first, *speeds.values(), *gaps.values()], [*drivers.values()]
     )
     columns.measured(TIME, first)
-    samples = len(columns)
-    speed = np.full((samples, vehicles), np.nan)
-    gap = np.full((samples, vehicles - 1), np.nan)
-    mode = np.full((samples, MAX_VEHICLES), Mode.UNKNOWN, np.int8)
-    for number, column in speeds.items():
-        speed[:, number - 1] = columns.measured(SPEED, column)
-    for number, column in gaps.items():
-        values = columns.measured(GAP, column)
-        if number < vehicles:
-            gap[:, number - 1] = values
+    empty, unknown = np.full(len(columns), np.nan), np.full(len(columns), Mode.UNKNOWN, np.int8)
+    measured = {k: columns.measured(SPEED, name) for k, name in speeds.items()}
+    speed = _side_by_side(measured, vehicles, empty)
+    measured = {k: columns.measured(GAP, name) for k, name in gaps.items()}
+    gap = _side_by_side(measured, vehicles - 1, empty)
     time = columns.time(first)
     if not source_file.is_complete and layout.names[-1] not in drivers.values():
         findings.append(LineEndMissing())
-    for number, column in drivers.items():
-        mode[:, number - 1] = _modes(number, columns.words[column], findings)
+    modes = {k: _modes(k, columns.words[name], findings) for k, name in drivers.items()}
     for values, kind in ((speed, "speed"), (gap, "space-gap")):
         if np.isnan(values).all():
             fault = f"all {kind} columns are empty"
@@ -263,10 +258,17 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         time=time,
         speed=speed,
         gap=gap,
-        mode=mode[:, :vehicles],
+        mode=_side_by_side(modes, vehicles, unknown),
         names=names,
         notes=tuple(findings),
     )
+
+
+def _side_by_side(
+    channels: Mapping[int, NDArray[Any]], count: int, absent: NDArray[Any]
+) -> NDArray[Any]:
+    """(N, count) channels (N,) by vehicle number; ``absent`` (N,) where there is none."""
+    return np.stack([channels.get(number, absent) for number in range(1, count + 1)], axis=1)
 
 
 def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArray[np.int8]:
