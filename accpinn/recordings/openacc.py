@@ -16,7 +16,6 @@ from datetime import date
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,8 @@ from accpinn.errors import ConfigError, RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
+from accpinn.recordings.tables import HEADER_BYTES, Columns, Layout, cells_of, read_columns
+from accpinn.units import FloatArray
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
 _PARTS = re.compile(r"\s*([^()_]+?)\s*(?:\(([^()]*)\)|_(.+))\s*")
@@ -235,19 +235,13 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         source_file, layout, [first, *speeds.values(), *gaps.values()], [*drivers.values()]
     )
     columns.measured(TIME, first)
-    empty, unknown = np.full(len(columns), np.nan), np.full(len(columns), Mode.UNKNOWN, np.int8)
-    measured = {k: columns.measured(SPEED, name) for k, name in speeds.items()}
-    speed = _side_by_side(measured, vehicles, empty)
-    measured = {k: columns.measured(GAP, name) for k, name in gaps.items()}
-    gap = _side_by_side(measured, vehicles - 1, empty)
+    speed = _measured(columns, SPEED, vehicles)
+    gap = _measured(columns, GAP, vehicles - 1)
     time = columns.time(first)
     if not source_file.is_complete and layout.names[-1] not in drivers.values():
         findings.append(LineEndMissing())
     modes = {k: _modes(k, columns.words[name], findings) for k, name in drivers.items()}
-    for values, kind in ((speed, "speed"), (gap, "space-gap")):
-        if np.isnan(values).all():
-            fault = f"all {kind} columns are empty"
-            raise source_file.refusal(fault, "choose another recording")
+    unknown = np.full(len(columns), Mode.UNKNOWN, np.int8)
     return Recording(
         source=source_file.name,
         sha256=source_file.sha256(),
@@ -258,17 +252,21 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         time=time,
         speed=speed,
         gap=gap,
-        mode=_side_by_side(modes, vehicles, unknown),
+        mode=np.stack([modes.get(k, unknown) for k in range(1, vehicles + 1)], axis=1),
         names=names,
         notes=tuple(findings),
     )
 
 
-def _side_by_side(
-    channels: Mapping[int, NDArray[Any]], count: int, absent: NDArray[Any]
-) -> NDArray[Any]:
-    """(N, count) channels (N,) by vehicle number; ``absent`` (N,) where there is none."""
-    return np.stack([channels.get(number, absent) for number in range(1, count + 1)], axis=1)
+def _measured(columns: Columns, channel: Quantity, count: int) -> FloatArray:
+    """(N, count) a channel by vehicle number, nan for vehicles that have none; not all of it is."""
+    known = {k: columns.measured(channel, n) for k, n in numbered(columns.layout, channel).items()}
+    absent = np.full(len(columns), np.nan)
+    values = np.stack([known.get(k, absent) for k in range(1, count + 1)], axis=1)
+    if np.isnan(values).all():
+        fault = f"all {channel.name.lower()} columns are empty"
+        raise columns.source_file.refusal(fault, "choose another recording")
+    return values
 
 
 def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArray[np.int8]:
