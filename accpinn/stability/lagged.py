@@ -20,6 +20,7 @@ compare them, as to numerical integration of |h|. H(jω) and its attenuation hav
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,7 @@ class LaggedStability:
     """(V,) the lowest ω in rad/s above which one is; 0 from zero on; nan where none is."""
 
 
+@lru_cache(maxsize=4)  # margin, peak and crossover of the same vehicles are asked for in turn
 def lagged_stability(parameters: Parameters) -> LaggedStability:
     """Peak, crossover and L₂ margin of V vehicles."""
     upper, lower = polynomials(parameters)
