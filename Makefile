@@ -57,7 +57,7 @@ bench: $(VENV)/dev.stamp  ## time everyday things beside the last release (real 
 	@$(BIN)/python -m bench $(ARGS)
 
 .PHONY: samples
-samples: $(VENV)/app.stamp  ## write sample_data again from its true parameters
+samples: $(VENV)/app.stamp  ## write the recordings of sample_data again from their truth files
 	@$(BIN)/python -m accpinn.recordings.synthetic sample_data
 
 .PHONY: screenshots

@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from bench import batch, pages, results, speed, start
-from bench.measurement import Figures, Measurement, measured
+from bench.measurement import Measurement, Released, measured, show
 from tests.browser.running import installed
 
 PARTS = "start", "results", "batch", "methods", "training", "pages"
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     missing = [*(() if folder else RECORDED), *(() if chromium else PARTS[-1:])]
     if options.release and (options.only or missing):
         parser.error("--release: it takes all parts, OPENACC_DIR and Chromium")
-    done = []
+    done = {}
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as fresh:
         for name, measure in jobs(Path(folder), chromium).items():
             part = name.partition(",")[0]
@@ -43,11 +43,10 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"{name}: left out without OPENACC_DIR or Chromium", file=sys.stderr)
             elif part in (options.only or PARTS):
                 print(f"{name} ...", file=sys.stderr, flush=True)
-                done.append(fresh.submit(measured, name, measure).result())
-    figures = Figures.now(done)
+                done[name] = fresh.submit(measured, measure).result()
     if options.release:
-        figures.release()
-    return figures.show()
+        Released.now(done).keep()
+    return show(done)
 
 
 def jobs(folder: Path, chromium: str) -> dict[str, Measure]:

@@ -30,7 +30,7 @@ from accpinn.model.published import ASTAZERO, CASALE, VICOLUNGO
 from accpinn.model.registry import CTHPS, PAPER
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
-from bench.measurement import Figures, Measurement, measured
+from bench.measurement import Measurement, measured, show
 
 SETS = Parameters.stack(
     parameters for group in (ASTAZERO, VICOLUNGO, CASALE) for parameters in group.parameters
@@ -133,7 +133,7 @@ def main(arguments: list[str] | None = None) -> int:
     disturbance = Disturbance(*(getattr(given, name) for name in EFFECTS))
     study = partial(measure, given.recordings, disturbance, given.model)
     title = f"{given.recordings} recordings, {disturbance}, {given.model}"
-    return Figures.now([measured(title, study)]).show()
+    return show({title: measured(study)})
 
 
 if __name__ == "__main__":

@@ -22,6 +22,8 @@ from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds
 from tests.support.driving import segment_of
 
+MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
+
 
 @dataclass(frozen=True)
 class Disturbance:
@@ -47,7 +49,7 @@ def disturbed(
     parameters: Iterable[Parameters],
     seed: int,
     disturbance: Disturbance,
-    driving: LeaderProfile = synthetic.MOTORWAY,
+    driving: LeaderProfile = MOTORWAY,
     duration: Seconds = 300.0,
     noise: Noise | None = Noise(),  # noqa: B008 (a frozen value object)
 ) -> Segment:

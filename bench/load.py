@@ -30,7 +30,7 @@ from accpinn.study.snapshot_library import Library
 from accpinn.units import Seconds
 from bench.batch import SAMPLES, shortened
 from bench.browsing import Browser, visit
-from bench.measurement import Figures, Measurement, measured
+from bench.measurement import Measurement, measured, show
 from tests.support.server import Server, running
 
 STEP = 10
@@ -182,8 +182,8 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as place:
         work = partial(measure, Path(place), given.users, given.pause)
-        part = measured(f"users: {given.users}, {given.pause:g} s at a page in the mean", work)
-    return Figures.now([part]).show()
+        part = measured(work)
+    return show({f"users: {given.users}, {given.pause:g} s at a page in the mean": part})
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import os
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from functools import partial
@@ -23,6 +23,7 @@ from accpinn.units import Seconds
 
 RELEASED = Path(__file__).with_name("released.json")
 ROUNDS = 5
+FIXED = "fixed calculation"
 HASHED = bytes(32_000_000)
 BUSY = 1.15
 """Ratio of the fixed calculation's time to that at the release, above which a machine is busy."""
@@ -30,7 +31,7 @@ Spent = tuple[Seconds, Seconds]
 """Elapsed time and processor time."""
 
 
-class Measurement(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
+class Measurement(msgspec.Struct, frozen=True, kw_only=True):
     """A figure, and its limits on two quiet processors."""
 
     name: str
@@ -50,49 +51,50 @@ class Measurement(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True)
         return (low is None or self.value >= low) and (high is None or self.value <= high)
 
 
-class Part(msgspec.Struct, frozen=True):
-    """The measurements of one process."""
-
-    name: str
-    fixed: Seconds
-    """Time of the fixed calculation before and after them."""
-    measurements: list[Measurement]
+Parts = Mapping[str, Sequence[Measurement]]
+"""The measurements of each process by the name of its part; the first is `FIXED`."""
 
 
-class Figures(msgspec.Struct, frozen=True):
-    """All figures of one version on one machine."""
+class Released(msgspec.Struct, frozen=True):
+    """The figures of one version on one machine."""
 
     version: str
     date: str
     machine: str
-    parts: list[Part]
+    values: dict[str, dict[str, float]]
+    """Values by part and name, in the units of the measurements."""
 
     @classmethod
-    def now(cls, parts: list[Part]) -> "Figures":
+    def now(cls, parts: Parts) -> "Released":
         """Return the figures of this version, today, on this machine."""
         processor = platform.processor() or platform.machine()
         packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
         machine = f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}"
         today = datetime.now(UTC).date().isoformat()
-        return cls(accpinn.__version__, today, f"{machine}, {packages}", parts)
+        values = {
+            part: {figure.name: float(f"{figure.value:.4g}") for figure in figures}
+            for part, figures in parts.items()
+        }
+        return cls(accpinn.__version__, today, f"{machine}, {packages}", values)
 
     @classmethod
-    def released(cls) -> "Figures":
+    def last(cls) -> "Released":
         """Read the figures of the last release."""
         return msgspec.json.decode(RELEASED.read_bytes(), type=cls)
 
-    def release(self) -> None:
+    def keep(self) -> None:
         """Keep the figures as those of the release."""
         RELEASED.write_bytes(msgspec.json.format(msgspec.json.encode(self)) + b"\n")
 
-    def show(self) -> int:
-        """Print the figures beside those of the last release.
 
-        Returns:
-            The exit status: 1 if a limit is not kept.
-        """
-        print(table(self, Figures.released()))
-        return int(not all(figure.within for part in self.parts for figure in part.measurements))
+def show(parts: Parts) -> int:
+    """Print figures beside those of the last release.
+
+    Returns:
+        The exit status: 1 if a limit is not kept.
+    """
+    print(table(parts, Released.now(parts), Released.last()))
+    return int(not all(figure.within for figures in parts.values() for figure in figures))
 
 
 def spent_on(work: Callable[[], object]) -> Spent:
@@ -110,11 +112,12 @@ def timed(
     return Measurement(name=name, value=clock, at_most=at_most, processor=processor)
 
 
-def measured(name: str, measure: Callable[[], Iterable[Measurement]]) -> Part:
+def measured(measure: Callable[[], Iterable[Measurement]]) -> list[Measurement]:
     """Measure a part, with the fixed calculation before and after it."""
     before = _fixed_calculation()
     measurements = list(measure())
-    return Part(name, statistics.median(before + _fixed_calculation()), measurements)
+    fixed = statistics.median(before + _fixed_calculation())
+    return [Measurement(name=FIXED, value=fixed), *measurements]
 
 
 def _fixed_calculation() -> list[Seconds]:
@@ -125,19 +128,17 @@ def _fixed_calculation() -> list[Seconds]:
         return [once()[0] for _ in range(ROUNDS)]
 
 
-def table(now: Figures, before: Figures) -> str:
+def table(parts: Parts, now: Released, before: Released) -> str:
     """Return a line a measurement, beside the released one, and a note on a busy machine."""
-    earlier = {part.name: part for part in before.parts}
     lines = [f"accpinn {now.version}, {now.date}: {now.machine}"]
     lines.append(f"released {before.version}, {before.date}: {before.machine}")
     lines.append(f"{'':44}{'now':>14}{'processor':>12}{'limit':>14}{'released':>12}{'ratio':>7}")
-    for part in now.parts:
-        lines.append(part.name)
-        then = earlier.get(part.name, Part(part.name, part.fixed, []))
-        values = {figure.name: figure.value for figure in then.measurements}
-        lines += [_line(figure, values.get(figure.name)) for figure in part.measurements]
-        if part.fixed > BUSY * then.fixed:
-            ratio = f"{part.fixed / then.fixed:.2f} times as long as at the release"
+    for part, (fixed, *figures) in parts.items():
+        earlier = before.values.get(part, {})
+        lines.append(part)
+        lines += [_line(figure, earlier.get(figure.name)) for figure in figures]
+        if fixed.value > BUSY * earlier.get(FIXED, fixed.value):
+            ratio = f"{fixed.value / earlier[FIXED]:.2f} times as long as at the release"
             lines.append(f"  Busy or slow machine: a fixed calculation took {ratio}.")
     return "\n".join(lines)
 

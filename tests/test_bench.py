@@ -11,7 +11,7 @@ from accpinn.recordings.synthetic import LeaderProfile
 from bench import __main__ as command_line
 from bench import coverage
 from bench.disturbed import Disturbance, disturbed
-from bench.measurement import Figures, Measurement
+from bench.measurement import FIXED, Measurement, Released, show
 
 
 def by_name(measurements: Iterable[Measurement]) -> dict[str, Measurement]:
@@ -63,5 +63,19 @@ class TestDisturbedRecordings:
 
 
 def test_the_figures_of_the_release_are_readable_and_of_parts_that_there_are() -> None:
-    parts = {part.name for part in Figures.released().parts}
-    assert parts <= set(command_line.jobs(Path(), ""))
+    parts = Released.last().values
+    assert parts.keys() <= set(command_line.jobs(Path(), ""))
+
+
+def test_figures_stand_beside_those_released_and_a_limit_that_is_not_kept_shows(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    fixed = Measurement(name=FIXED, value=10.0)
+    kept = Measurement(name="import accpinn", value=0.1, at_most=0.2, processor=0.05)
+    beyond = Measurement(name="memory", value=9.0, unit="MB", at_least=10.0)
+    assert show({"start": [fixed, kept]}) == 0
+    assert "times as long as at the release" in capsys.readouterr().out, "on a slow machine"
+    assert show({"another": [fixed, kept, beyond]}) == 1
+    *_, first, second = capsys.readouterr().out.splitlines()
+    assert first.split() == ["import", "accpinn", "0.10", "s", "50.0", "ms", "≤", "0.20", "s"]
+    assert second.endswith("≥ 10 MB" + 19 * " " + "  beyond its limit")

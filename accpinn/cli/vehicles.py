@@ -204,11 +204,10 @@ def _describe_run(result: PlatoonRun, places: Places) -> dict[str, Any]:
     """The run as the command-line contract has it."""
     waves = result.amplitudes
     assert waves is not None  # behind a sinusoid there are some
-    hit = min((contact.follower for contact in result.contacts), default=len(waves.measured))
     measured = waves.measured.tolist()
     return {
         # After a collision it means nothing.
-        "amplitude": measured[:hit] + [None] * (len(measured) - hit),
+        "amplitude": measured[: result.survivors] + [None] * (len(measured) - result.survivors),
         "predicted_amplitude": waves.predicted.tolist(),
         "settled": waves.settled.tolist(),
         **fields(result, "minimum_gap", "minimum_gap_time"),

@@ -16,9 +16,9 @@ cubic with the values and slopes (Δv) at both ends, and the speeds follow from 
 even a method that smooths over the block learns nothing of it, nothing is spliced, and both sides
 keep their time. The bridge itself moves an estimate by less than half a percent.
 
-A *validation* is the closed-loop simulation on another window, with the errors on the window that
-the parameters were learned from beside it: if those on the other window are far larger, the
-parameters describe only the first window.
+A *validation* is the `ClosedLoop` on another window beside that on the window that the parameters
+were learned from: if the errors on the other window are far larger, the parameters describe only
+the first window.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -106,7 +106,9 @@ def evaluate(
     outside = list(_outside(segments, fits[0], recording)) if recording else []
     return Evaluation(
         surrogate=pooled((part.samples, surrogate_errors(part, fit)) for part, fit in pairs),
-        closed_loop=_of_windows(segments, inside),
+        closed_loop=pooled(
+            (s.samples, part.errors) for s, part in zip(segments, inside, strict=True)
+        ),
         holdout=of_blocks(blocks),
         blocks=blocks,
         out_of_window=of_blocks(outside),
@@ -158,12 +160,6 @@ def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErro
 def of_blocks(blocks: Sequence[ClosedLoop]) -> TrackingErrors | None:
     """The errors of all blocks together, by their durations."""
     return pooled((block.window.duration, block.errors) for block in blocks)
-
-
-def _of_windows(segments: Sequence[Segment], parts: Sequence[ClosedLoop]) -> TrackingErrors | None:
-    """The errors of all windows of a fit together, by their samples."""
-    samples = [segment.samples for segment in segments]
-    return pooled(zip(samples, [part.errors for part in parts], strict=True))
 
 
 def _outside(segments: Sequence[Segment], fit: Fit, recording: Recording) -> Iterator[ClosedLoop]:
@@ -254,26 +250,13 @@ class OtherVehicles(Finding, frozen=True):
         return {"pairs": "; ".join(replaced)}
 
 
-@dataclass(frozen=True, eq=False)
-class Validation:
-    """Closed-loop errors of one parameter set on two windows."""
-
-    learned: TrackingErrors | None
-    """Errors on the window that was learned from; None where nothing can be simulated."""
-    validated: TrackingErrors | None
-    """Errors on the other window; None where nothing can be simulated."""
-    events: tuple[ClosedLoopFinding, ...]
-    """Collisions, reversing and divergence on the other window."""
-    findings: tuple[ValidationOverlaps | OtherVehicles, ...]
-    """Why the errors may say less than they seem to."""
-
-
-def validate(fit: Fit, segments: Sequence[Segment], other: Segment) -> Validation:
-    """Errors of the closed-loop simulation on the segments of a fit and on another one.
+def validation_findings(
+    segments: Sequence[Segment], other: Segment
+) -> tuple[ValidationOverlaps | OtherVehicles, ...]:
+    """Why the errors of a validation may say less than they seem to.
 
     Args:
-        fit: the fit of any method, with M followers.
-        segments: the data that it was learned from, one window or several of one run.
+        segments: the data that the parameters of M followers were learned from.
         other: data of M followers in the same order.
 
     Raises:
@@ -284,18 +267,7 @@ def validate(fit: Fit, segments: Sequence[Segment], other: Segment) -> Validatio
             f"{other.source}, {other.window}: {other.followers} followers cannot validate the"
             f" parameters of {segments[0].followers}; choose as many."
         )
-    learned, validated = [ClosedLoop.of(part, fit) for part in segments], ClosedLoop.of(other, fit)
-    return Validation(
-        _of_windows(segments, learned),
-        validated.errors,
-        validated.findings,
-        tuple(_cautions(segments, other)),
-    )
-
-
-def _cautions(
-    segments: Sequence[Segment], other: Segment
-) -> Iterator[ValidationOverlaps | OtherVehicles]:
+    findings: list[ValidationOverlaps | OtherVehicles] = []
     segment = segments[0]
     same_run = (segment.sha256, segment.source) == (other.sha256, other.source)
     if same_run and np.isin(other.vehicles[1:], segment.vehicles[1:]).any():
@@ -305,8 +277,9 @@ def _cautions(
             for part in segments
         )  # fmt: skip
         if shared > 0:
-            yield ValidationOverlaps(float(shared))
+            findings.append(ValidationOverlaps(float(shared)))
     # In another run the same car may have another place; in one run two may have the same name.
     learned, validated = ((s.labels if same_run else s.names)[1:] for s in (segment, other))
     if learned != validated:
-        yield OtherVehicles(segment.labels[1:], other.labels[1:])
+        findings.append(OtherVehicles(segment.labels[1:], other.labels[1:]))
+    return tuple(findings)

@@ -221,15 +221,9 @@ class FollowingModel:
     ) -> Trajectories:
         """Simulate a platoon in closed loop: only the leader's speed is given.
 
-        A follower that collides drives on through the vehicle ahead, as `cthp.simulate` has it.
-
-        Args:
-            theta: (n,) parameters of all followers, or (n, M) of each.
-            time: (N,) in s, evenly spaced.
-            leader_speed: (N,) in m/s; straight between samples.
-            initial_speeds: (M,) in m/s.
-            initial_gaps: (M,) in m.
-            substeps: steps of the integration between two samples.
+        A follower that collides drives on through the vehicle ahead. The arguments are those of
+        `cthp.simulate`, but parameters (n,) of all followers or (n, M) of each, and ``substeps``,
+        the number of steps of the integration between two samples.
         """
         theta = np.asarray(theta, float).reshape(len(self.parameters), -1)
         fine = np.linspace(time[0], time[-1], 2 * substeps * (len(time) - 1) + 1)

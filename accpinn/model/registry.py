@@ -100,16 +100,7 @@ def simulate(
     initial_speeds: FloatArray,
     initial_gaps: FloatArray,
 ) -> cthp.Trajectories:
-    """The closed loop of any model; a CTHP's is exact. The arguments are those of `cthp.simulate`.
-
-    Args:
-        model: whose parameters.
-        parameters: (M,)
-        time: (N,) as all others.
-        leader_speed: (N,)
-        initial_speeds: (M,)
-        initial_gaps: (M,)
-    """
+    """The closed loop of any model; a CTHP's is exact. See `cthp.simulate` for the arguments."""
     if not parameters.own.shape[-1]:
         return cthp.simulate(parameters, time, leader_speed, initial_speeds, initial_gaps)
     return FOLLOWING[model].simulate(

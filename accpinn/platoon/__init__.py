@@ -160,7 +160,7 @@ class PlatoonRun:
     largest_deviation: FloatArray
     """(M+1,) in m/s: the peak of |v - speed| as far as it has meaning, leader first."""
     collisions: tuple[Collision, ...]
-    """First collision of each follower that has one, in order of time; see `contacts`."""
+    """First collision of each follower that has one before any ahead of it, in order of time."""
     meaningful: NDArray[np.intp]
     """(M+1,) number of samples of each vehicle until a collision of it or of one ahead; two at
     least, and all without a collision."""
@@ -180,15 +180,6 @@ class PlatoonRun:
             driven.time,
             frozen(np.where(gone, np.nan, driven.speeds)),
             frozen(np.where(gone[:, 1:], np.nan, driven.gaps)),
-        )
-
-    @property
-    def contacts(self) -> tuple[Collision, ...]:
-        """The collisions that can happen: no vehicle further ahead has had one before."""
-        return tuple(
-            hit
-            for hit in self.collisions
-            if not any(c.follower < hit.follower and c.time < hit.time for c in self.collisions)
         )
 
     @property
@@ -345,8 +336,11 @@ def _generator(parameters: Parameters, frequency: float) -> FloatArray:
 
 
 def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
-    """The first collision of each follower; between samples the gap is taken as straight."""
-    collisions = []
+    """The first collision of each follower; between samples the gap is taken as straight.
+
+    A collision has no meaning where a vehicle further ahead had one before.
+    """
+    collisions: list[Collision] = []
     for follower, gap in enumerate(driven.gaps.T, 1):
         used_up = collides(gap)
         used_up[0] = gap[0] <= 0
@@ -354,7 +348,9 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
             k = int(used_up.argmax())
             back = gap[k] / (gap[k] - gap[k - 1]) if k else 0.0
             step = driven.time[k] - driven.time[k - 1] if k else 0.0
-            collisions.append(Collision(follower, float(driven.time[k] - back * step)))
+            time = float(driven.time[k] - back * step)
+            if all(time <= ahead.time for ahead in collisions):
+                collisions.append(Collision(follower, time))
     return tuple(sorted(collisions, key=lambda collision: collision.time))
 
 

@@ -3,8 +3,8 @@
 import datetime
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from typing import TypedDict, cast
@@ -261,8 +261,8 @@ class Recording:
     acc_flag: int | None = None
     """The file's flag: 0 human, 1 ACC, 2 mixed. It does not give a vehicle's mode."""
     distance_setting: str | None = None
-    vehicles: tuple[Vehicle, ...] = ()
-    """(V,) vehicles, also those that the header names but the columns lack."""
+    names: Mapping[int, str]
+    """Names by vehicle number; a vehicle without one goes by its number."""
     time: FloatArray
     """(N,) in s from the first sample."""
     speed: FloatArray
@@ -271,8 +271,8 @@ class Recording:
     """(N, V-1) in m; NaN where missing, column i - 1 is IVS<i>, between vehicles i and i+1."""
     mode: NDArray[np.int8]
     """(N, V) values of `Mode`."""
-    findings: tuple[Finding, ...] = ()
-    """Findings about the data that the user should know."""
+    notes: tuple[Finding, ...] = ()
+    """Findings that were made while reading."""
     trajectory: str | None = None
     """Name of the table's trajectory; None where the file holds one run."""
 
@@ -281,6 +281,28 @@ class Recording:
         for name in ("time", "speed", "gap"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         object.__setattr__(self, "mode", frozen(self.mode, dtype=np.int8))
+
+    @cached_property
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """(V,) vehicles, also those that the header names but the columns lack."""
+        return tuple(self._vehicle(number) for number in range(1, self.speed.shape[1] + 1))
+
+    def _vehicle(self, number: int) -> Vehicle:
+        absent, mode = np.isnan(self.speed_of(number)), self.mode[:, number - 1]
+        counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
+        return Vehicle(
+            index=number,
+            name=self.names.get(number) or unnamed(number),
+            present=not absent.all(),
+            missing=int(absent.sum()),
+            missing_share=float(absent.mean()),
+            modes=counts if any(counts.values()) else None,
+        )
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings that the user should know: the notes, then those about the data."""
+        return (*self.notes, *check(self))
 
     @cached_property
     def data_digest(self) -> str:
@@ -337,6 +359,12 @@ class Recording:
         """Numbers of the vehicles that have data."""
         return tuple(vehicle.index for vehicle in self.vehicles if vehicle.present)
 
+    @cached_property
+    def followed(self) -> tuple[int, ...]:
+        """Numbers of the vehicles to which the next one has a space-gap; both have speeds."""
+        known: Mask = np.asarray(np.isfinite(self.gap).any(axis=0))
+        return tuple(k for k in self.present if k + 1 in self.present and known[k - 1])
+
     def label(self, number: int) -> str:
         """Number and name of vehicle ``number``."""
         return vehicle_label(number, self.vehicles[number - 1].name)
@@ -379,40 +407,9 @@ def facts_of(recording: Recording | None) -> Facts:
     return cast("Facts", facts | {"date": recording.date and recording.date.isoformat()})
 
 
-def completed(
-    recording: Recording, names: Mapping[int, str], findings: Iterable[Finding]
-) -> Recording:
-    """Describe the vehicles of a recording and check its data.
-
-    Args:
-        recording: without vehicles and findings.
-        names: names by vehicle number; a vehicle without one goes by its number.
-        findings: made while reading; those about the data follow them.
-    """
-    vehicles = tuple(
-        _vehicle(recording, number, names.get(number) or unnamed(number))
-        for number in range(1, recording.speed.shape[1] + 1)
-    )
-    described = replace(recording, vehicles=vehicles)
-    return replace(described, findings=(*findings, *check(described)))
-
-
-def _vehicle(recording: Recording, number: int, name: str) -> Vehicle:
-    absent, mode = np.isnan(recording.speed_of(number)), recording.mode[:, number - 1]
-    counts = {name: int((mode == Mode[name.upper()]).sum()) for name in ("ACC", "Human")}
-    return Vehicle(
-        index=number,
-        name=name,
-        present=not absent.all(),
-        missing=int(absent.sum()),
-        missing_share=float(absent.mean()),
-        modes=counts if any(counts.values()) else None,
-    )
-
-
 def check(recording: Recording) -> Iterator[Finding]:
     """All findings about the data of a recording."""
-    gaps = _gaps(recording)
+    gaps = recording.followed
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
     for number in recording.present:
@@ -462,16 +459,6 @@ def agreement(
     if pair[0].std() < 1e-9:
         return 0.0
     return float(np.corrcoef(pair.argsort().argsort() if of_ranks else pair)[0, 1])
-
-
-def _gaps(recording: Recording) -> list[int]:
-    """The numbers of the space-gaps that hold a value, between two present vehicles."""
-    present = set(recording.present)
-    return [
-        number
-        for number in range(1, recording.gap.shape[1] + 1)
-        if {number, number + 1} <= present and np.isfinite(recording.gap_behind(number)).any()
-    ]
 
 
 def _missing(

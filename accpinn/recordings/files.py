@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from accpinn.channels import METADATA, TIME
+from accpinn.channels import METADATA, SPEED, TIME
 from accpinn.errors import RecordingError
 from accpinn.recordings import Recording, ValuesOutOfRange, openacc, pairs
 from accpinn.recordings import mapping as mapped
@@ -82,7 +82,7 @@ class File:
         """
         if self.layout is None or self.mapping or self.is_pair_table:
             return False
-        has_vehicles = openacc.has_numbered_speeds(self.layout)
+        has_vehicles = openacc.numbered(self.layout, SPEED)
         return not has_vehicles or _first_cell(self.content) != TIME.column.lower()
 
     @cached_property

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
-from accpinn.recordings import MappingRemembered, Mode, Recording, completed
+from accpinn.recordings import MappingRemembered, Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import Columns, TableRun, layout_of, read_columns
 from accpinn.storage import folder, reported, write_whole
@@ -212,7 +212,7 @@ def _recording(
         column = mapping.trajectory or mapping.speeds[0].column
         raise columns.refusal("the trajectory has one row", "choose another trajectory", column)
     source_file = columns.source_file
-    recording = Recording(
+    return Recording(
         source=source_file.name + (f", trajectory {trajectory}" if mapping.trajectory else ""),
         sha256=source_file.sha256(trajectory),
         time=time,
@@ -220,14 +220,14 @@ def _recording(
         gap=np.column_stack(gaps),
         mode=_modes(columns, mapping),
         trajectory=trajectory,
+        names={k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)},
+        notes=findings,
     )
-    names = {k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)}
-    return completed(recording, names, findings)
 
 
 def _modes(columns: Columns, mapping: CsvMapping) -> NDArray[np.int8]:
     """(N, V) values of `Mode`."""
-    modes = np.full((len(columns.rows), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
+    modes = np.full((len(columns), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
     for mode in mapping.modes:
         words = columns.words[mode.column]
         modes[[word in mode.acc for word in words], mode.vehicle - 1] = Mode.ACC

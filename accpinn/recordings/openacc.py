@@ -10,7 +10,7 @@ Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import cache
@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME
+from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME, Quantity
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.findings import Finding, Labelled, Words
-from accpinn.recordings import Mode, Recording, completed
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
-from accpinn.recordings.tables import HEADER_BYTES, Layout, cells_of, read_columns
+from accpinn.recordings.tables import HEADER_BYTES, Columns, Layout, cells_of, read_columns
 from accpinn.units import FloatArray
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
@@ -209,21 +209,6 @@ class ModesUnknown(Finding, frozen=True):
         return {"column": DRIVER.of(self.vehicle)}
 
 
-@dataclass(frozen=True)
-class _Channels:
-    """The columns of a run: the name of each by vehicle number, and how the table is written."""
-
-    layout: Layout
-    speed: dict[int, str]
-    gap: dict[int, str]
-    driver: dict[int, str]
-
-    @property
-    def time(self) -> str:
-        """The name of the first column."""
-        return self.layout.names[0]
-
-
 def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     """Read an OpenACC CSV file.
 
@@ -235,17 +220,29 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         RecordingError: one sentence of file, place, fault and cure.
     """
     source_file = source if isinstance(source, SourceFile) else read_bytes(source, name)
-    metadata, channels = _read_header(source_file)
+    metadata, layout = _read_header(source_file)
+    speeds, gaps, drivers = (numbered(layout, channel) for channel in (SPEED, GAP, DRIVER))
     names = _names(source_file, metadata.get("Vehicle_order", ()))
     findings: list[Finding] = [MetadataMissing(key=key) for key in METADATA if key not in metadata]
     day = _date(metadata.get("Date", ()), findings)
     stated = _integer("Number_of_vehicles", metadata, range(1, 1000), findings)
     acc_flag = _integer("ACC", metadata, range(3), findings)
     distance_setting = excerpt(next(iter(metadata.get("Distance_setting", ())), "")) or None
-    findings += _check_names(names, stated, channels)
-    vehicles = max(len(names), *channels.speed, 2)
-    time, speed, gap, mode = _read_samples(source_file, channels, vehicles, findings)
-    recording = Recording(
+    findings += _check_names(names, stated, speeds, gaps)
+    vehicles = max(len(names), *speeds, 2)
+    first = layout.names[0]
+    columns = read_columns(
+        source_file, layout, [first, *speeds.values(), *gaps.values()], [*drivers.values()]
+    )
+    columns.measured(TIME, first)
+    speed = _measured(columns, SPEED, vehicles)
+    gap = _measured(columns, GAP, vehicles - 1)
+    time = columns.time(first)
+    if not source_file.is_complete and layout.names[-1] not in drivers.values():
+        findings.append(LineEndMissing())
+    modes = {k: _modes(k, columns.words[name], findings) for k, name in drivers.items()}
+    unknown = np.full(len(columns), Mode.UNKNOWN, np.int8)
+    return Recording(
         source=source_file.name,
         sha256=source_file.sha256(),
         campaign=_campaign(source_file),
@@ -255,43 +252,21 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
         time=time,
         speed=speed,
         gap=gap,
-        mode=mode,
+        mode=np.stack([modes.get(k, unknown) for k in range(1, vehicles + 1)], axis=1),
+        names=names,
+        notes=tuple(findings),
     )
-    return completed(recording, names, findings)
 
 
-def _read_samples(
-    source_file: SourceFile,
-    channels: _Channels,
-    vehicles: int,
-    findings: list[Finding],
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int8]]:
-    """Time (N,), speeds (N, V), space-gaps (N, V-1) and modes (N, V) of the V vehicles.
-
-    Findings about the rows are appended to ``findings``.
-    """
-    names = [channels.time, *channels.speed.values(), *channels.gap.values()]
-    columns = read_columns(source_file, channels.layout, names, [*channels.driver.values()])
-    samples = len(columns.measured(TIME, channels.time))
-    speed = np.full((samples, vehicles), np.nan)
-    gap = np.full((samples, vehicles - 1), np.nan)
-    mode = np.full((samples, MAX_VEHICLES), Mode.UNKNOWN, np.int8)
-    for number, name in channels.speed.items():
-        speed[:, number - 1] = columns.measured(SPEED, name)
-    for number, name in channels.gap.items():
-        values = columns.measured(GAP, name)
-        if number < vehicles:
-            gap[:, number - 1] = values
-    time = columns.time(channels.time)
-    if not source_file.is_complete and channels.layout.names[-1] not in channels.driver.values():
-        findings.append(LineEndMissing())
-    for number, name in channels.driver.items():
-        mode[:, number - 1] = _modes(number, columns.words[name], findings)
-    for values, kind in ((speed, "speed"), (gap, "space-gap")):
-        if np.isnan(values).all():
-            fault = f"all {kind} columns are empty"
-            raise source_file.refusal(fault, "choose another recording")
-    return time, speed, gap, mode[:, :vehicles]
+def _measured(columns: Columns, channel: Quantity, count: int) -> FloatArray:
+    """(N, count) a channel by vehicle number, nan for vehicles that have none; not all of it is."""
+    known = {k: columns.measured(channel, n) for k, n in numbered(columns.layout, channel).items()}
+    absent = np.full(len(columns), np.nan)
+    values = np.stack([known.get(k, absent) for k in range(1, count + 1)], axis=1)
+    if np.isnan(values).all():
+        fault = f"all {channel.name.lower()} columns are empty"
+        raise columns.source_file.refusal(fault, "choose another recording")
+    return values
 
 
 def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArray[np.int8]:
@@ -306,17 +281,16 @@ def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArra
 
 
 def _check_names(
-    names: Mapping[int, str], stated: int | None, channels: _Channels
+    names: Mapping[int, str], stated: int | None, speeds: Collection[int], gaps: Collection[int]
 ) -> Iterator[Finding]:
-    """Findings where names, number of vehicles and columns disagree."""
-    speeds = channels.speed
+    """Findings where names, number of vehicles and numbers of columns disagree."""
     if absent := tuple(number for number in names if number not in speeds):
         yield NamesWithoutData(vehicles=absent)
     if nameless := tuple(number for number in sorted(speeds) if not names.get(number)):
         yield VehiclesWithoutName(vehicles=nameless)
     if stated is not None and (stated not in {len(names), max(speeds)} or stated < len(names)):
         yield VehicleCountMismatch(stated=stated, named=len(names), recorded=len(speeds))
-    if orphans := tuple(n for n in sorted(channels.gap) if not {n, n + 1} <= set(speeds)):
+    if orphans := tuple(n for n in sorted(gaps) if not {n, n + 1} <= set(speeds)):
         yield GapsUnused(gaps=orphans)
 
 
@@ -341,8 +315,8 @@ Metadata = dict[str, tuple[str, ...]]
 """The cells behind each key."""
 
 
-def _read_header(source_file: SourceFile) -> tuple[Metadata, _Channels]:
-    """Metadata and columns of a file, or the sentence why it is no OpenACC run."""
+def _read_header(source_file: SourceFile) -> tuple[Metadata, Layout]:
+    """Metadata and layout of a file, or the sentence why it is no OpenACC run."""
     metadata: Metadata = {}
     keys = {key.lower(): key for key in METADATA}
     for number, line in enumerate(source_file.lines(HEADER_BYTES), start=1):
@@ -351,9 +325,10 @@ def _read_header(source_file: SourceFile) -> tuple[Metadata, _Channels]:
             continue
         first, place = cells[0].lower(), f"row {number}"
         if first == TIME.column.lower():
-            channels = _channels(source_file, Layout(cells, (), ",", ".", number))
+            layout = Layout(cells, (), ",", ".", number)
+            _require_channels(source_file, layout)
             if metadata:
-                return metadata, channels
+                return metadata, layout
             fault = f"the metadata rows ({', '.join(METADATA)}) above the column names are missing"
             raise source_file.refusal(fault, "add them, or download the file again", "row 1")
         if first not in keys:
@@ -379,27 +354,18 @@ def _unexpected(source_file: SourceFile, cell: str, place: str) -> RecordingErro
     return source_file.refusal(fault, _CHOOSE_RUN, place)
 
 
-def has_numbered_speeds(layout: Layout) -> bool:
-    """Whether a column is the speed of a numbered vehicle, as in every run."""
-    matches = map(_NUMBERED.fullmatch, layout.names)
-    return any(match[1] == SPEED.column for match in matches if match)
+def numbered(layout: Layout, channel: Quantity) -> dict[int, str]:
+    """The columns of a channel by vehicle number."""
+    matches = filter(None, map(_NUMBERED.fullmatch, layout.names))
+    return {int(match[2]): match[0] for match in matches if match[1] == channel.column}
 
 
-def _channels(source_file: SourceFile, layout: Layout) -> _Channels:
-    place = f"row {layout.header_row}"
-    columns: dict[str, dict[int, str]] = {c.column: {} for c in (SPEED, GAP, DRIVER)}
-    for cell in layout.names:
-        numbered = _NUMBERED.fullmatch(cell)
-        if numbered and numbered[1] in columns:
-            columns[numbered[1]][int(numbered[2])] = cell
-    speed, gap, driver = columns.values()
-    if not speed:
-        fault = f"no numbered speed column (as {SPEED.of(1)}) is among the column names"
-        raise source_file.refusal(fault, f"{_CHOOSE_RUN} of several vehicles", place)
-    if not gap:
-        fault = f"no space-gap column (as {GAP.of(1)}) is among the column names"
-        raise source_file.refusal(fault, f"{_CHOOSE_RUN} with gaps", place)
-    return _Channels(layout, speed, gap, driver)
+def _require_channels(source_file: SourceFile, layout: Layout) -> None:
+    needed = (SPEED, "numbered speed", "of several vehicles"), (GAP, "space-gap", "with gaps")
+    for channel, kind, whose in needed:
+        if not numbered(layout, channel):
+            fault = f"no {kind} column (as {channel.of(1)}) is among the column names"
+            raise source_file.refusal(fault, f"{_CHOOSE_RUN} {whose}", f"row {layout.header_row}")
 
 
 def _names(source_file: SourceFile, cells: tuple[str, ...]) -> dict[int, str]:

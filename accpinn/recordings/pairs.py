@@ -11,8 +11,7 @@ Scientific Data 11, 1123, 2024 (ULTra-AV).
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.channels import GAP, SPEED, TIME
-from accpinn.recordings import Mode, Recording, completed
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import MINIMUM_SAMPLES, Columns, Layout, TableRun, read_columns
 from accpinn.units import FloatArray, MetresPerSecond, known_mean
@@ -52,37 +51,6 @@ DATA_SETS = (
 """Campaigns and data sets that a file's name may begin with, behind "step1_" or the like."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pair:
-    """A leader and a follower over one stretch of N samples."""
-
-    trajectory: str
-    leader: str
-    follower: str
-    columns: Columns
-    """The N rows of the pair, whose numbers are not checked yet."""
-
-    def __len__(self) -> int:
-        """The number of samples, N."""
-        return len(self.columns.rows)
-
-    @property
-    def leader_speed(self) -> FloatArray:
-        """(N,) speed of the leader in m/s."""
-        return self.columns.numbers[LEADER_SPEED]
-
-    @property
-    def follower_speed(self) -> FloatArray:
-        """(N,) speed of the follower in m/s."""
-        return self.columns.numbers[FOLLOWER_SPEED]
-
-    @property
-    def has_human_leader(self) -> bool:
-        """Whether the table says that a driver controls the leader."""
-        types = self.columns.words.get(LEADER_TYPE)
-        return types is not None and _plain(types[0]) == HUMAN_LEADER
-
-
 def is_pair_table(layout: Layout) -> bool:
     """Whether a table has the columns of leader-follower pairs."""
     return {*NUMBERS, *WORDS} <= {*layout.names}
@@ -97,22 +65,22 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
     words = (*WORDS, LEADER_TYPE) if LEADER_TYPE in layout.names else WORDS
     columns = read_columns(source_file, layout, NUMBERS, words)
     pairs = _pairs(columns)
-    behind = {ahead: (follower, shift) for ahead, follower, shift in _links(source_file, pairs)}
-    followers = {follower for follower, _ in behind.values()}
+    links = _links(source_file, pairs)
+    followers = {follower for follower, _ in links.values()}
     platoons = []
     for first in range(len(pairs)):
         if first in followers:
             continue
         chain, begins, at = [pairs[first]], [0], first
-        while at in behind:
-            at, shift = behind[at]
+        while at in links:
+            at, shift = links[at]
             chain.append(pairs[at])
             begins.append(begins[-1] + shift)
         platoons.append((chain, begins))
     is_only = len(platoons) == 1
     return tuple(
         TableRun(
-            tuple(pair.trajectory for pair in chain),
+            tuple(_identifier(pair, TRAJECTORY) for pair in chain),
             len(chain) + 1,
             partial(_recording, chain, begins, is_only),
         )
@@ -120,7 +88,8 @@ def runs_of(source_file: SourceFile, layout: Layout) -> tuple[TableRun, ...]:
     )
 
 
-def _pairs(columns: Columns) -> list[Pair]:
+def _pairs(columns: Columns) -> list[Columns]:
+    """The rows of each pair over one stretch of time, whose numbers are not checked yet."""
     source_file = columns.source_file
     for column in NUMBERS:
         columns.require_some(column, "choose another table")
@@ -130,15 +99,14 @@ def _pairs(columns: Columns) -> list[Pair]:
     if len(starts) > max(SEVERAL, len(names) / MINIMUM_SAMPLES):
         fault = f"its {len(names):,} rows change between trajectories {len(starts):,} times"
         raise source_file.refusal(fault, "sort the rows by trajectory and time")
-    pairs: dict[tuple[str, ...], Pair] = {}
+    pairs: dict[tuple[str, ...], Columns] = {}
     for start, end in pairwise((*starts, len(names))):
-        trajectory, leader, follower = names[start]
         if names[start] in pairs:
-            fault = f"trajectory {excerpt(trajectory)} continues here, behind rows of another"
+            fault = f"trajectory {excerpt(names[start][0])} continues here, behind rows of another"
             cure = "sort the rows by trajectory and time, one pair a trajectory"
             place = f"row {columns.layout.header_row + start + 1}"
             raise source_file.refusal(fault, cure, place)
-        pairs[names[start]] = Pair(trajectory, leader, follower, columns[start:end])
+        pairs[names[start]] = columns[start:end]
     return list(pairs.values())
 
 
@@ -147,46 +115,44 @@ def _plain(word: str) -> str:
     return word.removesuffix(".0")
 
 
-def _links(source_file: SourceFile, pairs: Sequence[Pair]) -> list[tuple[int, int, int]]:
-    """Pair ahead, pair behind, and the sample of the first at which the second begins.
+def _identifier(pair: Columns, column: str) -> str:
+    return _plain(pair.words[column][0]) if column in pair.words else ""
+
+
+def _links(source_file: SourceFile, pairs: Sequence[Columns]) -> dict[int, tuple[int, int]]:
+    """By pair ahead: the pair behind, and the sample of the first at which the second begins.
 
     A pair has one pair behind and one ahead at most: those with the longest time in common.
     """
     by_leader: dict[str, list[int]] = {}
     for k, pair in enumerate(pairs):
-        by_leader.setdefault(pair.leader, []).append(k)
-    met = sum(len(by_leader.get(pair.follower, ())) for pair in pairs)
+        by_leader.setdefault(_identifier(pair, LEADER), []).append(k)
+    behind_each = [by_leader.get(_identifier(pair, FOLLOWER), []) for pair in pairs]
+    met = sum(map(len, behind_each))
     if met > MOST_COMPARED:
         fault = f"its {len(pairs):,} trajectories have so few vehicles that {met:,} may be one's"
         raise source_file.refusal(fault, "split the file, or name the vehicles of each run apart")
     matches = []
-    for k, pair in enumerate(pairs):
-        for other in by_leader.get(pair.follower, ()):
-            if other == k:
-                continue
-            shared = _shared(pair.follower_speed, pairs[other].leader_speed)
-            if shared:
+    for k, others in enumerate(behind_each):
+        speed = pairs[k].numbers[FOLLOWER_SPEED]
+        for other in others:
+            if other != k and (shared := _shared(speed, pairs[other].numbers[LEADER_SPEED])):
                 matches.append((-shared[0], k, other, shared[1]))
-    links: list[tuple[int, int, int]] = []
-    ahead: set[int] = set()
-    behind: dict[int, int] = {}
+    links: dict[int, tuple[int, int]] = {}
+    followers: set[int] = set()
     for _, k, other, shift in sorted(matches):
-        if k in ahead or other in behind or _leads(behind, other, k):
-            continue
-        ahead.add(k)
-        behind[other] = k
-        links.append((k, other, shift))
+        is_circle = _last(links, other) == k
+        if k not in links and other not in followers and not is_circle:
+            links[k] = other, shift
+            followers.add(other)
     return links
 
 
-def _leads(behind: dict[int, int], pair: int, other: int) -> bool:
-    """Whether ``pair`` is ahead of ``other`` already, so that a link back would close a circle."""
-    at: int | None = other
-    while at is not None:
-        if at == pair:
-            return True
-        at = behind.get(at)
-    return False
+def _last(links: Mapping[int, tuple[int, int]], pair: int) -> int:
+    """The last pair behind a pair."""
+    while pair in links:
+        pair, _ = links[pair]
+    return pair
 
 
 def _shared(following: FloatArray, leading: FloatArray) -> tuple[int, int] | None:
@@ -234,7 +200,7 @@ def _difference(first: FloatArray, second: FloatArray) -> float:
     return float(np.sqrt(known_mean((first - second) ** 2)))
 
 
-def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> Recording:
+def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -> Recording:
     """The recording of a platoon; V vehicles are one more than its pairs.
 
     Its time runs from the first sample of any pair to the last one; where a pair has none, the
@@ -248,8 +214,8 @@ def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> R
     Raises:
         RecordingError: about the first row that is wrong.
     """
-    source_file = pairs[0].columns.source_file
-    clocks = [_checked_time(pair.columns) for pair in pairs]
+    source_file = pairs[0].source_file
+    clocks = [_checked_time(pair) for pair in pairs]
     starts = np.array(begins) - min(begins)
     places = [slice(s, s + len(pair)) for s, pair in zip(starts, pairs, strict=True)]
     samples, vehicles = max(place.stop for place in places), len(pairs) + 1
@@ -262,14 +228,15 @@ def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> R
         # The first pair's clock serves for all.
         offset = time[place][known[0]] - instants[known[0]] if len(known) else 0.0
         _fill(time[place], instants + offset)
-        _fill(speed[place, k], pair.leader_speed)
-        speed[place, k + 1] = pair.follower_speed
-        gap[place, k] = pair.columns.numbers[PAIR_GAP]
+        _fill(speed[place, k], pair.numbers[LEADER_SPEED])
+        speed[place, k + 1] = pair.numbers[FOLLOWER_SPEED]
+        gap[place, k] = pair.numbers[PAIR_GAP]
         mode[place, k + 1] = Mode.ACC
-        if k == 0 and pair.has_human_leader:
+        if k == 0 and _identifier(pair, LEADER_TYPE) == HUMAN_LEADER:
             mode[place, 0] = Mode.HUMAN
-    name = None if is_only else pairs[0].trajectory
-    recording = Recording(
+    name = None if is_only else _identifier(pairs[0], TRAJECTORY)
+    ids = [_identifier(pairs[0], LEADER), *(_identifier(pair, FOLLOWER) for pair in pairs)]
+    return Recording(
         source=source_file.name + (f", trajectory {excerpt(name)}" if name is not None else ""),
         sha256=source_file.sha256(name),
         campaign=_data_set(source_file.name),
@@ -278,10 +245,8 @@ def _recording(pairs: Sequence[Pair], begins: Sequence[int], is_only: bool) -> R
         gap=gap,
         mode=mode,
         trajectory=name,
+        names={k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)},
     )
-    ids = [pairs[0].leader, *(pair.follower for pair in pairs)]
-    names = {k: f"ID {excerpt(identifier)}" for k, identifier in enumerate(ids, 1)}
-    return completed(recording, names, ())
 
 
 def _fill(place: NDArray[np.float64], values: FloatArray) -> None:

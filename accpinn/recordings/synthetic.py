@@ -5,25 +5,22 @@ parameters published in Apostolakis and Ampountolas (IEEE TVT 2024, sections V.C
 III), or the CTHP with an intercept s₀ and a delay, with parameters as ACC cars have. What is
 written is what receivers would have recorded of it (see `Noise`).
 
-``python -m accpinn.recordings.synthetic FOLDER`` writes every recording with its truth file.
+A truth file, as ``synthetic_motorway.truth.json``, says what determines the recording beside it.
+``python -m accpinn.recordings.synthetic FOLDER`` writes the recordings of all truth files in a
+folder again.
 """
 
-import json
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME, by_key
+from accpinn.channels import DRIVER, GAP, METADATA, SPEED, TIME
 from accpinn.errors import RecordingError
-from accpinn.model.cthp import TERMS, Parameters, Trajectories, simulate
-from accpinn.model.published import ASTAZERO, VICOLUNGO
+from accpinn.model.cthp import Parameters, Trajectories, simulate
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
-
-GENERATOR_VERSION = 1
-"""Version of the generator, raised whenever a scenario would give other numbers."""
 
 SAMPLE_TIME: Seconds = 0.1
 """Step between the samples of an OpenACC file."""
@@ -36,6 +33,9 @@ SIMULATION_STEP: Seconds = 0.05
 
 FIRST_TIME: Seconds = 1.0
 """The Time of the first sample; AstaZero's files start at 1, too."""
+
+SUFFIX = ".truth.json"
+"""Ending of a truth file."""
 
 DATE = (1, 1, 2024)
 """A day on which no campaign of OpenACC drove; the synthetic files have no date of their own."""
@@ -82,40 +82,25 @@ class LeaderProfile:
 
 
 @dataclass(frozen=True)
-class Scenario:
-    """A synthetic recording: everything that determines its bytes."""
+class Truth:
+    """What determines a synthetic recording; a truth file holds it as JSON."""
 
-    name: str
-    """File name without its ending."""
     description: str
     vehicles: tuple[str, ...]
     """Names, leader first."""
     parameters: Parameters
-    """Parameters, one entry a follower."""
+    """Parameters, one entry a follower, in the file's order."""
     leader: LeaderProfile
     noise: Noise | None
     seed: int
-    duration: Seconds = 400.0
-    initial: tuple[Metres, MetresPerSecond] | None = None
+    duration: Seconds
+    initial: tuple[Metres, MetresPerSecond] | None
     """Space-gap and speed of every follower at first; without it, equilibrium."""
-
-
-@dataclass(frozen=True)
-class Truth:
-    """The origin of a synthetic recording, which a truth file holds as JSON."""
-
-    description: str
-    parameters: Parameters
-    """Parameters, one entry a follower, in the file's order."""
-    noise: Noise | None
-    seed: int
-    generator: int
-    """`GENERATOR_VERSION` when the recording was written."""
 
 
 def truth_path(recording: Path) -> Path:
     """The path of a synthetic recording's truth file, which lies beside it."""
-    return recording.with_name(f"{recording.stem}.truth.json")
+    return recording.with_name(recording.stem + SUFFIX)
 
 
 def load_truth(path: Path) -> Truth:
@@ -127,111 +112,14 @@ def load_truth(path: Path) -> Truth:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Truth, dec_hook=_parameters)
     except FileNotFoundError:
-        fault = "there is no such truth file; write the samples again with make samples"
+        fault = "there is no such truth file; copy the folder of samples again"
     except (ValueError, msgspec.ValidationError) as error:
-        fault = f"not a truth file ({error}); write the samples again with make samples"
+        fault = f"not a truth file ({error}); copy the folder of samples again"
     raise RecordingError(f"{path.name}: {fault}.")
 
 
 def _parameters(_: type, entries: list[dict[str, float]]) -> Parameters:
     return Parameters.stack(Parameters(**entry) for entry in entries)
-
-
-def _entries(parameters: Parameters) -> list[dict[str, float]]:
-    return [
-        by_key(row[:3]) | {name: value for name, value in zip(TERMS, row[3:], strict=True) if value}
-        for row in parameters.complete.tolist()
-    ]
-
-
-MOTORWAY = LeaderProfile(28.0, 20.0, 34.0, (8.0, 25.0), (0.4, 1.2), 0.15)
-_CASALE = LeaderProfile(21.2, 18.0, 32.0, (8.0, 25.0), (0.4, 1.2), 0.15)
-_TRACK = LeaderProfile(22.0, 17.0, 27.0, (15.0, 35.0), (0.5, 1.1), 0.03)
-
-_PAPER_STUDY = Scenario(
-    name="synthetic_paper_study",
-    description=(
-        "The paper's synthetic study (section V.C): one follower that starts far too close, and"
-        " a leader of our own making in place of the recorded one. With a receiver's noise."
-    ),
-    vehicles=("Synthetic(leader)", "Synthetic(ACC)"),
-    parameters=Parameters([0.08], [0.12], [1.5]),
-    leader=_CASALE,
-    noise=Noise(),
-    seed=1,
-    duration=300.0,
-    initial=(20.3, 21.3),
-)
-
-_NOISE_FREE = replace(
-    _PAPER_STUDY,
-    name="synthetic_paper_study_noise_free",
-    description="The same drive as synthetic_paper_study.csv, as it truly was: without noise.",
-    noise=None,
-)
-
-_ASTAZERO = Scenario(
-    name="synthetic_astazero_like",
-    description=(
-        "Four followers with the paper's Case II parameters of the AstaZero platoon (Table III);"
-        " the leader drives steps between set speeds, as on the test track. The noise is that of"
-        " the other campaigns' receivers, coarser than the equipment used there."
-    ),
-    vehicles=(
-        "Audi(A8-like)",
-        "Audi(A6-like)",
-        "BMW(X5-like)",
-        "Mercedes(AClass-like)",
-        "Tesla(Model3-like)",
-    ),
-    parameters=ASTAZERO.parameters,
-    leader=_TRACK,
-    noise=Noise(),
-    seed=19,
-)
-
-_VICOLUNGO = Scenario(
-    name="synthetic_vicolungo_like",
-    description=(
-        "Three followers with the paper's Case II parameters of the Ispra-Vicolungo platoon"
-        " (Table III; its last car was driven by hand and is left out), on a motorway."
-    ),
-    vehicles=(
-        "Mitsubishi(SpaceStar-like)",
-        "Ford(S-Max-like)",
-        "Peugeot(5008-like)",
-        "KIA(Niro-like)",
-    ),
-    parameters=VICOLUNGO.parameters,
-    leader=MOTORWAY,
-    noise=Noise(),
-    seed=2,
-)
-
-_MOTORWAY_CARS = Scenario(
-    name="synthetic_motorway",
-    description=(
-        "Three followers on a motorway that keep a gap s₀ + τv and respond after a delay, with"
-        " parameters such as the ACC cars of published recordings have. With a receiver's noise."
-    ),
-    vehicles=(
-        "Synthetic(Van)",
-        "Synthetic(Hatchback)",
-        "Synthetic(Saloon)",
-        "Synthetic(Estate)",
-    ),
-    parameters=Parameters(
-        [0.08, 0.06, 0.10], [0.30, 0.40, 0.25], [0.80, 1.00, 0.70],
-        s0=[6.0, 5.0, 8.0], delay=[0.50, 0.35, 0.70],
-    ),
-    leader=MOTORWAY,
-    noise=Noise(),
-    seed=5,
-    duration=600.0,
-)  # fmt: skip
-
-SCENARIOS = (_MOTORWAY_CARS, _PAPER_STUDY, _NOISE_FREE, _ASTAZERO, _VICOLUNGO)
-"""Every recording of `sample_data`."""
 
 
 def leader_speed(profile: LeaderProfile, time: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -255,17 +143,17 @@ def leader_speed(profile: LeaderProfile, time: FloatArray, rng: np.random.Genera
     return speed
 
 
-def true_trajectories(scenario: Scenario) -> Trajectories:
+def true_trajectories(truth: Truth) -> Trajectories:
     """The true motion, every `SIMULATION_STEP`."""
-    time = np.linspace(0, scenario.duration, round(scenario.duration / SIMULATION_STEP) + 1)
-    ahead = leader_speed(scenario.leader, time, np.random.default_rng(scenario.seed))
-    if scenario.initial:
-        gap, speed = scenario.initial
-        gaps = np.full(len(scenario.parameters), gap)
+    time = np.linspace(0, truth.duration, round(truth.duration / SIMULATION_STEP) + 1)
+    ahead = leader_speed(truth.leader, time, np.random.default_rng(truth.seed))
+    if truth.initial:
+        gap, speed = truth.initial
+        gaps = np.full(len(truth.parameters), gap)
     else:
         speed = float(ahead[0])
-        gaps = scenario.parameters.time_gap(speed) * speed
-    return simulate(scenario.parameters, time, ahead, np.full(len(gaps), speed), gaps)
+        gaps = truth.parameters.time_gap(speed) * speed
+    return simulate(truth.parameters, time, ahead, np.full(len(gaps), speed), gaps)
 
 
 def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
@@ -307,10 +195,10 @@ def gauss_markov(
     return np.asarray(lfilter([1.0], [1.0, -kept], steps, axis=0))
 
 
-def to_csv(scenario: Scenario, recorded: Trajectories) -> bytes:
+def to_csv(truth: Truth, recorded: Trajectories) -> bytes:
     """The recording as an OpenACC file, byte for byte: CRLF, SI units, tenths of a millimetre."""
-    count = len(scenario.vehicles)
-    values = ((*map(str, DATE),), scenario.vehicles, (str(count),), ("1",), ("min",))
+    count = len(truth.vehicles)
+    values = ((*map(str, DATE),), truth.vehicles, (str(count),), ("1",), ("min",))
     lines = [",".join((key, *cells)) for key, cells in zip(METADATA, values, strict=True)]
     followers = range(2, count + 1)
     names = [TIME.column]
@@ -327,30 +215,17 @@ def to_csv(scenario: Scenario, recorded: Trajectories) -> bytes:
     return ("\r\n".join(lines) + "\r\n").encode()
 
 
-def write(scenario: Scenario, folder: Path) -> Path:
-    """Write the recording and the truth file of a scenario; returns the recording's path."""
-    path = folder / f"{scenario.name}.csv"
-    recorded = record(true_trajectories(scenario), scenario.noise, scenario.seed)
-    path.write_bytes(to_csv(scenario, recorded))
-    truth = Truth(
-        scenario.description, scenario.parameters, scenario.noise, scenario.seed, GENERATOR_VERSION
-    )
-    entries = {"synthetic": True} | msgspec.to_builtins(truth, enc_hook=_entries)
-    text = json.dumps(entries, indent=2, ensure_ascii=False) + "\n"
-    truth_path(path).write_bytes(text.encode())
-    return path
-
-
 def main(arguments: list[str]) -> int:
-    """Write every scenario into the folder named on the command line."""
+    """Write the recording of every truth file in the folder named on the command line."""
     if len(arguments) != 1:
         print("usage: python -m accpinn.recordings.synthetic FOLDER", file=sys.stderr)
         return 2
-    folder = Path(arguments[0])
-    folder.mkdir(parents=True, exist_ok=True)
-    for scenario in SCENARIOS:
-        path = write(scenario, folder)
-        print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB. {scenario.description}")
+    for path in sorted(Path(arguments[0]).glob(f"*{SUFFIX}")):
+        truth = load_truth(path)
+        recorded = record(true_trajectories(truth), truth.noise, truth.seed)
+        written = path.with_name(path.name.replace(SUFFIX, ".csv"))
+        written.write_bytes(to_csv(truth, recorded))
+        print(f"{written.name}: {written.stat().st_size / 1000:.0f} kB. {truth.description}")
     return 0
 
 

@@ -114,10 +114,14 @@ class Columns:
     words: dict[str, list[str]]
     """N texts by column, without white space around them; "" where a cell is empty."""
 
+    def __len__(self) -> int:
+        """The number of rows, N."""
+        return len(self.rows)
+
     def __getitem__(self, part: slice | NDArray[np.int64]) -> "Columns":
         """Some of the rows."""
         numbers = {name: values[part] for name, values in self.numbers.items()}
-        at = range(len(self.rows))[part] if isinstance(part, slice) else part
+        at = range(len(self))[part] if isinstance(part, slice) else part
         words = {name: [texts[row] for row in at] for name, texts in self.words.items()}
         return Columns(self.source_file, self.layout, self.rows[part], numbers, words)
 

@@ -20,6 +20,7 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.vehicles import by_hand, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
+from accpinn.segment.cut import DURATION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
     MOST_CAR_FOLLOWING,
@@ -97,7 +98,7 @@ def suggestion_reasons(
     often = "all the time" if share == percent(1.0) else f"for at least {share} of the time"
     reasons = [f"{window}: {choice}.", f"Every follower is in car-following {often}. {driver}"]
     if suggestion.shortened:
-        reasons.append(f"Nothing longer is complete; {suggestion.asked:.0f} s are usual.")
+        reasons.append(f"Nothing longer is complete; {DURATION:.0f} s are usual.")
     if present and present != window:
         reasons.append(
             f"The present window, {present}, contains {percent(efficiency)} of the information on"

@@ -99,11 +99,12 @@ def cut(
     platoon = _platoon(recording, chosen)
     source = _source_rows(recording, window)
     findings.extend(_unsound(recording, chosen, source.rows))
-    if not allow_missing:
-        _refuse_missing(platoon, source)
+    missing_blocks = platoon.missing_among(source)
+    if missing_blocks and not allow_missing:
+        raise _incomplete(platoon, source, missing_blocks[0])
     time, values, missing = _on_grid(platoon, source, window, findings)
     findings.extend(platoon.bridged_among(source))
-    findings.extend(platoon.missing_among(source))
+    findings.extend(missing_blocks)
     findings.extend(_driven_by_hand(recording, source, chosen[1:]))
     return Segment(
         time=time,
@@ -235,8 +236,8 @@ class _Platoon:
 
     def bridged_among(self, rows: Stretch) -> list[Bridged]:
         """The finding of each column that has bridged samples among ``rows``."""
-        findings = []
-        for column, bridged in zip(self.columns, self._bridged.T, strict=True):
+        findings, is_bridged = [], self.missing & np.isfinite(self.values)
+        for column, bridged in zip(self.columns, is_bridged.T, strict=True):
             spans = stretches(bridged)
             blocks = [b for b in spans if b.last >= rows.first and b.first <= rows.last]
             if blocks:
@@ -257,10 +258,6 @@ class _Platoon:
             share = sum(map(len, blocks)) / len(rows)
             findings.append(BlocksMissing(tuple(columns), share, windows))
         return findings
-
-    @property
-    def _bridged(self) -> Mask:
-        return self.missing & np.isfinite(self.values)
 
     def filled(self) -> FloatArray:
         """(N, 2M+1) the values, straight lines where they are missing."""
@@ -294,21 +291,15 @@ def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
     return _Platoon(recording, tuple(channels), values, missing)
 
 
-def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
-    """Raise if samples among ``rows`` are missing, and name the nearest complete windows."""
-    absent = np.isnan(platoon.values[rows.rows])
-    if not absent.any():
-        return
+def _incomplete(platoon: _Platoon, rows: Stretch, missing: BlocksMissing) -> IncompleteWindow:
+    """The sentence about samples that are missing among ``rows``, with complete windows nearby."""
     recording = platoon.recording
-    column = int(absent.any(axis=0).argmax())
-    inside = max(stretches(absent[:, column]), key=len)
-    block = Stretch(inside.first + rows.first, inside.last + rows.first)
-    if block.first == 0:
+    block = max(missing.windows, key=lambda window: window.duration)
+    reason = f"too long to bridge (limit {BRIDGE:g} s)"
+    if block.start == 0.0:
         reason = "where no earlier sample helps"
-    elif block.last == recording.samples - 1:
+    elif block.end == recording.duration:
         reason = "where no later sample helps"
-    else:
-        reason = f"too long to bridge (limit {BRIDGE:g} s)"
     middle = float(recording.time[(rows.first + rows.last) // 2])
     nearest = sorted(
         platoon.complete(),
@@ -316,9 +307,9 @@ def _refuse_missing(platoon: _Platoon, rows: Stretch) -> None:
     )
     listed = sorted(nearest[:WINDOWS_LISTED], key=lambda window: window.start)
     where = ", ".join(map(str, listed))
-    raise IncompleteWindow(
-        f"{recording.source}: {platoon.columns[column]} is missing at {recording.window(block)},"
-        f" {reason}; {f'complete nearby: {where}' if where else 'choose other vehicles'}."
+    return IncompleteWindow(
+        f"{recording.source}: {missing.columns[0]} is missing at {block}, {reason};"
+        f" {f'complete nearby: {where}' if where else 'choose other vehicles'}."
     )
 
 
@@ -419,8 +410,7 @@ def chains(recording: Recording) -> tuple[tuple[int, ...], ...]:
     """The longest possible platoons: every maximal run of linked vehicles, in order."""
     platoons: list[tuple[int, ...]] = []
     for number in recording.present:
-        follows = platoons and platoons[-1][-1] == number - 1
-        if follows and _has_gap(recording, number - 1):
+        if number - 1 in recording.followed:
             platoons[-1] = (*platoons[-1], number)
         else:
             platoons.append((number,))
@@ -463,12 +453,8 @@ def _fault(recording: Recording, chosen: tuple[int, ...]) -> str:
     for ahead, behind in pairwise(chosen):
         if behind != ahead + 1:
             return f"vehicle {behind} does not follow vehicle {ahead}"
-        if not _has_gap(recording, ahead):
+        if ahead not in recording.followed:
             return (
                 f"{GAP.of(ahead)}, the space-gap between vehicles {ahead} and {behind}, is missing"
             )
     return ""
-
-
-def _has_gap(recording: Recording, ahead: int) -> bool:
-    return bool(np.isfinite(recording.gap_behind(ahead)).any())

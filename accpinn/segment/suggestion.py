@@ -19,8 +19,8 @@ import numpy as np
 from accpinn.model.cthp import regressors
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
-from accpinn.segment.cut import DURATION, SLACK, complete_windows, cut
-from accpinn.segment.quality import FOLLOWING, MANUAL, Regimes, label_regimes
+from accpinn.segment.cut import DURATION, SLACK, complete_windows
+from accpinn.segment.quality import FOLLOWING, MANUAL, Regimes
 from accpinn.units import FloatArray, Seconds
 
 GRID: Seconds = 5.0
@@ -34,8 +34,6 @@ class Suggestion:
     """The most informative window of a recording about the parameters of M followers."""
 
     window: Window
-    vehicles: tuple[int, ...]
-    """(M+1,) vehicles, leader first."""
     car_following: float
     """The smallest share of the window's instants in car-following of any follower, 0 to 1."""
     manual: float | None
@@ -43,13 +41,11 @@ class Suggestion:
     the file does not give every follower's modes."""
     candidates: int
     """Number of windows that were compared."""
-    asked: Seconds
-    """The usual length; the window is shorter where nothing as long is complete."""
 
     @property
     def shortened(self) -> bool:
         """Whether no complete stretch has the usual length."""
-        return self.window.duration < self.asked - SLACK
+        return self.window.duration < DURATION - SLACK
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,29 +107,15 @@ class Information:
         return float(np.exp((self.log_det(window) - self.log_det(best)) / (3 * followers)))
 
 
-def information(recording: Recording, vehicles: tuple[int, ...]) -> Information:
-    """The information of a recording's windows about the followers' parameters.
-
-    Raises:
-        SegmentError: when the vehicles are no platoon, or the recording is too short.
-    """
-    whole = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
-    return Information.of(whole, label_regimes(whole, recording))
-
-
 def suggest_window(
-    recording: Recording,
-    vehicles: tuple[int, ...],
-    duration: Seconds = DURATION,
-    known: Information | None = None,
+    recording: Recording, vehicles: tuple[int, ...], known: Information
 ) -> Suggestion | None:
-    """The most informative window about the followers' parameters.
+    """The most informative window of the usual length about the followers' parameters.
 
     Args:
         recording: what to choose from.
         vehicles: leader first.
-        duration: the usual length, in s.
-        known: the `information` of the same recording and vehicles, if it is at hand.
+        known: the information of the whole recording's segment of these vehicles.
 
     Returns:
         None where no stretch is complete, or a follower never in car-following.
@@ -141,30 +123,27 @@ def suggest_window(
     Raises:
         SegmentError: when the vehicles are no platoon.
     """
-    candidates = _candidates(complete_windows(recording, vehicles), duration)
+    candidates = _candidates(complete_windows(recording, vehicles))
     if not candidates:
         return None
-    known = known or information(recording, vehicles)
     shares = np.array([known.car_following(window) for window in candidates])
     kept = [w for w, s in zip(candidates, shares, strict=True) if s > shares.max() - NEARLY]
     best = max(kept, key=known.log_det)
     if not np.isfinite(known.log_det(best)):
         return None
-    return Suggestion(
-        best, vehicles, known.car_following(best), known.by_hand(best), len(candidates), duration
-    )
+    return Suggestion(best, known.car_following(best), known.by_hand(best), len(candidates))
 
 
-def _candidates(complete: tuple[Window, ...], duration: Seconds) -> list[Window]:
-    """Windows of that length on a grid; the longest stretch where none is as long."""
+def _candidates(complete: tuple[Window, ...]) -> list[Window]:
+    """Windows of the usual length on a grid; the longest stretch where none is as long."""
     windows = []
     for stretch in complete:
         first = np.ceil((stretch.start - SLACK) / GRID) * GRID + 0.0
-        latest = stretch.end - duration
+        latest = stretch.end - DURATION
         starts = [float(s) for s in np.arange(first, latest + SLACK, GRID)]
-        if not starts and stretch.duration >= duration - SLACK:
+        if not starts and stretch.duration >= DURATION - SLACK:
             starts = [stretch.start]
-        windows += [Window(start, round(start + duration, 9)) for start in starts]
+        windows += [Window(start, round(start + DURATION, 9)) for start in starts]
     longest = max(complete, key=lambda stretch: stretch.duration, default=None)
     return windows or ([longest] if longest else [])
 

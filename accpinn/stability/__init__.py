@@ -211,7 +211,7 @@ def _vehicle(given: Parameters, vehicle: Parameters) -> VehicleStability:
     kinds = (smallest_headway_l2, smallest_headway_paper, smallest_headway_exact)
     has_headways = vehicle.alpha and not is_lagged(vehicle)
     headways = Headways(*(float(kind(vehicle)) for kind in kinds)) if has_headways else None
-    kappa, exact = float(l2_criterion(vehicle)), float(exact_margin(vehicle))
+    kappa, exact = float(l2_criterion(vehicle)), float(exact_margin(vehicle, metrics.gain))
     return VehicleStability(
         parameters=given,
         behaviour=_behaviour(vehicle, value),

@@ -63,7 +63,7 @@ from accpinn.stability.lagged import (
     frequency_response,
     is_lagged,
     lagged_stability,
-    rational,
+    polynomials,
     step_gain,
 )
 from accpinn.units import FloatArray, PerSecond, RadiansPerSecond
@@ -350,4 +350,8 @@ def transfer_function(parameters: Parameters) -> "TransferFunction":
     """H(s) of one vehicle as an object of python-control, whose analyses and plots then apply."""
     from control import TransferFunction  # late: it takes two seconds and loads pyplot
 
-    return TransferFunction(*(part[0].tolist() for part in rational(checked(parameters)[None])))
+    vehicle = checked(parameters)
+    _, lower = polynomials(vehicle[None])
+    direct = [vehicle.beta, vehicle.alpha] if vehicle.alpha else [vehicle.beta]
+    late = [vehicle.delay**2 / 12.0, -vehicle.delay / 2.0, 1.0]  # over q(s), which is in `lower`
+    return TransferFunction(np.polymul(direct, late), lower[0, ::-1])

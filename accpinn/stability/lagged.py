@@ -20,6 +20,7 @@ compare them, as to numerical integration of |h|. H(jω) and its attenuation hav
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,7 @@ class LaggedStability:
     """(V,) the lowest ω in rad/s above which one is; 0 from zero on; nan where none is."""
 
 
+@lru_cache(maxsize=4)  # margin, peak and crossover of the same vehicles are asked for in turn
 def lagged_stability(parameters: Parameters) -> LaggedStability:
     """Peak, crossover and L₂ margin of V vehicles."""
     upper, lower = polynomials(parameters)
@@ -251,18 +253,6 @@ def attenuation(parameters: Parameters) -> Callable[[FloatArray], tuple[FloatArr
         return lost.T, (slope_m / m - slope_n / n).T
 
     return at
-
-
-def rational(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
-    """(V, 6) numerator and denominator of H in falling powers, the delay by its approximant."""
-    upper, lower = polynomials(parameters)
-    alpha, _, beta = parameters.theta.T
-    delay = parameters.complete[:, 5]
-    late = np.stack([np.ones_like(delay), -delay / 2.0, delay**2 / 12.0], axis=1)
-    upper = np.where(
-        (alpha == 0)[:, None], upper, _padded(_product(np.stack([alpha, beta], axis=1), late))
-    )
-    return upper[:, ::-1], lower[:, ::-1]
 
 
 def frequency_response(parameters: Parameters, omega: FloatArray) -> NDArray[np.complex128]:

@@ -14,7 +14,7 @@ from accpinn.evaluation import (
     cross_validate,
     from_following,
     of_blocks,
-    validate,
+    validation_findings,
     without,
 )
 from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
@@ -123,12 +123,12 @@ def test_the_truth_has_no_error_on_either_window_and_another_law_has_some() -> N
     one = driven(MIXED)
     other = replace(driven(MIXED, duration=90.0), source="other")
     truth = replace(least_squares.fit(one), parameters=Parameters.of(MIXED))
-    found = validate(truth, [one], other)
-    assert found.learned.gap_mae.max() < 0.01
-    assert found.validated.gap_mae.max() < 0.01
-    assert found.findings == found.events == ()
+    assert evaluate(one, truth).closed_loop.gap_mae.max() < 0.01
+    found = ClosedLoop.of(other, truth)
+    assert found.errors.gap_mae.max() < 0.01
+    assert validation_findings([one], other) == found.findings == ()
     wrong = replace(truth, parameters=Parameters.of([LAW] * 3))
-    errors = validate(wrong, [one], other).validated
+    errors = ClosedLoop.of(other, wrong).errors
     assert errors.gap_mae[0] < 0.01, "the first obeys that law"
     assert errors.gap_mae[1] > 1.0
 
@@ -137,23 +137,23 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
     recording = read(FOLDER / f"{PLATOON}.csv")
     segment = cut(recording, 0.0, 200.0, (1, 2, 3))
     fit = least_squares.fit(segment)
-    assert validate(fit, [segment], cut(recording, 200.0, 200.0, (1, 2, 3))).findings == ()
-    overlapping = validate(fit, [segment], cut(recording, 150.0, 100.0, (1, 2, 3)))
-    assert overlapping.findings == (ValidationOverlaps(50.0),)
+    assert validation_findings([segment], cut(recording, 200.0, 200.0, (1, 2, 3))) == ()
+    overlapping = cut(recording, 150.0, 100.0, (1, 2, 3))
+    assert validation_findings([segment], overlapping) == (ValidationOverlaps(50.0),)
     halves = [cut(recording, start, 100.0, (1, 2, 3)) for start in (0.0, 250.0)]
-    both = validate(fit, halves, cut(recording, 50.0, 250.0, (1, 2, 3)))
-    assert both.findings == (ValidationOverlaps(100.0),)
-    alone = [validate(fit, [half], segment).learned for half in halves]
-    np.testing.assert_allclose(both.learned.gap_mae, np.mean([e.gap_mae for e in alone], axis=0))
-    others = validate(fit, [segment], cut(recording, 200.0, 100.0, (3, 4, 5)))
-    (found,) = others.findings
+    both = cut(recording, 50.0, 250.0, (1, 2, 3))
+    assert validation_findings(halves, both) == (ValidationOverlaps(100.0),)
+    together = evaluate(halves, [fit, fit]).closed_loop
+    alone = [evaluate(half, fit).closed_loop.gap_mae for half in halves]
+    np.testing.assert_allclose(together.gap_mae, np.mean(alone, axis=0))
+    (found,) = validation_findings([segment], cut(recording, 200.0, 100.0, (3, 4, 5)))
     assert isinstance(found, OtherVehicles)
     assert found.learned == segment.labels[1:]
     alike = [
         replace(s, names=("Car",) * 3) for s in (segment, cut(recording, 0.0, 90.0, (2, 3, 4)))
     ]
     learned, other = alike
-    found = validate(fit, [learned], other).findings
+    found = validation_findings([learned], other)
     assert OtherVehicles(learned.labels[1:], other.labels[1:]) in found
     with pytest.raises(SegmentError, match="choose as many"):
-        validate(fit, [segment], cut(recording, 200.0, 100.0, (1, 2)))
+        validation_findings([segment], cut(recording, 200.0, 100.0, (1, 2)))

@@ -34,7 +34,7 @@ from accpinn.results.report import render_report, tables_of
 from accpinn.results.reproduction import verification_table
 from accpinn.segment.cut import cut
 from accpinn.segment.quality import assess_quality, label_regimes, rate
-from accpinn.segment.suggestion import suggest_window
+from accpinn.segment.suggestion import Information, suggest_window
 from accpinn.serial import Arrays
 from accpinn.study.groups import BY, group, read_study
 from accpinn.study.rows import COLUMNS
@@ -131,9 +131,10 @@ def look_at(recording: Recording) -> bool:
         messages(segment.findings, segment)
         quality = assess_quality(segment)
         messages(quality.findings, segment)
-        label_regimes(segment, recording)
         rate(segment, recording, quality)
-        suggest_window(recording, segment.vehicles, 60.0)
+        whole = cut(recording, 0.0, recording.duration, allow_missing=True)
+        information = Information.of(whole, label_regimes(whole, recording))
+        suggest_window(recording, whole.vehicles, information)
         if not segment.blocks_missing:
             fit = METHODS["least-squares"].fit(segment)
             messages(fit.findings, segment)

@@ -114,7 +114,7 @@ class TestFindings:
         assert first.time == pytest.approx(exact, abs=2e-3)
         np.testing.assert_array_equal(run.minimum_gap, driven.gaps.min(axis=0))
         assert (first.follower, run.survivors) == (4, 4)
-        assert run.contacts == (first,), "those behind it collide with what is not there any more"
+        assert run.collisions == (first,), "those behind it collide with what is not there any more"
         ahead, behind = slice(None, 4), slice(4, None)
         np.testing.assert_array_equal(valid.speeds[:, ahead], driven.speeds[:, ahead])
         np.testing.assert_array_equal(valid.gaps[:, :3], driven.gaps[:, :3])
@@ -130,10 +130,10 @@ class TestFindings:
 
     def test_a_vehicle_further_ahead_may_collide_later(self) -> None:
         run = simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))
-        assert [one.follower for one in run.contacts] == [6, 5]
+        assert [one.follower for one in run.collisions] == [6, 5]
         ends = run.trajectories.time[run.meaningful - 1]
-        assert ends[6] <= run.contacts[0].time < run.contacts[1].time
-        assert ends[5] == pytest.approx(run.contacts[1].time, abs=0.1)
+        assert ends[6] <= run.collisions[0].time < run.collisions[1].time
+        assert ends[5] == pytest.approx(run.collisions[1].time, abs=0.1)
         assert (ends[:5] == run.trajectories.time[-1]).all()
         assert (ends[7:] == ends[6]).all()
 

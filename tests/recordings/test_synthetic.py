@@ -1,53 +1,58 @@
 """The sample recordings: reproducible, realistic, and their truth can be recovered."""
 
+from dataclasses import replace
 from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import pytest
 
 from accpinn.errors import RecordingError
+from accpinn.model.published import ASTAZERO, VICOLUNGO
 from accpinn.recordings import openacc, synthetic
-from accpinn.recordings.synthetic import SCENARIOS, Scenario, Truth
+from accpinn.recordings.synthetic import Truth, load_truth
 from tests.support.samples import FOLDER
 
 LAST_DIGIT = 1e-4
-BY_NAME = {scenario.name: scenario for scenario in SCENARIOS}
-
-every_scenario = pytest.mark.parametrize("scenario", SCENARIOS, ids=BY_NAME)
+TRUTHS = {
+    path.name.removesuffix(synthetic.SUFFIX): load_truth(path)
+    for path in sorted(FOLDER.glob(f"*{synthetic.SUFFIX}"))
+}
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("samples")
-    assert synthetic.main([str(folder / "new")]) == 0
-    return folder / "new"
+    for path in FOLDER.glob(f"*{synthetic.SUFFIX}"):
+        copy(path, folder)
+    assert synthetic.main([str(folder)]) == 0
+    return folder
 
 
-@every_scenario
-def test_committed_files_are_what_the_generator_writes(scenario: Scenario, written: Path) -> None:
-    expected = {f"{s.name}{ending}" for s in SCENARIOS for ending in (".csv", ".truth.json")}
-    assert {path.name for path in FOLDER.iterdir()} == expected
-    truth = f"{scenario.name}.truth.json"
-    assert (FOLDER / truth).read_bytes() == (written / truth).read_bytes()
-    found, made = (openacc.read(place / f"{scenario.name}.csv") for place in (FOLDER, written))
-    for name in ("time", "speed", "gap", "mode"):
+@pytest.mark.parametrize(("name", "truth"), TRUTHS.items(), ids=TRUTHS)
+def test_committed_files_are_what_the_generator_writes(
+    name: str, truth: Truth, written: Path
+) -> None:
+    assert {path.name for path in FOLDER.iterdir()} == {path.name for path in written.iterdir()}
+    found, made = (openacc.read(place / f"{name}.csv") for place in (FOLDER, written))
+    for channel in ("time", "speed", "gap", "mode"):
         # Another machine's sine may differ in the last bit and so turn a rounding.
-        one, other = getattr(found, name), getattr(made, name)
+        one, other = getattr(found, channel), getattr(made, channel)
         np.testing.assert_allclose(one, other, rtol=0, atol=1.01 * LAST_DIGIT)
-    for name in ("vehicles", "date", "acc_flag", "distance_setting", "findings"):
-        assert getattr(found, name) == getattr(made, name)
+    for fact in ("vehicles", "date", "acc_flag", "distance_setting", "findings"):
+        assert getattr(found, fact) == getattr(made, fact)
     assert found.findings == ()
-    assert tuple(vehicle.name for vehicle in found.vehicles) == scenario.vehicles
-    assert all("-like" in name or "Synthetic" in name for name in scenario.vehicles)
-    assert (found.sample_time, found.duration) == pytest.approx((0.1, scenario.duration))
+    assert tuple(vehicle.name for vehicle in found.vehicles) == truth.vehicles
+    assert all("-like" in name or "Synthetic" in name for name in truth.vehicles)
+    assert (found.sample_time, found.duration) == pytest.approx((0.1, truth.duration))
 
 
 class TestTruth:
-    @every_scenario
-    def test_loads_what_the_scenario_used(self, scenario: Scenario) -> None:
-        truth = synthetic.load_truth(synthetic.truth_path(FOLDER / f"{scenario.name}.csv"))
-        origin = (scenario.description, scenario.parameters, scenario.noise, scenario.seed)
-        assert truth == Truth(*origin, synthetic.GENERATOR_VERSION)
+    def test_parameters_are_those_that_the_paper_prints(self) -> None:
+        assert TRUTHS["synthetic_astazero_like"].parameters == ASTAZERO.parameters
+        assert TRUTHS["synthetic_vicolungo_like"].parameters == VICOLUNGO.parameters
+        noisy, exact = (TRUTHS[f"synthetic_paper_study{part}"] for part in ("", "_noise_free"))
+        assert exact == replace(noisy, noise=None, description=exact.description)
 
     @pytest.mark.parametrize(
         "content", ["", "[]", '{"description": "", "parameters": [{"alpha": 1}], "noise": null}']

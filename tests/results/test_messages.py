@@ -104,7 +104,7 @@ def without_answer() -> str:
     return on_result.summary(altered(bare, answer=None, gain_checks=()))[0]
 
 
-MOVED = Suggestion(Window(330, 630), (1, 2), 0.963, None, 190, 300.0)
+MOVED = Suggestion(Window(330, 630), 0.963, None, 190)
 BROKEN = Failure("a.csv", None, None, "broken")
 FAILED = (Failure("a.csv", 3.0, 2, "x"), Failure("a.csv", 9.0, None, "x"))
 FAST_SCALES, SLOW_SCALES = Parameters(1e-12, 1.0, 0.1), Parameters(1e8, 1, 1e-5)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.recordings import Mode, Recording, Window
 from accpinn.segment.cut import complete_windows, cut
-from accpinn.segment.suggestion import GRID, Suggestion, information, suggest_window
+from accpinn.segment.quality import label_regimes
+from accpinn.segment.suggestion import GRID, Information, Suggestion, suggest_window
 from tests.support.openacc_files import platoon, recording
 
 STEP = 0.5
@@ -37,8 +38,15 @@ def lively(samples: int, first: int, last: int) -> np.ndarray:
     return leader
 
 
-def suggested(recording: Recording, duration: float = 60.0) -> Suggestion:
-    return suggest_window(recording, (1, 2), duration)
+def information(recording: Recording, vehicles: tuple[int, ...] = (1, 2)) -> Information:
+    whole = cut(recording, 0.0, recording.duration, vehicles, allow_missing=True)
+    return Information.of(whole, label_regimes(whole, recording))
+
+
+def suggested(recording: Recording, duration: float = 60.0) -> Suggestion | None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("accpinn.segment.suggestion.DURATION", duration)
+        return suggest_window(recording, (1, 2), information(recording))
 
 
 @settings(max_examples=15)
@@ -52,7 +60,7 @@ def test_it_is_complete_of_the_length_asked_for_and_where_the_vehicles_move(
     best = suggested(plain).window
     assert best.duration == 60.0
     assert best.start % GRID == 0
-    known = information(plain, (1, 2))
+    known = information(plain)
     windows = [Window(float(start), start + 60.0) for start in range(0, 240, 5)]
     assert all(known.efficiency(one, best) <= 1 + 1e-9 for one in windows)
     assert best.start < STEP * (first + 160)
@@ -69,7 +77,7 @@ def test_it_is_complete_of_the_length_asked_for_and_where_the_vehicles_move(
 def test_the_efficiency_is_that_of_the_windows_own_regressors() -> None:
     """Against the definition; doubling a periodic window doubles what it tells."""
     recording = driven(20 + 2 * np.sin(2 * np.pi / 60 * STEP * np.arange(1200)))
-    known = information(recording, (1, 2))
+    known = information(recording)
     window = Window(300.0, 360.0)
     segment = cut(recording, window.start, window.duration, (1, 2))
     p, v, dv = segment.gaps[:, 0], segment.speeds[:, 1], segment.speeds[:, 0] - segment.speeds[:, 1]
@@ -99,24 +107,23 @@ def test_what_is_too_short_is_the_longest_stretch_and_nothing_is_nothing() -> No
     short = suggested(recording, 300.0)
     assert short.shortened
     assert short.window == Window(0.0, 149.5)
-    assert not suggested(recording, 100.0).shortened
-    assert (
-        suggest_window(replace(recording, gap=np.full_like(recording.gap, 150.0)), (1, 2)) is None
-    )
+    assert suggested(recording, 100.0).window.duration == 100.0
+    assert suggested(replace(recording, gap=np.full_like(recording.gap, 150.0))) is None
     holes = recording.gap.copy()
     holes[::12] = holes[1::12] = holes[2::12] = holes[3::12] = np.nan
-    assert suggest_window(replace(recording, gap=holes), (1, 2)) is None
+    assert suggested(replace(recording, gap=holes)) is None
 
 
 def test_of_real_recordings(astazero: Recording, casale: Recording) -> None:
     """The paper's AstaZero window is as good as the best; its Casale window catches up."""
     vehicles = (1, 2, 3, 4, 5)
-    found = suggest_window(astazero, vehicles)
+    known = information(astazero, vehicles)
+    found = suggest_window(astazero, vehicles, known)
     assert found.window == Window(330.0, 630.0)
     assert found.car_following == 1.0
-    efficiency = information(astazero, vehicles).efficiency(Window(320.0, 620.0), found.window)
+    efficiency = known.efficiency(Window(320.0, 620.0), found.window)
     assert efficiency == pytest.approx(0.999, abs=0.001)
-    found = suggest_window(casale, (1, 2))
+    found = suggested(casale, 300.0)
     assert found.window == Window(915.0, 1215.0)
     assert found.car_following == pytest.approx(0.96, abs=0.005)
     assert found.manual == 0.0

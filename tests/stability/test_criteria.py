@@ -112,6 +112,9 @@ def test_gain_loses_nothing_near_a_double_pole(off: float, side: int, share: flo
 def test_response_and_poles_are_those_of_python_control() -> None:
     omega = np.geomspace(1e-3, 10, 50)
     vehicles = row(AUDI, TESLA)
+    late = [Parameters(alpha, 0.3, 1.2, lag=0.4, delay=0.5) for alpha in (0.1, 0.0)]
+    for vehicle, curve in zip(late, response(row(*late), omega[:30]), strict=True):
+        np.testing.assert_allclose(transfer_function(vehicle)(1j * omega[:30]), curve, rtol=1e-4)
     for vehicle, curve in zip(vehicles, response(vehicles, omega), strict=True):
         system = transfer_function(vehicle)
         assert isinstance(system, control.TransferFunction)

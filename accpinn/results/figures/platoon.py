@@ -125,9 +125,9 @@ def close_up(run: PlatoonRun) -> Span:
     if isinstance(leader, Recorded):
         return first, end
     width = PERIODS * leader.period if isinstance(leader, Sinusoid) else WATCHED
-    if run.contacts:
-        last = min(end, run.contacts[-1].time + width / PERIODS)
-        return max(first, min(run.contacts[0].time, last - width / 2) - width / 2), last
+    if run.collisions:
+        last = min(end, run.collisions[-1].time + width / PERIODS)
+        return max(first, min(run.collisions[0].time, last - width / 2) - width / 2), last
     if isinstance(leader, Sinusoid):
         return max(first, end - width), end
     start = max(first, leader.settle - 5.0)
@@ -196,7 +196,7 @@ def _draw_collisions(chart: style.Chart, run: PlatoonRun, span: Span | None) -> 
         return
     for panel, values in ((1, driven.speeds[at, hitting]), (2, driven.gaps[at, hitting - 1])):
         chart.dots(driven.time[at], values, ENDS, panel, ENDS, marker=END, legendrank=90)
-    first = run.contacts[0].time
+    first = run.collisions[0].time
     for axis in ("x", "x2"):
         chart.level(axis, first, {"color": style.MODEL, "width": 1, "dash": "dot"})
     # Within the axes, where no legend above them can be in the way.
@@ -206,7 +206,7 @@ def _draw_collisions(chart: style.Chart, run: PlatoonRun, span: Span | None) -> 
 
 def _colliding(run: PlatoonRun) -> NDArray[np.intp]:
     """The vehicles that collide with the one ahead before any further ahead has done so."""
-    return np.array([hit.follower for hit in run.contacts], np.intp)
+    return np.array([hit.follower for hit in run.collisions], np.intp)
 
 
 def time_space(

@@ -43,7 +43,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     measured = wave.measured if wave and wave.periods else None
     what = "largest speed deviation" if measured is None else "oscillation"
     if run.collisions:
-        first, *others = run.contacts
+        first, *others = run.collisions
         hit = f"{places.label(first.follower)} collides at {first.time:.0f} s"
         if others:
             later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
@@ -51,7 +51,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         worst = int(moved.argmax())
         if not (worst and moved[0] > 0):
             return f"{hit}."
-        is_ended = worst >= min(contact.follower for contact in run.contacts)
+        is_ended = worst >= run.survivors
         extent = "at least" if is_ended else "up to"
         most = f"{extent} {three(moved[worst] / moved[0])} times as much as the leader's"
         return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."

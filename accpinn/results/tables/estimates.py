@@ -8,7 +8,7 @@ from math import nan
 import numpy as np
 
 from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS, PARAMETERS, SPEED
-from accpinn.evaluation import Validation
+from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
@@ -395,7 +395,10 @@ def earlier_title(result: Result) -> str:
 
 
 def validation_table(
-    infos: Sequence[SegmentInfo], other: SegmentInfo, validation: Validation
+    infos: Sequence[SegmentInfo],
+    errors: TrackingErrors | None,
+    other: SegmentInfo,
+    validated: TrackingErrors | None,
 ) -> Table:
     """A row a follower: MAE of space-gap and speed in closed loop, where learned and on another.
 
@@ -405,12 +408,12 @@ def validation_table(
     learned = learned if len(infos) < 3 else f"{len(infos)} windows"
     source = "" if info.source == other.source else f"{other.source}, "
     filled: list[Filled] = [(Column("Follower"), info.labels[1:])]
-    for group, key, errors in (
-        (f"Learned from: {learned}", "learned", validation.learned),
-        (f"Validation: {source}{other.window}", "validation", validation.validated),
+    for group, key, known in (
+        (f"Learned from: {learned}", "learned", errors),
+        (f"Validation: {source}{other.window}", "validation", validated),
     ):
         absent = info.followers * [None]
-        gaps, speeds = (errors.gap_mae, errors.speed_mae[1:]) if errors else (absent, absent)
+        gaps, speeds = (known.gap_mae, known.speed_mae[1:]) if known else (absent, absent)
         filled.append((Column.of(GAP, group, f"{key}_mae_p_m"), gaps))
         filled.append((Column.of(SPEED, group, f"{key}_mae_v_m_per_s"), speeds))
     return Table.of("Validation: error of the closed-loop simulation, MAE", filled)

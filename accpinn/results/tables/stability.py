@@ -156,7 +156,7 @@ def amplitude_table(
         ]
     gaps: list[Cell] = [None, *run.minimum_gap[: driving - 1].tolist()]
     gaps += (followers + 1 - len(gaps)) * [None]
-    for hit in run.contacts:
+    for hit in run.collisions:
         gaps[hit.follower] = f"collides at {hit.time:.0f} s"
     filled: list[Filled] = [*sizes, (Column("Smallest gap", "m", 2), gaps)]
     if recorded:

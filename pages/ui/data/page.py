@@ -188,7 +188,7 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 def _suggest(workspace: Workspace, recording: Recording, information: Information) -> None:
     """The window that tells most, why, and the button that takes it."""
-    suggestion = suggest_window(recording, workspace.vehicles, known=information)
+    suggestion = suggest_window(recording, workspace.vehicles, information)
     if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",

@@ -184,7 +184,7 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
 def _choose_sample(workspace: Workspace) -> None:
     paths = resources.samples()
     if not paths:
-        st.info("There are no samples here; write them with `make samples`.")
+        st.info("There are no samples here; copy the folder sample_data of the project.")
         return
     path = st.selectbox(
         "Sample: synthetic, true parameters known",

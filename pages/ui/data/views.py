@@ -6,7 +6,8 @@ from pathlib import Path
 import streamlit as st
 
 from accpinn.errors import SegmentError
-from accpinn.evaluation import validate
+from accpinn.evaluation import validation_findings
+from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods import least_squares
 from accpinn.recordings import MOVING, Recording, Window
 from accpinn.recordings.files import read
@@ -257,11 +258,13 @@ def show_validation(workspace: Workspace) -> None:
         )
         return
     learned = result.segments or (segment,)
-    validation = show.attempt(lambda: validate(result.fit, learned, other))
-    if validation is None:
+    findings = show.attempt(lambda: validation_findings(learned, other))
+    if findings is None:
         return
-    table = validation_table([part.info for part in learned], other.info, validation)
+    validated, errors = ClosedLoop.of(other, result.fit), result.evaluation.closed_loop
+    infos = [part.info for part in learned]
+    table = validation_table(infos, errors, other.info, validated.errors)
     show.table(table, vehicle_colours(segment.vehicles)[1:])
-    said = (*messages(validation.findings, segment), *messages(validation.events, other))
+    said = (*messages(findings, segment), *messages(validated.findings, other))
     show.messages(said, "warning")
     show.downloads(table, f"{segment.source}_validation", "validation")

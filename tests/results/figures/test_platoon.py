@@ -57,12 +57,12 @@ def test_a_collision_ends_lines_with_a_cross(collision: PlatoonRun) -> None:
             drawn = np.asarray(trace.x)[np.isfinite(trace.y)]
             assert drawn.max() == pytest.approx(last[AUDIS.labels.index(trace.name)], abs=1)
     crosses, gaps = (trace for trace in figure.data if trace.name == "ends with a collision")
-    hitting = [hit.follower for hit in collision.contacts]
+    hitting = [hit.follower for hit in collision.collisions]
     np.testing.assert_array_equal(crosses.x, last[hitting])
     assert min(gaps.y) == pytest.approx(0, abs=1)
     ended = named(figures.time_space(collision, AUDIS), "ends with a collision")
     assert len(ended.x) == len(hitting) < 4
-    assert max(ended.x) <= collision.contacts[-1].time
+    assert max(ended.x) <= collision.collisions[-1].time
 
 
 def test_recorded_followers_are_dotted_and_named() -> None:
@@ -133,7 +133,7 @@ def test_speed_map_has_a_row_a_vehicle_and_is_even_about_zero(
     (stripes,) = figures.speed_map(collision, AUDIS).data
     drawn = np.isfinite(np.asarray(stripes.z, float))
     assert drawn[:5].all()
-    before = np.asarray(stripes.x) <= collision.contacts[0].time
+    before = np.asarray(stripes.x) <= collision.collisions[0].time
     np.testing.assert_array_equal(drawn[6], before)
 
 

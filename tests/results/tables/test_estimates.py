@@ -273,7 +273,7 @@ def test_amplitudes_and_smallest_gaps() -> None:
     amplitudes, gaps = column(table, "Amplitude"), column(table, "Smallest gap")
     assert np.isnan(amplitudes[crash.survivors :]).all()
     assert np.isfinite([*amplitudes[: crash.survivors], *gaps[1 : crash.survivors]]).all()
-    lost = {hit.follower: f"collides at {hit.time:.0f} s" for hit in crash.contacts}
+    lost = {hit.follower: f"collides at {hit.time:.0f} s" for hit in crash.collisions}
     assert gaps[crash.survivors :] == [lost.get(k) for k in range(crash.survivors, len(gaps))]
     step = simulate_platoon(ASTAZERO.parameters, SpeedStep())
     table = amplitude_table(step, ("Leader", *ASTAZERO.labels))
