@@ -73,7 +73,8 @@ class Trust(Finding, frozen=True):
                 f"The model misses much of the drive: its gap is {self.rmse:.1f} m off (rms), while"
                 f" the gap's own deviation is {self.deviation:.1f} m."
             )
-        return f"{_agreement('Its time gap is', self.windows, self.same, self.same)} {drive}"
+        gap = "Its time gap is" if self.vehicle else "Their time gap is"
+        return f"{_agreement(gap, self.windows, self.same, self.same)} {drive}"
 
 
 def trust_of_several(trusts: Sequence[Trust]) -> str:

@@ -6,6 +6,7 @@ from math import isfinite, pi
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from accpinn import Library, Parameters, stability_report
 from accpinn.errors import AccpinnError
@@ -84,6 +85,21 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert not page.get("plotly_chart"), "nothing published passes for what is not there"
     page.press("stability_open_example")
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
+
+
+@pytest.mark.parametrize("title", ["Stability", "Platoon"])
+def test_what_is_against_an_answer_stands_beside_its_conclusions(title: str) -> None:
+    session = fitted()
+    result, answered = session.result, session.result.answer
+    first, *others = answered.trust
+    missed = structs.replace(first, rmse=2.0 * first.deviation)
+    page = open_page(title, session)
+    assert missed.in_words not in page.plain()
+    contradicted = replace(answered, trust=(missed, *others))
+    session.training.results = (replace(result, parts=replace(result.parts, answer=contradicted)),)
+    said = page.run().plain()
+    assert missed.in_words[1:] in said
+    assert not any(trust.in_words[1:] in said for trust in others)
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])
