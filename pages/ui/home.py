@@ -13,6 +13,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PinnConfig
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import PUBLISHED, ParameterSet
+from accpinn.recordings import files
 from accpinn.results import reproduction as paper
 from accpinn.results.figures.recording import speeds_thumbnail
 from accpinn.results.figures.stability import gains_thumbnail
@@ -23,7 +24,7 @@ from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown, tabs
 from pages.ui.data.sources import OPENING, drop_zone, find_run, open_sample
 from pages.ui.platoon import open_panels
-from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample, sample_title, samples
+from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample_title, samples
 from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
 from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import compare_two, restore_run, show_entries
@@ -186,7 +187,7 @@ def _picture(figure: go.Figure, key: str) -> None:
 
 @st.cache_resource(max_entries=8, show_spinner=False)
 def _speeds(path: Path) -> go.Figure:
-    return speeds_thumbnail(cut(sample(path)[0]))
+    return speeds_thumbnail(cut(files.read(path)))
 
 
 # The paper's tables and figures: what comes out here, and what leads to it

@@ -11,12 +11,12 @@ from accpinn.inference.answer import Answer
 from accpinn.inference.answer import answer as answer_of
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
-from accpinn.recordings import Window
+from accpinn.recordings import Window, files
 from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.messages.summary import agreement
 from accpinn.study.comparison import Refused, compare
 from accpinn.tasks import Status, Task
-from pages.ui.session.resources import sample, task_queue
+from pages.ui.session.resources import task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
 from tests.support.apptest import WAIT, answer, open_page, stop_tasks, with_pair, with_sample
 from tests.support.command import PLATOON
@@ -156,7 +156,7 @@ def test_earlier_fits_are_bounded_and_shown_without_a_comparison(session: Worksp
     for seed in range(KEPT_EARLIER + 3):
         session._record([replace(result, analysis=session.analysis(replace(PAPER, seed=seed)))])
     assert len(session.earlier) == KEPT_EARLIER
-    session.open(*sample(PLATOON))
+    session.open(files.read(PLATOON))
     assert len(session.earlier) == KEPT_EARLIER, "an early step does not drop them"
 
 

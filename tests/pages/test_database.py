@@ -323,7 +323,7 @@ def test_of_a_table_with_several_trajectories_one_is_chosen() -> None:
     place = Path(os.environ["ACCPINN_RECORDINGS"]) / "p.csv"
     place.parent.mkdir(parents=True)
     place.write_bytes(raw)
-    again, _ = find_recording(recording.source, recording.sha256, "b")
+    again = find_recording(recording.source, recording.sha256, "b")
     assert again.digest == recording.digest, "as after a restart"
 
 

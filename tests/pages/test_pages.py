@@ -12,7 +12,8 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
 from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.model.registry import BEST
-from accpinn.recordings import Window
+from accpinn.recordings import Window, files
+from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import conditional
 from accpinn.results.reproduction import CASALE_RUN
@@ -30,7 +31,6 @@ from pages.ui.session import sessions
 from pages.ui.session.resources import (
     FIRST_SAMPLE,
     SAMPLES,
-    sample,
     store,
     windows_in_car_following,
 )
@@ -108,10 +108,10 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(title: 
 
 def test_one_click_on_home_trains_a_sample() -> None:
     session = open_page("Home").press("Train a sample now").workspace()
-    asked, (recording, truth) = session.training.analysis, sample(FIRST_SAMPLE)
+    asked, recording = session.training.analysis, files.read(FIRST_SAMPLE)
     windows = windows_in_car_following(recording, session.vehicles) or (session.window,)
     assert (asked.config, asked.windows) == (CALIBRATED, windows)
-    assert session.true_parameters == truth.parameters
+    assert session.true_parameters == load_truth(truth_path(FIRST_SAMPLE)).parameters
     stop_tasks(session)
     assert "**Training** was stopped" in open_page("Home", session).texts()
 
@@ -288,7 +288,7 @@ def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> N
     assert not any(box.key == "data_case" for box in page.segmented_control)
     assert session.true_parameters.alpha.tolist() == [0.0766]
     session.choose(case="I")
-    session.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
     assert session.case == "II", "a new recording has the default"
 
 
@@ -593,7 +593,7 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     session = fitted()
     result, recording = session.result, session.recording
     session.choose(window=Window(0.0, 60.0), vehicles=(2, 3, 4, 5))
-    session.open(*sample(PLATOON))
+    session.open(files.read(PLATOON))
     assert (session.result, session.recording) == (result, recording)
     page = open_page("Data", session).choose("data_start", 100.0)
     assert (session.window, session.result) == (Window(100.0, 160.0), None)

@@ -14,7 +14,7 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
 from pages.ui.session import sessions
-from pages.ui.session.resources import SAMPLES, library, sample
+from pages.ui.session.resources import SAMPLES, library
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import ALL_WINDOWS
 from pages.ui.snapshots.listing import restore_run
@@ -40,7 +40,7 @@ class TestSignIn:
         own = open_page("Home", user=ANN).workspace()
         assert open_page("Home", user=ANN, session=own.id).workspace() is own
         assert open_page("Home", user=BOB, session=own.id).workspace() is not own
-        own.open(*sample(PLATOON))
+        own.open(read(PLATOON))
         open_page("Home", user=ANN, session=own.id)
         sessions.workspaces.clear()
         assert open_page("Home", user=BOB, session=own.id).workspace().id != own.id
@@ -198,7 +198,7 @@ def test_no_page_waits_for_a_full_garbage_collection() -> None:
 def test_a_run_survives_another_recording_and_is_restored() -> None:
     session = fitted()
     before = session.result.parameters
-    session.open(*sample(SAMPLES / "synthetic_vicolungo_like.csv"))
+    session.open(read(SAMPLES / "synthetic_vicolungo_like.csv"))
     open_page("Data", session)
     assert session.result is None
     (run,) = session.runs
@@ -270,7 +270,7 @@ def test_a_run_is_not_restored_with_the_truth_of_another_recording() -> None:
     session, own = sessions.workspaces().new(), read(csv(frame()), "own.csv")
     session.open(own)
     answer(session)
-    session.open(*sample(PLATOON))
+    session.open(read(PLATOON))
     assert session.true_parameters is not None
     (run,) = session.runs
     restore_run(session, run.id)

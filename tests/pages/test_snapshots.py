@@ -6,9 +6,10 @@ import pytest
 
 from accpinn import Parameters, Result
 from accpinn.methods.pinn.config import PAPER
+from accpinn.recordings import files
 from accpinn.study.verification import QUICK, verify
 from pages.ui.session import sessions
-from pages.ui.session.resources import library, sample
+from pages.ui.session.resources import library
 from pages.ui.snapshots.listing import differences_table, other_vehicles, what_differs
 from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import PAGES, fitted, open_page, stop_tasks
@@ -177,7 +178,7 @@ class TestLink:
         page = open_page("Train", session, snapshot=name)
         assert page.workspace() is session
         assert session.restored.id == name
-        session.open(replace(sample(PLATOON)[0], sha256="0" * 64))
+        session.open(replace(files.read(PLATOON), sha256="0" * 64))
         page.run()
         assert (session.restored, session.result) == (None, None), "for good"
         assert "snapshot" not in page.query_params
@@ -201,7 +202,7 @@ class TestRestoring:
         session = sessions.workspaces().new()
         session.restore(library().read(library().add(bare())))
         assert session.segment is None
-        session.open(*sample(PLATOON))
+        session.open(files.read(PLATOON))
         assert session.segment.info.digest == whole().info.digest
         assert session.result is session.restored
 

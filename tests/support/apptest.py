@@ -13,11 +13,11 @@ from streamlit.testing.v1 import AppTest
 
 from accpinn import Case, Result, Table
 from accpinn.methods import least_squares
-from accpinn.recordings import Window
+from accpinn.recordings import Window, files
 from accpinn.study.result import result_of
 from accpinn.tasks import Task
 from pages.ui.session import sessions
-from pages.ui.session.resources import sample, store
+from pages.ui.session.resources import store
 from pages.ui.session.workspace import Workspace
 from tests.support.command import PLATOON, ROOT
 
@@ -165,7 +165,7 @@ def stop_tasks(session: Workspace) -> None:
 def with_sample() -> Workspace:
     """A session with the first sample open."""
     found = sessions.workspaces().new()
-    found.open(*sample(PLATOON))
+    found.open(files.read(PLATOON))
     return found
 
 

@@ -38,8 +38,8 @@ MIRROR_VARIABLE = "ACCPINN_MIRROR"
 def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], None] | None:
     """What opens a campaign's recording: opened before, or in the server's folder."""
     for known in workspace.opened.values():
-        if known[0].source == file and known[0].campaign in (None, campaign):
-            return lambda: workspace.open(*known)
+        if known.source == file and known.campaign in (None, campaign):
+            return lambda: workspace.open(known)
     others = {run.campaign for run in catalogue() if run.file == file} - {campaign}
     named = [path for path in resources.listed() if path.name == file]
     paths = [path for path in named if others.isdisjoint(path.parts)]
@@ -51,7 +51,7 @@ def open_sample(workspace: Workspace, path: Path) -> None:
     """Open a sample; if that fails, keep what was open and say why."""
     workspace.pending = None
     try:
-        workspace.open(*resources.sample(path))
+        workspace.open(files.read(path))
     except AccpinnError as fault:
         workspace.refusal = str(fault)
     else:

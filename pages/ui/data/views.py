@@ -155,7 +155,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         "The learned parameters are simulated behind the leader of this window, from which nothing"
         " is learned. Page Train shows the errors beside those of the training window."
     )
-    known = {recording.sha256: recording} | {key: one for key, (one, _) in workspace.opened.items()}
+    known = {recording.sha256: recording} | workspace.opened
     columns = st.columns((2, 1.6, 1, 1, 1.4), gap="small", vertical_alignment="bottom")
     names = {key: one.source for key, one in known.items()}
     names[recording.sha256] = "This recording"

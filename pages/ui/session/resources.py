@@ -80,10 +80,8 @@ def download_queue() -> TaskQueue:
 # The server's own recordings, samples and files of its folder
 
 
-def find_recording(
-    file: str, sha256: str, trajectory: str | None = None
-) -> tuple[Recording, Truth | None]:
-    """The recording with that content, from the server's folder or the samples, and its truth.
+def find_recording(file: str, sha256: str, trajectory: str | None = None) -> Recording:
+    """The recording with that content, from the server's folder or the samples.
 
     Raises:
         RecordingError: where none is there.
@@ -93,17 +91,11 @@ def find_recording(
         with suppress(RecordingError):  # another file of that name
             known = files.opened(path)
             if known.content.sha256(trajectory) == sha256:
-                truth = truth_path(path)
-                return known.read(trajectory), load_truth(truth) if truth.exists() else None
+                return known.read(trajectory)
     raise RecordingError(
         f"{file}: this recording is not in the server's folder; download it on page Data, or put it"
         f" there ({variable('recordings')})."
     )
-
-
-def sample(path: Path) -> tuple[Recording, Truth]:
-    """A sample and its true parameters."""
-    return files.read(path), load_truth(truth_path(path))
 
 
 def samples() -> list[Path]:
@@ -139,6 +131,16 @@ def listed() -> list[Path]:
 
 
 # What follows for a recording that is open, computed once
+
+
+@lru_cache(maxsize=KEPT_CHOICES)
+def truth_of(recording: Recording) -> Truth | None:
+    """A sample's true parameters; None of any other recording."""
+    for path in (path for path in samples() if path.name == recording.source):
+        with suppress(RecordingError):
+            if files.opened(path).content.sha256() == recording.sha256:
+                return load_truth(truth_path(path))
+    return None
 
 
 @lru_cache(maxsize=KEPT_CHOICES)

@@ -303,7 +303,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
         workspace.take_settings(asked)
         workspace.awaited = asked
         source = asked.source
-        workspace.open(*find_recording(source.name, source.sha256, source.trajectory))
+        workspace.open(find_recording(source.name, source.sha256, source.trajectory))
 
 
 def result_of(name: str) -> Result:

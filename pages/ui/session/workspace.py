@@ -14,7 +14,6 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, following_model
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import File
-from accpinn.recordings.synthetic import Truth
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.study import Analysis
@@ -60,7 +59,6 @@ class Workspace:
 
     id: str
     recording: Recording | None = None
-    truth: Truth | None = None
     refusal: str = ""
     """Why the last attempt to open something failed."""
     pending: File | None = None
@@ -100,7 +98,7 @@ class Workspace:
     """The result when the source was chosen; a newer one is shown in place of the choice."""
     choices: dict[str, Any] = field(default_factory=dict)
     """What else was chosen, by the widget's key: a page switch or a reload loses none of it."""
-    opened: dict[str, tuple[Recording, Truth | None]] = field(default_factory=dict)
+    opened: dict[str, Recording] = field(default_factory=dict)
     """The recordings opened last, by their SHA-256."""
     steps: tuple[Step, ...] = ()
     """What `undo` goes back to, the last one first."""
@@ -117,7 +115,7 @@ class Workspace:
     @property
     def nbytes(self) -> int:
         """Memory that its recordings take, and an upload that cannot be read yet, in bytes."""
-        known = sum(recording.nbytes for recording, _ in self.opened.values())
+        known = sum(recording.nbytes for recording in self.opened.values())
         return known + (len(self.pending.content.raw) if self.pending else 0)
 
     @property
@@ -199,9 +197,8 @@ class Workspace:
     @property
     def true_parameters(self) -> Parameters | None:
         """One entry a follower of the segment; None where the truth is not known."""
-        if self.truth is None:
-            return None
-        return self.truth.parameters[[number - 2 for number in self.vehicles[1:]]]
+        truth = resources.truth_of(self.recording) if self.recording else None
+        return truth.parameters[[number - 2 for number in self.vehicles[1:]]] if truth else None
 
     @property
     def compared(self) -> tuple[Result, ...]:
@@ -250,7 +247,7 @@ class Workspace:
 
     # Steps
 
-    def open(self, recording: Recording, truth: Truth | None = None) -> None:
+    def open(self, recording: Recording) -> None:
         """Begin with a recording: its longest platoon, and the first window without holes.
 
         One that the restored result was learned from completes that; the open one changes nothing.
@@ -260,14 +257,14 @@ class Workspace:
         if now and (now.sha256, now.digest) == (recording.sha256, recording.digest):
             return
         if restored and not self.recording and restored.found_in(recording).recording:
-            self.restore(restored, recording, truth)
+            self.restore(restored, recording)
             return
         vehicles = default_vehicles(recording)
         self._leave()
         self.choices.pop(WINDOWS_OFF, None)
-        self.recording, self.truth = recording, truth
+        self.recording = recording
         self.segment = self.validation = None
-        self.remember(recording, truth)
+        self.remember(recording)
         if awaited and awaited.source.sha256 == recording.sha256:
             self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
             self.choices[ALL_WINDOWS] = len(awaited.windows) > 1
@@ -277,25 +274,23 @@ class Workspace:
             self.choices[ALL_WINDOWS] = True
         self.steps = ()
 
-    def remember(self, recording: Recording, truth: Truth | None = None) -> None:
+    def remember(self, recording: Recording) -> None:
         """Put a recording among those opened last."""
-        self.opened = {**self.opened, recording.sha256: (recording, truth)}
+        self.opened = {**self.opened, recording.sha256: recording}
         for oldest in list(self.opened)[:-KEPT_RECORDINGS]:
             del self.opened[oldest]
 
-    def restore(
-        self, result: Result, recording: Recording | None = None, truth: Truth | None = None
-    ) -> None:
+    def restore(self, result: Result, recording: Recording | None = None) -> None:
         """Show a result on every page.
 
-        The open recording stays if the result is of it, unless another is given with its truth.
+        The open recording stays if the result is of it, unless another is given.
         """
         self._leave()
-        given, known = (recording, truth) if recording else (self.recording, self.truth)
+        given = recording or self.recording
         result = result.found_in(given)
-        self.recording, self.truth = (given, known) if result.recording else (None, None)
+        self.recording = given if result.recording else None
         if self.recording:
-            self.remember(self.recording, self.truth)
+            self.remember(self.recording)
         asked = result.analysis
         self.segment, self.vehicles, self.case = result.segment, asked.vehicles, asked.case
         self.window, self.excluded, self.fault, self.refusal = asked.window, asked.excluded, "", ""

@@ -313,4 +313,4 @@ def restore_run(workspace: Workspace, name: str) -> None:
         known = workspace.opened.get(source.sha256)
         with suppress(RecordingError):
             known = known or find_recording(source.name, source.sha256, source.trajectory)
-        workspace.restore(result, *(known or (None, None)))
+        workspace.restore(result, known)

@@ -96,7 +96,7 @@ def _save_form(workspace: Workspace) -> None:
             )
             st.checkbox(
                 "Include the data slice (speeds and gaps of the window)",
-                value=workspace.truth is not None, key="snapshots_with_data",
+                value=workspace.true_parameters is not None, key="snapshots_with_data",
                 help="With it, whoever opens the file sees the data and can train on. OpenACC data"
                 " may be passed on under CC BY 4.0; the file names its authors. Your own data: your"
                 " choice.",
