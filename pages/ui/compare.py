@@ -24,11 +24,10 @@ from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import cards, papers_estimate
+from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.messages.summary import about_curves, agreement, conditional
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
-from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
 from accpinn.study.comparison import Refused, refused_among, spread_of
@@ -121,7 +120,7 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
     recording_needed(workspace, "To run the methods, the page needs")
     info, rows = restored.info, restored.compared
     if restored.known_answer:
-        show_cards(cards(info, restored.answer, known_vehicles(restored), together=True))
+        show_cards(restored)
     if rows:
         follower = pick_follower(info.labels[1:], "snapshots_row_follower")
         show.table(tables.methods_table(info, rows, follower))
@@ -168,8 +167,7 @@ def _show(workspace: Workspace, task: Task[Any], segment: Segment, running: bool
     shown = _Shown(workspace, segment, rows, follower)
     with first:
         with st.spinner("The answer takes some seconds."):
-            known = shown.answer, known_vehicles(shown.answered)
-        show_cards(cards(segment.info, *known, together=True))
+            show_cards(shown.answered)
         if said := agreement(rows, shown.answer):
             st.markdown(f"**{escape_markdown(said)}**")
         st.caption(_about_methods(shown))

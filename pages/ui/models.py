@@ -16,7 +16,7 @@ from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
-from pages.ui.components.show import escape_markdown, kept, pick_follower
+from pages.ui.components.show import KMH, escape_markdown, kept, pick_follower
 from pages.ui.session.workspace import MODEL, Workspace
 
 LEAD = (
@@ -30,7 +30,6 @@ ABOUT = (
     " verdicts on stability are for small disturbances at that speed. Each model is fitted by"
     " simulation alone, so its numbers are not the answer's."
 )
-KMH = 3.6
 
 
 def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
@@ -91,7 +90,12 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
     with st.container(horizontal=True, vertical_alignment="bottom"):
         labels = [one.info.labels[1] for one in judged]
         one = judged[pick_follower(labels, "models_follower")]
-        speed = _choose_speed(workspace, one)
+        low, middle, high = one.speeds
+        speed = show.choose_speed(
+            workspace, f"models_speed_{one.info.vehicles[1]}", middle,
+            "Nonlinear models answer small disturbances differently at every speed. Recorded:"
+            f" {KMH * low:.0f} to {KMH * high:.0f} km/h, median {KMH * middle:.0f}.",
+        )  # fmt: skip
     if len(judged) > 1:
         st.markdown(escape_markdown(" ".join(messages(one.findings, one.info))))
     _show_follower(one, speed)
@@ -115,18 +119,6 @@ def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
             "The windows left out clearly favour it. Train, Stability and Platoon then have its"
             " parameters, and what follows from them at the vehicle's median speed."
         )
-
-
-def _choose_speed(workspace: Workspace, one: Judgement) -> MetresPerSecond:
-    low, middle, high = (KMH * speed for speed in one.speeds)
-    key = f"models_speed_{one.info.vehicles[1]}"
-    speed: float = st.number_input(
-        "Speed in km/h", 5.0, 250.0, step=5.0, width=160, format="%.0f",
-        help="Nonlinear models answer small disturbances differently at every speed. Recorded:"
-        f" {low:.0f} to {high:.0f} km/h, median {middle:.0f}.",
-        **kept(workspace, key, float(round(middle))),
-    )  # fmt: skip
-    return speed / KMH
 
 
 def _show_follower(one: Judgement, speed: MetresPerSecond) -> None:

@@ -30,7 +30,7 @@ from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import bound, escape_markdown, kept, segments, select, tabs
+from pages.ui.components.show import KMH, bound, escape_markdown, kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
@@ -46,7 +46,6 @@ TABS = "platoon"
 PANELS = "The paper's four panels"
 SHOWN_WHOLE = 0.99
 """A part of a run longer than this share of it is the run."""
-KMH = 3.6
 FOLLOWERS, MOST_FOLLOWERS = 8, 20
 """Followers of a repeated vehicle by default, as in the paper, and at most."""
 ORDERS = {"learned": "In order", "repeated": "One car", "own": "Own order"}

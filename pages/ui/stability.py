@@ -24,13 +24,11 @@ from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import escape_markdown, kept, segments, select, tabs
+from pages.ui.components.show import KMH, escape_markdown, kept, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
 GAIN = "‖h‖₁: the largest factor by which a peak of the speed deviation can grow."
-KMH, SLOWEST = 3.6, 5.0
-"""km/h of a m/s, and the lowest speed that can be chosen."""
 HEIGHT = 370
 """Height of the Bode magnitude, in pixels: the table's head is above the fold then."""
 WHOLE = -1
@@ -76,15 +74,12 @@ def show_page() -> None:
 def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicles | None:
     """The vehicles at a speed that the user chooses, by default the recording's median."""
     median = round(KMH * source.median_speed)
-    speed = st.number_input(
-        "Speed in km/h", SLOWEST, 250.0, step=5.0, width=160, format="%.0f",
-        help=f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
+    speed = show.choose_speed(
+        workspace, "stability_speed", source.median_speed,
+        f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
         f" at every speed. The recording's median: {median} km/h.",
-        **kept(workspace, "stability_speed", max(SLOWEST, float(median))),
     )  # fmt: skip
-    if speed == median:
-        return source
-    return show.attempt(lambda: source.at_speed(speed / KMH))
+    return source if speed == median / KMH else show.attempt(lambda: source.at_speed(speed))
 
 
 def _show_answer(source: KnownVehicles) -> None:

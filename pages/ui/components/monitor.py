@@ -46,6 +46,14 @@ def monitor(task: Task[Any], draw: Callable[[bool], object]) -> None:
     poll(task, show_all)
 
 
+def show_bar(task: Task[Any], told: Callable[[Any], str]) -> None:
+    """The bar of a task that tells in its own terms how far it is, which ``told`` says."""
+    said = told(task.latest) if task.latest else "Getting ready …"
+    if task.status is Status.QUEUED:
+        said = f"Waiting: another {task.kind} is running."
+    st.progress(task.share, f"{'Stopping … ' if task.is_stopping else ''}{said}")
+
+
 def stop_button(task: Task[Any], label: str, key: str) -> None:
     """The button that stops a task, whose results so far are kept."""
     st.button(

@@ -66,7 +66,7 @@ def show_result(
     truth = workspace.true_parameters if workspace.segment == result.segment else None
     has_answer = bool(result.segments or result.parts.answer)
     if has_answer:
-        show_cards(on_answer.cards(info, result.answer, known_vehicles(result), together=True))
+        show_cards(result)
     if next_step:
         next_step()
     if has_answer:
@@ -92,8 +92,9 @@ def show_result(
     })  # fmt: skip
 
 
-def show_cards(said: Sequence[on_answer.Card]) -> None:
+def show_cards(result: Result) -> None:
     """What is said first: the answer, and how far to trust it."""
+    said = on_answer.cards(result.info, result.answer, known_vehicles(result), together=True)
     with st.container(border=True, gap="xxsmall"):
         for card in said:
             lead, trust = (escape_markdown(text) for text in (card.lead, card.trust))

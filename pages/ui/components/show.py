@@ -19,7 +19,7 @@ from accpinn.results.figures.style import SHARED, translucent, vehicle_colours, 
 from accpinn.results.tables import STYLE, Table
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment import Segment, SegmentInfo
-from accpinn.units import Seconds
+from accpinn.units import MetresPerSecond, Seconds
 from pages.ui.session.sessions import is_shared
 from pages.ui.session.workspace import Workspace
 
@@ -33,6 +33,8 @@ every chart has a legend of its own."""
 FLASH = "snapshots_flash"
 """The entry with the outcome of a click: kind, sentence, and when."""
 FLASH_FOR: Seconds = 20.0
+KMH, SLOWEST = 3.6, 5.0
+"""km/h of a m/s, and the lowest speed that can be chosen."""
 SHOWN = 3
 """Warnings that are shown without being asked for."""
 INK = 0.78
@@ -256,6 +258,17 @@ def clicked_data(points: list[dict[str, Any]]) -> Any:
 
 
 # Widgets
+
+
+def choose_speed(
+    workspace: Workspace, key: str, usual: MetresPerSecond, help: str
+) -> MetresPerSecond:
+    """A field in km/h for the speed at which models answer small disturbances."""
+    speed: float = st.number_input(
+        "Speed in km/h", SLOWEST, 250.0, step=5.0, width=160, format="%.0f", help=help,
+        **kept(workspace, key, max(SLOWEST, float(round(KMH * usual)))),
+    )  # fmt: skip
+    return speed / KMH
 
 
 def bound(

@@ -11,17 +11,17 @@ from streamlit import config
 
 from accpinn.errors import AccpinnError, RecordingError
 from accpinn.recordings import files
-from accpinn.recordings.download import Download
+from accpinn.recordings.download import Transfer
 from accpinn.recordings.files import File
 from accpinn.recordings.mapping import write_mapping
 from accpinn.recordings.openacc import PUBLISHED_AT, Run, catalogue
 from accpinn.recordings.synthetic import load_truth, truth_path
 from accpinn.storage import variable
-from accpinn.tasks import Status, Task
+from accpinn.tasks import Status
 from accpinn.tasks.batches import download_task
 from pages.ui.components import show
 from pages.ui.components.frame import TURN
-from pages.ui.components.monitor import poll, stop_button
+from pages.ui.components.monitor import poll, show_bar, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ask_for_columns
 from pages.ui.session import resources
@@ -236,7 +236,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     )  # fmt: skip
     task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
-        poll(task, lambda _: st.progress(task.share, _line_of(task)))
+        poll(task, lambda _: show_bar(task, _told))
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button(
@@ -259,9 +259,6 @@ def _download(workspace: Workspace, run: Run, root: Path) -> None:
     resources.download_queue().submit(download_task(workspace.id, run, root, base))
 
 
-def _line_of(task: Task[Download]) -> str:
-    now, waits = task.latest, task.status is Status.QUEUED
-    if waits or now is None:
-        return "Waiting: another download is running." if waits else "Connecting …"
+def _told(now: Transfer) -> str:
     size = f" of {now.size / 1e6:.1f}" if now.size else ""
     return f"{now.run.file}: {now.received / 1e6:.1f}{size} MB"

@@ -19,7 +19,7 @@ from accpinn.study.studies import Request, studies, study_path
 from accpinn.tasks import Status, Task
 from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
-from pages.ui.components.monitor import poll, stop_button
+from pages.ui.components.monitor import poll, show_bar, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
 from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
@@ -100,19 +100,11 @@ def _watch(task: Task[BatchProgress]) -> None:
         found = task.latest.rows if task.latest else 0
         return found > rows and time.monotonic() - drawn > REDRAWN
 
-    poll(task, lambda _: st.progress(task.share, _line_of(task)), has_more)
+    def told(now: BatchProgress) -> str:
+        left = f" · about {format_duration(now.seconds_left)} left" if now.seconds_left else ""
+        return progress_line(now) + left
 
-
-def _line_of(task: Task[BatchProgress]) -> str:
-    if task.status is Status.QUEUED:
-        return "Waiting: another batch is running."
-    if not task.latest:
-        return "Getting ready …"
-    parts = ["Stopping …"] if task.is_stopping else []
-    parts.append(progress_line(task.latest))
-    if left := task.latest.seconds_left:
-        parts.append(f"about {format_duration(left)} left")
-    return " · ".join(parts)
+    poll(task, lambda _: show_bar(task, told), has_more)
 
 
 # Starting
