@@ -37,16 +37,11 @@ TITLES = {
 }
 
 
-@st.cache_resource(show_spinner=False)
-def store() -> Store:
-    """The server's one store of results, checkpoints and sessions."""
-    return Store()
-
-
-@st.cache_resource(show_spinner=False)
-def library() -> Library:
-    """The server's one library of snapshots."""
-    return Library()
+once = st.cache_resource(show_spinner=False)
+"""What is made once, for all browsers."""
+store, library = once(Store), once(Library)
+task_queue = once(TaskQueue)
+"""The queue of trainings and comparisons."""
 
 
 @st.cache_resource(max_entries=KEPT, show_spinner=False)
@@ -59,19 +54,13 @@ def opened(name: str) -> Result:
     return library().read(name)
 
 
-@st.cache_resource(show_spinner=False)
-def task_queue() -> TaskQueue:
-    """The server's queue of trainings and comparisons."""
-    return TaskQueue()
-
-
-@st.cache_resource(show_spinner=False)
+@once
 def batch_queue() -> TaskQueue:
     """The queue of batches; they may take hours, which no training should wait for."""
     return TaskQueue(prepare=lambda: None)
 
 
-@st.cache_resource(show_spinner=False)
+@once
 def download_queue() -> TaskQueue:
     """The queue of downloads."""
     return TaskQueue(prepare=lambda: None)

@@ -35,7 +35,7 @@ from accpinn.study import Analysis
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Seconds
-from pages.ui.session.resources import find_recording, library, store, task_queue
+from pages.ui.session.resources import find_recording, library, once, store, task_queue
 from pages.ui.session.workspace import Workspace
 
 KEPT_WORKSPACES = 200
@@ -203,10 +203,7 @@ class Workspaces:
                 task.stop()
 
 
-@st.cache_resource(show_spinner=False)
-def workspaces() -> Workspaces:
-    """The server's one registry."""
-    return Workspaces()
+workspaces = once(Workspaces)
 
 
 def current() -> Workspace:
