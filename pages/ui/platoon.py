@@ -196,11 +196,9 @@ def _show_charts(
             dotted="recorded" if measured else "",
         )
     span = None if is_whole else figures.close_up(run)
-    left, right = st.columns(2, gap="medium")
-    with left:
-        show.chart(figures.profiles(run, cast, span, measured, HEIGHT, linear), "platoon_profiles")
-    with right:
-        show.chart(figures.time_space(run, cast, span, view, HEIGHT), "platoon_time_space")
+    profiles = figures.profiles(run, cast, span, measured, HEIGHT, linear)
+    time_space = figures.time_space(run, cast, span, view, HEIGHT)
+    show.charts([("profiles", profiles), ("time_space", time_space)], "platoon")
 
 
 # Which vehicles drive behind the leader, and what it does
