@@ -85,7 +85,7 @@ OF_REAL_RECORDINGS = {
                "press Validate on", "tour data_casale", "to Stability", "tab Measured",
                "shoot stability_casale", "to Platoon",
                "choose Disturbance of the leader = As recorded", "shoot platoon_casale"),
-    "astazero": ("/Data", "file AstaZero/ASta_040719_platoon5.csv", "fill Window starts at = 320",
+    "astazero": ("/Data", "file AstaZero/ASta_040719_platoon5.csv", "fill Or one window from = 320",
                  "press Train on this window", "wait Next: string stability", "to Stability",
                  "tab Measured", "shoot stability_astazero", "to Platoon",
                  "choose Disturbance of the leader = As recorded", "shoot platoon_astazero"),

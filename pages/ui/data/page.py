@@ -171,11 +171,14 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
     # The state, not a widget, has the other number: after a change elsewhere keys are new.
     now = workspace.window
+    labels = ("Window starts at [s]", "and lasts [s]")
+    if workspace.several_windows:
+        labels = ("Or one window from [s]", "that lasts [s]")
     fields = (
-        ("Window starts at [s]", "data_start", now.start, recording.duration,
+        (labels[0], "data_start", now.start, recording.duration,
          lambda start: choose(start, workspace.window.duration),
          "In the recording's time, from its first sample."),
-        ("and lasts [s]", "data_length", now.duration, float(ceil(recording.duration)),
+        (labels[1], "data_length", now.duration, float(ceil(recording.duration)),
          lambda length: choose(workspace.window.start, length),
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
