@@ -13,12 +13,14 @@ A step that the segment masks does not change θ, and the motion is reset to the
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
-from accpinn.methods.fit import FilterUncertain, ParameterTrack
+from accpinn.methods.fit import FilterUncertain, Fit, Outcome, ParameterTrack
+from accpinn.methods.regression import Solution
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
@@ -68,18 +70,6 @@ def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> Parame
         segment.time[kept_samples(segment)],
         Parameters.of(np.broadcast_to(np.stack([alpha, beta, tau], -1), shape)),
         np.broadcast_to(np.sqrt(squares), shape),
-    )
-
-
-def filter_findings(segment: Segment, path: ParameterTrack) -> tuple[FilterUncertain, ...]:
-    """One finding for each gain that is not significantly different from zero at the end."""
-    assert path.deviation is not None
-    rows = zip(segment.vehicles[1:], path.parameters.values[-1], path.deviation[-1], strict=True)
-    return tuple(
-        FilterUncertain(vehicle, name, float(value), float(deviation))
-        for vehicle, values, deviations in rows
-        for name, value, deviation in zip("αβ", values, deviations, strict=False)
-        if 0 < value < INSIGNIFICANT * deviation
     )
 
 
@@ -152,9 +142,16 @@ class Filter(ABC):
     def __init__(self, step: Seconds) -> None:
         """The covariances of a measured (p, v), and of what a step adds to (p, v) and to θ."""
         self._step = step
-        self._noise = measurement_noise()
-        self._motion_noise = motion_noise(step)
+        self._noise = np.diag([GAP_ERROR**2, SPEED_ERROR**2])
+        # What a white acceleration adds in one step.
+        mixed = np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
+        self._motion_noise = 2 * UNEXPLAINED**2 * LASTING * mixed
         self._drift = step * theta_covariance(DRIFT)
+
+    @staticmethod
+    def solution(theta: FloatArray, covariance: FloatArray) -> Solution:
+        """The estimate within the bounds of one parameter set: mean (3,), covariance (3, 3)."""
+        return Solution.of(theta)
 
     @abstractmethod
     def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
@@ -167,36 +164,57 @@ class Filter(ABC):
         """
 
 
-def run(
-    filter_: Filter, segment: Segment, platoon: Measurements
-) -> tuple[FloatArray, FloatArray, Trajectories]:
-    """Run a filter, which knows the first sample, over all others.
+def filtered(
+    method: str,
+    segment: Segment,
+    case: Case,
+    kind: Callable[[Measurements], Filter],
+    config: dict[str, Any],
+) -> Fit:
+    """The last estimate of the parameters, their track, and the filtered motion.
 
-    Returns:
-        θ (K, G, 3) and its covariance (K, G, 3, 3) at the kept samples, and the filtered motion.
+    Args:
+        method: its key.
+        segment: the data.
+        case: "I" or "II".
+        kind: begins a filter at the first sample.
+        config: its own settings.
     """
-    motion = platoon.states.copy()
-    thetas, covariances, kept = [], [], set(kept_samples(segment))
+    platoon = Measurements.of(segment, case)
+    filter_, motion = kind(platoon), platoon.states.copy()
+    solutions, covariances, kept = [], [], set(kept_samples(segment))
     for now in range(1, segment.samples):
         filter_.update(platoon.ahead[now], platoon.states[now], platoon.mask[now])
         motion[now] = filter_.motion
         if now in kept:
-            thetas.append(filter_.mean)
+            pairs = zip(filter_.mean, filter_.covariance, strict=True)
+            solutions.append([filter_.solution(*pair) for pair in pairs])
             covariances.append(filter_.covariance)
     gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
-    path = Trajectories(segment.time, np.column_stack([segment.speeds[:, 0], speeds]), gaps)
-    return np.array(thetas), np.array(covariances), path
+    speeds = np.column_stack([segment.speeds[:, 0], speeds])
+    theta = np.array([[solution.theta for solution in now] for now in solutions])
+    path = track(segment, theta, np.array(covariances))
+    return Fit.of(
+        method,
+        segment,
+        case,
+        Solution.stack(solutions[-1], segment.followers),
+        surrogate=Trajectories(segment.time, speeds, gaps),
+        outcome=Outcome.FILTERED,
+        config=settings() | config,
+        track=path,
+        findings=_uncertain_gains(segment, path),
+    )
 
 
-def measurement_noise() -> FloatArray:
-    """(2, 2) covariance of a measured (p, v)."""
-    return np.diag([GAP_ERROR**2, SPEED_ERROR**2])
-
-
-def motion_noise(step: Seconds) -> FloatArray:
-    """(2, 2) covariance that a white acceleration adds to (p, v) in one step."""
-    density = 2 * UNEXPLAINED**2 * LASTING
-    return density * np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
+def _uncertain_gains(segment: Segment, path: ParameterTrack) -> Iterator[FilterUncertain]:
+    """One finding for each gain that is not significantly different from zero at the end."""
+    assert path.deviation is not None
+    rows = zip(segment.vehicles[1:], path.parameters.values[-1], path.deviation[-1], strict=True)
+    for vehicle, values, deviations in rows:
+        for name, value, deviation in zip("αβ", values, deviations, strict=False):
+            if 0 < value < INSIGNIFICANT * deviation:
+                yield FilterUncertain(vehicle, name, float(value), float(deviation))
 
 
 def theta_covariance(deviation: tuple[float, float, float]) -> FloatArray:

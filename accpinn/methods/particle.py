@@ -27,11 +27,13 @@ IEEE Transactions on Signal Processing 53 (2005) 2279-2289. The kernel is Liu an
 Sequential Monte Carlo Methods in Practice (2001), chapter 10.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from accpinn.methods import direct, online
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
+from accpinn.methods.fit import Fit
+from accpinn.model.cthp import SPREAD, TYPICAL, Case
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
@@ -49,22 +51,9 @@ STEADY = 1e-6
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last mean of the cloud, its track, and its mean motion."""
-    platoon = online.Measurements.of(segment, case)
-    theta, covariance, motion = online.run(_Cloud(platoon), segment, platoon)
-    copies = segment.followers // theta.shape[1]
-    path = online.track(segment, theta, covariance)
-    return Fit(
-        method="particle",
-        case=case,
-        parameters=Parameters.from_theta(np.repeat(theta[-1], copies, axis=0)),
-        surrogate=motion,
-        outcome=Outcome.FILTERED,
-        seconds=0.0,
-        config={**online.settings(), "particles": PARTICLES, "seed": SEED, "shrink": SHRINK},
-        active_bounds=((),) * segment.followers,
-        track=path,
-        findings=online.filter_findings(segment, path),
-    )
+    config = {"particles": PARTICLES, "seed": SEED, "shrink": SHRINK}
+    found = online.filtered("particle", segment, case, _Cloud, config)
+    return replace(found, unconstrained=None)  # no particle leaves the bounds
 
 
 class _Cloud(online.Filter):
