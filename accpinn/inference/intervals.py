@@ -22,12 +22,10 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
-from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
-from accpinn.methods import Law, one_thread
+from accpinn.inference.window_posterior import joint_posterior, parameters_of
+from accpinn.methods import one_thread
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, Held
 from accpinn.segment import Segment
@@ -279,11 +277,10 @@ def shared(
     segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    if model not in CTHPS:
-        posterior = simulated_posterior(segments, case, Law(model, held))
-        drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
-        return from_draws(Parameters.of(posterior.estimates), drawn, level, BY_SIMULATION)
-    return from_draws(*_sample(segments, case, draws, model, held), level)
+    posterior = joint_posterior(segments, case, model, held, draws)
+    drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+    method = EXACT if model in CTHPS else BY_SIMULATION
+    return from_draws(Parameters.of(posterior.estimates), drawn, level, method)
 
 
 def from_draws(
@@ -329,18 +326,6 @@ def ends_of(centre: Parameters, draws: Parameters, level: float) -> tuple[Parame
     lower = np.where(centre.everything == 0.0, 0.0, lower)
     lower[..., 4:6] = np.fmin(lower[..., 4:6], centre.complete[..., 4:6])
     return Parameters.of(lower), Parameters.of(upper)
-
-
-def _sample(
-    segments: tuple[Segment, ...], case: Case, count: int, model: str, held: Held
-) -> tuple[Parameters, Parameters]:
-    """The estimate (M,), and draws (count, M); the same for all followers in Case I."""
-    centre = np.full((segments[0].followers, 6), np.nan)
-    drawn = np.full((count, *centre.shape), np.nan)
-    for row, maximum, posterior in sampled(segments, case, model, held):
-        centre[row] = maximum.complete
-        drawn[:, row] = complete(model, natural(model, posterior.all_evenly(count)))[:, None]
-    return Parameters.of(centre), Parameters.of(drawn)
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
