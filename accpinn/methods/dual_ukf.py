@@ -63,10 +63,10 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
 class _Dual(online.Filter):
     """Means and covariances of both filters; G parameter sets, F followers each."""
 
-    def __init__(self, platoon: online.Measurements) -> None:
-        super().__init__(platoon.step)
-        sets, followers = platoon.mask.shape[1:]
-        self.motion = platoon.states[0].copy()  # (G, F, 2)
+    def __init__(self, segment: Segment, case: Case) -> None:
+        super().__init__(segment, case)
+        sets, followers = self.mask.shape[1:]
+        self.motion = self.states[0].copy()  # (G, F, 2)
         self.spread = np.tile(self._noise, (sets, followers, 1, 1))
         self.mean = np.tile(TYPICAL.theta, (sets, 1))
         self.covariance = np.tile(online.theta_covariance(UNCERTAIN), (sets, 1, 1))

@@ -14,8 +14,7 @@ A step that the segment masks does not change θ, and the motion is reset to the
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -73,35 +72,6 @@ def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> Parame
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """The measurements, ordered for G parameter sets with F followers each; G F = M."""
-
-    states: FloatArray
-    """(N, G, F, 2) p in m and v in m/s."""
-    ahead: FloatArray
-    """(N, G, F, 2) each predecessor's speed in m/s at the beginning and the end of a step."""
-    step: Seconds
-    mask: FloatArray
-    """(N, G, F) 1 where the step that ends there counts, else 0."""
-
-    @classmethod
-    def of(cls, segment: Segment, case: Case) -> Self:
-        """Case I: one set, M followers. Case II: M sets, one follower each."""
-        sets = 1 if case == "I" else segment.followers
-        shape = (segment.samples, sets, segment.followers // sets)
-        mask = np.ones(segment.gaps.shape)
-        if segment.mask is not None:  # a step needs both of its samples
-            mask[1:] = segment.mask[1:] & segment.mask[:-1]
-        leading = segment.speeds[:, :-1]
-        return cls(
-            np.stack([segment.gaps, segment.speeds[:, 1:]], axis=-1).reshape(*shape, 2),
-            np.stack([np.roll(leading, 1, axis=0), leading], axis=-1).reshape(*shape, 2),
-            segment.sample_time,
-            mask.reshape(shape),
-        )
-
-
 def step_maps(theta: FloatArray, step: Seconds) -> FloatArray:
     """The motion over a step as a linear map; the same for parameters and motions of any number.
 
@@ -139,11 +109,24 @@ class Filter(ABC):
     motion: FloatArray
     """(G, F, 2) the mean of p and v."""
 
-    def __init__(self, step: Seconds) -> None:
-        """The covariances of a measured (p, v), and of what a step adds to (p, v) and to θ."""
-        self._step = step
+    def __init__(self, segment: Segment, case: Case) -> None:
+        """Order the measurements by parameter set: one of M followers (Case I), or M of one."""
+        sets = 1 if case == "I" else segment.followers
+        shape = (segment.samples, sets, segment.followers // sets)
+        mask = np.ones(segment.gaps.shape)
+        if segment.mask is not None:  # a step needs both of its samples
+            mask[1:] = segment.mask[1:] & segment.mask[:-1]
+        self.mask = mask.reshape(shape)
+        """(N, G, F) 1 where the step that ends there counts, else 0."""
+        states, leading = [segment.gaps, segment.speeds[:, 1:]], segment.speeds[:, :-1]
+        self.states = np.stack(states, axis=-1).reshape(*shape, 2)
+        """(N, G, F, 2) p in m and v in m/s."""
+        ahead = np.stack([np.roll(leading, 1, axis=0), leading], axis=-1)
+        self.ahead = ahead.reshape(*shape, 2)
+        """(N, G, F, 2) each predecessor's speed at the beginning and the end of a step."""
+        self._step = step = segment.sample_time
         self._noise = np.diag([GAP_ERROR**2, SPEED_ERROR**2])
-        # What a white acceleration adds in one step.
+        # What a white acceleration adds to (p, v) in one step.
         mixed = np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
         self._motion_noise = 2 * UNEXPLAINED**2 * LASTING * mixed
         self._drift = step * theta_covariance(DRIFT)
@@ -168,7 +151,7 @@ def filtered(
     method: str,
     segment: Segment,
     case: Case,
-    kind: Callable[[Measurements], Filter],
+    kind: Callable[[Segment, Case], Filter],
     config: dict[str, Any],
 ) -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion.
@@ -180,11 +163,11 @@ def filtered(
         kind: begins a filter at the first sample.
         config: its own settings.
     """
-    platoon = Measurements.of(segment, case)
-    filter_, motion = kind(platoon), platoon.states.copy()
+    filter_ = kind(segment, case)
+    motion = filter_.states.copy()
     solutions, covariances, kept = [], [], set(kept_samples(segment))
     for now in range(1, segment.samples):
-        filter_.update(platoon.ahead[now], platoon.states[now], platoon.mask[now])
+        filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
         motion[now] = filter_.motion
         if now in kept:
             pairs = zip(filter_.mean, filter_.covariance, strict=True)

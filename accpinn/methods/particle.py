@@ -59,9 +59,9 @@ def fit(segment: Segment, case: Case = "II") -> Fit:
 class _Cloud(online.Filter):
     """P particles for each of G parameter sets, with F followers each."""
 
-    def __init__(self, platoon: online.Measurements) -> None:
-        super().__init__(platoon.step)
-        sets, followers = platoon.mask.shape[1:]
+    def __init__(self, segment: Segment, case: Case) -> None:
+        super().__init__(segment, case)
+        sets, followers = self.mask.shape[1:]
         self._random = np.random.default_rng(SEED)
         self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets)
@@ -73,7 +73,7 @@ class _Cloud(online.Filter):
             self._prepare(k)
         self._known = np.empty((sets, followers, 4))
         """(G, F, 4) p, v and the predecessor's speed before and after a step, as measured."""
-        self._known[..., :2] = platoon.states[0]
+        self._known[..., :2] = self.states[0]
         self._offsets = np.zeros((sets, followers, 2, PARTICLES))
         """S⁻¹ e. A motion differs from the measured one by -R S⁻¹ e, as 1 - K = R S⁻¹."""
         self._logs = np.zeros((sets, PARTICLES))
