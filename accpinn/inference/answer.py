@@ -10,7 +10,6 @@ The headline is the time gap in equilibrium, τ + s₀/v, at a stated speed: the
 while τ and s₀ may trade off against each other.
 """
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -159,7 +158,6 @@ class Answer:
     trust: tuple[Trust, ...]
     """What its own windows say of each follower's answer; one where all share it."""
     findings: tuple[AnswerFinding, ...]
-    seconds: Seconds
 
     def __repr__(self) -> str:
         """Model, number of windows, and each follower's time gap."""
@@ -298,7 +296,6 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
 @lru_cache(maxsize=64)
 @one_thread
 def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -> Answer:
-    started = time.perf_counter()
     windows = [window_posterior(segment, case, model, held) for segment in segments]
     speeds, followers = median_speeds(segments), range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
@@ -371,7 +368,6 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
             *((DrawnToOthers(tuple(drawn_away.items())),) if drawn_away else ()),
             *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
         ),
-        seconds=time.perf_counter() - started,
     )
 
 

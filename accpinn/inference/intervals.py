@@ -10,7 +10,6 @@ Draws are above zero, because the prior is one of logarithms. If the likelihood 
 the interval begins there.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -37,7 +36,7 @@ from accpinn.stability.criteria import (
     response,
     step_metrics,
 )
-from accpinn.units import FloatArray, Mask, Seconds
+from accpinn.units import FloatArray, Mask
 
 EXACT = "posterior of the exact likelihood, by importance sampling"
 BY_SIMULATION = "normal approximation about the best closed-loop simulation"
@@ -159,7 +158,6 @@ class Uncertainty:
     """‖h‖₁; 1 where no peak is amplified."""
     crossover: Interval
     """ω_c in rad/s, below which frequencies are amplified; 0 where none is."""
-    seconds: Seconds
     findings: tuple[UncertaintyFinding, ...]
 
 
@@ -189,11 +187,9 @@ def intervals(
         raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
     if draws < 2:
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
-    started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
     known = shared(segments, fit.case, level, draws, fit.model, held)
-    uncertainty = with_estimates(known, segments[0], fit)
-    return replace(uncertainty, seconds=time.perf_counter() - started)
+    return with_estimates(known, segments[0], fit)
 
 
 def with_estimates(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
@@ -311,7 +307,6 @@ def from_draws(
         peak_gain=Interval(*interval_ends(peaks(draws).gain, level)),
         linf_gain=Interval(*interval_ends(gains, level)),
         crossover=Interval(*interval_ends(np.nan_to_num(crossovers(draws)), level)),
-        seconds=0.0,
         findings=(),
     )
 
