@@ -13,7 +13,7 @@ while τ and s₀ may trade off against each other.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from scipy.special import chdtrc
@@ -26,7 +26,7 @@ from accpinn.inference.intervals import (
     from_draws,
     interval_ends,
 )
-from accpinn.inference.population import CHAINS, KEPT, WITHIN, population_of, sampled_population
+from accpinn.inference.population import CHAINS, KEPT, Car, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (
     count_of,
@@ -391,20 +391,6 @@ def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:
     return SPEEDS[0] if np.median(speeds) < SPEEDS[0] or not held else held[-1]
 
 
-class Car(NamedTuple):
-    """What the windows of one follower say together, in the p coordinates φ."""
-
-    middle: FloatArray
-    """(p,) its typical value: the mean of the draws."""
-    value: FloatArray
-    """(n, p) draws of the typical value."""
-    further: FloatArray
-    """(n, p) draws of what a further window has."""
-    covariance: FloatArray
-    """(n, p, p) draws of how windows differ: of their scale matrix, such that 68 % of windows lie
-    within the root of its diagonal; zero for what is held."""
-
-
 def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
@@ -419,7 +405,7 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     size, count = CHAINS * KEPT // THINNING, count_of(model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
-        return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
+        return Car(nothing, np.full((size, count, count), np.nan), nothing)
     free, prior = free_of(model, held), log_prior_of_likely(model, drawn, held)
     population = population_of(model, count).of(free)
     left_out = min(LEFT_OUT * len(drawn), MOST_LEFT_OUT)
@@ -427,14 +413,8 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::THINNING], sampled.further[::THINNING]
     covariance = np.zeros((size, count, count))
-    scales = sampled.covariance[::THINNING].reshape(size, -1)
-    covariance[:, np.outer(free, free)] = WITHIN**2 * scales
-    return Car(middle_of(value), value, further, covariance)
-
-
-def middle_of(drawn: FloatArray) -> FloatArray:
-    """(p,) the mean of draws (n, p); a mean of equal values may round, so it lies among them."""
-    return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
+    covariance[:, np.outer(free, free)] = sampled.covariance[::THINNING].reshape(size, -1)
+    return Car(value, covariance, further)
 
 
 def _unlike_windows(
