@@ -120,12 +120,8 @@ def identifiability(
 ) -> tuple[WeakIdentification | NarrowerIntervals, ...]:
     """The followers that the data determine only weakly, and what would narrow their intervals.
 
-    Args:
-        info: the segment's description.
-        quality: of its data.
-        uncertainty: of its parameters.
-        case: "I", where all followers share one finding, or "II".
-        recording: duration of the recording that the window was cut from, if it is known.
+    In Case I all followers share one finding. The duration of the ``recording`` that the window was
+    cut from need not be known.
     """
     every = [
         _identification(uncertainty, quality, k, vehicle)

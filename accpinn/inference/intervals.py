@@ -193,13 +193,7 @@ def intervals(
 
 
 def with_estimates(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
-    """The same uncertainty, with a fit's estimates compared with the intervals.
-
-    Args:
-        uncertainty: the uncertainty of the segment's M followers.
-        segment: the data.
-        fit: any method's estimate on them.
-    """
+    """The same uncertainty, with a fit's estimates on a segment compared with the intervals."""
     inside = within(fit.parameters.values, uncertainty.lower.values, uncertainty.upper.values)
     compared = replace(uncertainty, inside=inside)
     return replace(compared, findings=tuple(_findings(segment, fit, compared)))

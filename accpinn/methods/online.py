@@ -156,12 +156,8 @@ def filtered(
 ) -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion.
 
-    Args:
-        method: its key.
-        segment: the data.
-        case: "I" or "II".
-        kind: begins a filter at the first sample.
-        config: its own settings.
+    A filter of a ``kind`` knows the first sample when it is made; ``config`` holds what it alone
+    assumes.
     """
     filter_ = kind(segment, case)
     motion = filter_.states.copy()

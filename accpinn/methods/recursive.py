@@ -43,10 +43,7 @@ UNDETERMINED = 1e10
 def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
     """The mean of the estimates after a run-in, and their track; there is no surrogate.
 
-    Args:
-        segment: the data.
-        case: "I" or "II".
-        memory: time constant of forgetting.
+    ``memory`` is the time constant of forgetting.
     """
     from scipy.signal import lfilter  # takes a second to import, which few need
 
