@@ -28,7 +28,7 @@ Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 import numpy as np
 
 from accpinn.methods import direct, online
-from accpinn.methods.fit import FilterDiverged, Fit, Outcome
+from accpinn.methods.fit import Fit
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment import Segment
@@ -45,19 +45,7 @@ COVARIANCE_WEIGHTS = np.array([2.0] + 6 * [1 / 6])
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion."""
-    config = {"uncertain": list(UNCERTAIN)}
-    try:
-        return online.filtered("dual-ukf", segment, case, _Dual, config)
-    except np.linalg.LinAlgError:  # no motion follows the measurements
-        return Fit.of(
-            "dual-ukf",
-            segment,
-            case,
-            Solution.of(np.full((segment.followers, 3), np.nan)),
-            outcome=Outcome.DIVERGED,
-            config=online.settings() | config,
-            findings=[FilterDiverged()],
-        )
+    return online.filtered("dual-ukf", segment, case, _Dual, {"uncertain": list(UNCERTAIN)})
 
 
 class _Dual(online.Filter):

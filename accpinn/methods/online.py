@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from accpinn.methods.fit import FilterUncertain, Fit, Outcome, ParameterTrack
+from accpinn.methods.fit import FilterDiverged, FilterUncertain, Fit, Outcome, ParameterTrack
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment import Segment
@@ -159,16 +159,25 @@ def filtered(
     A filter of a ``kind`` knows the first sample when it is made; ``config`` holds what it alone
     assumes.
     """
-    filter_ = kind(segment, case)
+    filter_, config = kind(segment, case), settings() | config
     motion = filter_.states.copy()
     solutions, covariances, kept = [], [], set(kept_samples(segment))
-    for now in range(1, segment.samples):
-        filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
-        motion[now] = filter_.motion
-        if now in kept:
-            pairs = zip(filter_.mean, filter_.covariance, strict=True)
-            solutions.append([filter_.solution(*pair) for pair in pairs])
-            covariances.append(filter_.covariance)
+    try:
+        for now in range(1, segment.samples):
+            filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
+            motion[now] = filter_.motion
+            if now in kept:
+                pairs = zip(filter_.mean, filter_.covariance, strict=True)
+                solutions.append([filter_.solution(*pair) for pair in pairs])
+                covariances.append(filter_.covariance)
+    except np.linalg.LinAlgError:  # no motion follows the measurements
+        unknown = Solution.of(np.full((segment.followers, 3), np.nan))
+        return Fit.of(
+            *(method, segment, case, unknown),
+            outcome=Outcome.DIVERGED,
+            config=config,
+            findings=[FilterDiverged()],
+        )
     gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
     speeds = np.column_stack([segment.speeds[:, 0], speeds])
     theta = np.array([[solution.theta for solution in now] for now in solutions])
@@ -180,7 +189,7 @@ def filtered(
         Solution.stack(solutions[-1], segment.followers),
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.FILTERED,
-        config=settings() | config,
+        config=config,
         track=path,
         findings=_uncertain_gains(segment, path),
     )
