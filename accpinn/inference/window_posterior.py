@@ -88,10 +88,10 @@ def joint_posterior(
     if model in CTHPS:
         for row, maximum, posterior in sampled(segments, case, model, held):
             estimates[row] = maximum.complete
-            drawn[row] = features(model, posterior.all_evenly(draws))
-            log_likelihood[row] = posterior.log_likelihood_evenly(draws)
+            even = posterior.evenly(draws)
+            drawn[row], log_likelihood[row] = features(model, even.coordinates), even.log_likelihood
             told = posterior.under(_of_others(model, held, posterior.coordinates))
-            likely[row] = features(model, told.all_evenly(draws))
+            likely[row] = features(model, told.evenly(draws).coordinates)
     else:
         law = Law(model, held)
         for row, estimate in simulation.estimates(segments, case, law):
@@ -148,7 +148,7 @@ def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
         log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)
         log[((phi < lower) | (phi > upper)).any(axis=1)] = -np.inf
         sampling.add(phi, phi, log, none, none)
-    return sampling.posterior.all_evenly(DRAWS)
+    return sampling.posterior.evenly(DRAWS).coordinates
 
 
 def _of_others(model: str, held: Held, z: FloatArray) -> FloatArray:
