@@ -10,11 +10,10 @@ The headline is the time gap in equilibrium, τ + s₀/v, at a stated speed: the
 while τ and s₀ may trade off against each other.
 """
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from scipy.special import chdtrc
@@ -27,7 +26,7 @@ from accpinn.inference.intervals import (
     from_draws,
     interval_ends,
 )
-from accpinn.inference.population import CHAINS, KEPT, WITHIN, population_of, sampled_population
+from accpinn.inference.population import CHAINS, KEPT, Car, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (
     count_of,
@@ -159,7 +158,6 @@ class Answer:
     trust: tuple[Trust, ...]
     """What its own windows say of each follower's answer; one where all share it."""
     findings: tuple[AnswerFinding, ...]
-    seconds: Seconds
 
     def __repr__(self) -> str:
         """Model, number of windows, and each follower's time gap."""
@@ -298,7 +296,6 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
 @lru_cache(maxsize=64)
 @one_thread
 def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -> Answer:
-    started = time.perf_counter()
     windows = [window_posterior(segment, case, model, held) for segment in segments]
     speeds, followers = median_speeds(segments), range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
@@ -371,7 +368,6 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
             *((DrawnToOthers(tuple(drawn_away.items())),) if drawn_away else ()),
             *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
         ),
-        seconds=time.perf_counter() - started,
     )
 
 
@@ -395,20 +391,6 @@ def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:
     return SPEEDS[0] if np.median(speeds) < SPEEDS[0] or not held else held[-1]
 
 
-class Car(NamedTuple):
-    """What the windows of one follower say together, in the p coordinates φ."""
-
-    middle: FloatArray
-    """(p,) its typical value: the mean of the draws."""
-    value: FloatArray
-    """(n, p) draws of the typical value."""
-    further: FloatArray
-    """(n, p) draws of what a further window has."""
-    covariance: FloatArray
-    """(n, p, p) draws of how windows differ: of their scale matrix, such that 68 % of windows lie
-    within the root of its diagonal; zero for what is held."""
-
-
 def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
@@ -423,7 +405,7 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     size, count = CHAINS * KEPT // THINNING, count_of(model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
-        return Car(nothing[0], nothing, nothing, np.full((size, count, count), np.nan))
+        return Car(nothing, np.full((size, count, count), np.nan), nothing)
     free, prior = free_of(model, held), log_prior_of_likely(model, drawn, held)
     population = population_of(model, count).of(free)
     left_out = min(LEFT_OUT * len(drawn), MOST_LEFT_OUT)
@@ -431,14 +413,8 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     value, further = np.tile(drawn[0, 0], (2, size, 1))
     value[:, free], further[:, free] = sampled.value[::THINNING], sampled.further[::THINNING]
     covariance = np.zeros((size, count, count))
-    scales = sampled.covariance[::THINNING].reshape(size, -1)
-    covariance[:, np.outer(free, free)] = WITHIN**2 * scales
-    return Car(middle_of(value), value, further, covariance)
-
-
-def middle_of(drawn: FloatArray) -> FloatArray:
-    """(p,) the mean of draws (n, p); a mean of equal values may round, so it lies among them."""
-    return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
+    covariance[:, np.outer(free, free)] = sampled.covariance[::THINNING].reshape(size, -1)
+    return Car(value, covariance, further)
 
 
 def _unlike_windows(

@@ -120,12 +120,8 @@ def identifiability(
 ) -> tuple[WeakIdentification | NarrowerIntervals, ...]:
     """The followers that the data determine only weakly, and what would narrow their intervals.
 
-    Args:
-        info: the segment's description.
-        quality: of its data.
-        uncertainty: of its parameters.
-        case: "I", where all followers share one finding, or "II".
-        recording: duration of the recording that the window was cut from, if it is known.
+    In Case I all followers share one finding. The duration of the ``recording`` that the window was
+    cut from need not be known.
     """
     every = [
         _identification(uncertainty, quality, k, vehicle)
@@ -203,60 +199,47 @@ class Profile:
 
 def profiles(segment: Segment, case: Case = "II") -> tuple[tuple[Profile, ...], ...]:
     """The profiles of α, β and τ of each follower; in Case I one set, which all share."""
-    return tuple(
-        tuple(_profile(criterion, which) for which in range(3))
-        for criterion in _criteria(segment, case)
-    )
+    regression = Regression.of(segment)
+    parts = [regression.grams(), regression.moments(), (regression.rates**2).sum(axis=1)]
+    if case == "I":
+        parts = [part.sum(axis=0, keepdims=True) for part in parts]
+    grams, moments, powers = parts
+    rows = zip(grams, moments, powers.tolist(), regression.solve(case).theta, strict=False)
+    return tuple(tuple(_profile(*row, which) for which in range(3)) for row in rows)
 
 
-@dataclass(frozen=True, eq=False)
-class _Criterion:
-    """S as a quadratic in θ = (α, ατ, β)."""
+def _profile(
+    gram: FloatArray, moment: FloatArray, power: float, theta: FloatArray, which: int
+) -> Profile:
+    """The profile of α, β or τ.
 
-    gram: FloatArray
-    """(3, 3) XᵀX."""
-    moment: FloatArray
-    """(3,) Xᵀ dv/dt."""
-    power: float
-    """Σ (dv/dt)²."""
-    best: FloatArray
-    """(3,) θ at the minimum of S."""
+    Args:
+        gram: (3, 3) XᵀX.
+        moment: (3,) Xᵀ dv/dt.
+        power: Σ (dv/dt)².
+        theta: (3,) θ at the minimum of S.
+        which: of the three, from 0.
+    """
+    symbol, limit = PARAMETERS[which].symbol, float(LARGEST.values[which])
+    best = float(Parameters.from_theta(theta).values[which])
 
-    def at(self, theta: FloatArray) -> float:
-        """S at θ (3,)."""
-        return float(self.power + theta @ self.gram @ theta - 2 * self.moment @ theta)
+    def criterion(theta: FloatArray) -> float:
+        return float(power + theta @ gram @ theta - 2 * moment @ theta)
 
-    def held(self, symbol: str, value: float) -> float:
-        """Minimise S with one parameter held: θ = base + directions @ (two unknowns ≥ 0)."""
+    least = max(criterion(theta), np.finfo(float).tiny)
+
+    def increase(value: float) -> float:
+        """Of the minimum where one is held: θ = base + directions @ (two unknowns ≥ 0)."""
         base = np.zeros(3)
         if symbol == "τ":
             directions = np.array([[1.0, 0.0], [value, 0.0], [0.0, 1.0]])
         else:
-            which = 0 if symbol == "α" else 2
-            base[which] = value
-            directions = np.delete(np.eye(3), which, axis=1)
-        gram = directions.T @ self.gram @ directions
-        moment = directions.T @ (self.moment - self.gram @ base)
-        return self.at(base + directions @ solve_bounded(gram, moment).theta)
-
-
-def _criteria(segment: Segment, case: Case) -> list[_Criterion]:
-    regression = Regression.of(segment)
-    grams, moments = regression.grams(), regression.moments()
-    powers = (regression.rates**2).sum(axis=1)
-    theta = regression.solve(case).theta
-    if case == "I":
-        return [_Criterion(grams.sum(axis=0), moments.sum(axis=0), float(powers.sum()), theta[0])]
-    return list(map(_Criterion, grams, moments, powers.tolist(), theta))
-
-
-def _profile(criterion: _Criterion, which: int) -> Profile:
-    symbol, limit = PARAMETERS[which].symbol, float(LARGEST.values[which])
-    best = float(Parameters.from_theta(criterion.best).values[which])
-    least = max(criterion.at(criterion.best), np.finfo(float).tiny)
-
-    def increase(value: float) -> float:
-        return max(criterion.held(symbol, value) / least - 1.0, 0.0)
+            held = 0 if symbol == "α" else 2
+            base[held] = value
+            directions = np.delete(np.eye(3), held, axis=1)
+        rest = directions.T @ (moment - gram @ base)
+        part = solve_bounded(directions.T @ gram @ directions, rest)
+        return max(criterion(base + directions @ part.theta) / least - 1.0, 0.0)
 
     lower, upper = _ends(increase, best, limit)
     values = _grid(best, lower, upper, limit)

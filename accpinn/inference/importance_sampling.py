@@ -21,7 +21,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
-from accpinn.methods.likelihood import Groups
 from accpinn.methods.state_space import COMMON
 from accpinn.units import FloatArray, Mask, MetresPerSecond
 
@@ -68,19 +67,12 @@ class Posterior:
         with np.errstate(divide="ignore"):
             return replace(self, weights=normalised(np.log(self.weights) + factor))
 
-    def all_evenly(self, count: int) -> FloatArray:
-        """(count, P) draws of z of equal weight, in no particular order of time."""
-        return np.asarray(self.coordinates[self._even(count)])
-
-    def log_likelihood_evenly(self, count: int) -> FloatArray:
-        """(count,) of the draws in the order of `all_evenly`."""
-        return np.asarray(self.log_likelihood[self._even(count)])
-
-    def _even(self, count: int) -> Groups:
-        """(count,) indices of draws, each as often as its weight demands."""
-        edges = np.cumsum(self.weights)
-        at = (np.arange(count) + 0.5) / count * edges[-1]
-        return np.asarray(np.searchsorted(edges, at))
+    def evenly(self, count: int) -> "Posterior":
+        """So many draws of equal weight, each as often as its own demands, in no order of time."""
+        edges, steps = np.cumsum(self.weights), (np.arange(count) + 0.5) / count
+        at = np.searchsorted(edges, steps * edges[-1])
+        weights = np.full(count, 1.0 / count)
+        return Posterior(self.coordinates[at], weights, self.log_likelihood[at])
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,14 +132,7 @@ def _gap_last(model: StateSpace) -> StateSpace:
 def _nonlinear(
     series: Series, maxima: Sequence[Maximum], model: StateSpace, measured: Innovations
 ) -> FloatArray:
-    """(G,) p-values of the test of a linear response; see the module's head.
-
-    Args:
-        series: the series of G groups.
-        maxima: (G,) the maximum of each group.
-        model: the model with the gap last.
-        measured: the innovations of this model.
-    """
+    """(G,) p-values of the test of a linear response, for a model with the gap last."""
     theta = np.array([maxima[g].theta for g in series.group])
     alpha, alpha_tau, beta = theta.T
     p, v, u = series.measured.transpose(1, 0, 2)

@@ -10,7 +10,6 @@ Draws are above zero, because the prior is one of logarithms. If the likelihood 
 the interval begins there.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,12 +21,10 @@ import numpy as np
 from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
-from accpinn.inference.window_posterior import parameters_of, sampled, simulated_posterior
-from accpinn.methods import Law, one_thread
+from accpinn.inference.window_posterior import joint_posterior, parameters_of
+from accpinn.methods import one_thread
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.likelihood import natural
 from accpinn.methods.maximum_likelihood import KEY
-from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, Held
 from accpinn.segment import Segment
@@ -39,7 +36,7 @@ from accpinn.stability.criteria import (
     response,
     step_metrics,
 )
-from accpinn.units import FloatArray, Mask, Seconds
+from accpinn.units import FloatArray, Mask
 
 EXACT = "posterior of the exact likelihood, by importance sampling"
 BY_SIMULATION = "normal approximation about the best closed-loop simulation"
@@ -161,7 +158,6 @@ class Uncertainty:
     """‖h‖₁; 1 where no peak is amplified."""
     crossover: Interval
     """ω_c in rad/s, below which frequencies are amplified; 0 where none is."""
-    seconds: Seconds
     findings: tuple[UncertaintyFinding, ...]
 
 
@@ -191,21 +187,13 @@ def intervals(
         raise ConfigError(f"level: {level:g} is not allowed; choose above 0 and below 1, as 0.9.")
     if draws < 2:
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
-    started = time.perf_counter()
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
     known = shared(segments, fit.case, level, draws, fit.model, held)
-    uncertainty = with_estimates(known, segments[0], fit)
-    return replace(uncertainty, seconds=time.perf_counter() - started)
+    return with_estimates(known, segments[0], fit)
 
 
 def with_estimates(uncertainty: Uncertainty, segment: Segment, fit: Fit) -> Uncertainty:
-    """The same uncertainty, with a fit's estimates compared with the intervals.
-
-    Args:
-        uncertainty: the uncertainty of the segment's M followers.
-        segment: the data.
-        fit: any method's estimate on them.
-    """
+    """The same uncertainty, with a fit's estimates on a segment compared with the intervals."""
     inside = within(fit.parameters.values, uncertainty.lower.values, uncertainty.upper.values)
     compared = replace(uncertainty, inside=inside)
     return replace(compared, findings=tuple(_findings(segment, fit, compared)))
@@ -279,11 +267,10 @@ def shared(
     segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    if model not in CTHPS:
-        posterior = simulated_posterior(segments, case, Law(model, held))
-        drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
-        return from_draws(Parameters.of(posterior.estimates), drawn, level, BY_SIMULATION)
-    return from_draws(*_sample(segments, case, draws, model, held), level)
+    posterior = joint_posterior(segments, case, model, held, draws)
+    drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+    method = EXACT if model in CTHPS else BY_SIMULATION
+    return from_draws(Parameters.of(posterior.estimates), drawn, level, method)
 
 
 def from_draws(
@@ -314,7 +301,6 @@ def from_draws(
         peak_gain=Interval(*interval_ends(peaks(draws).gain, level)),
         linf_gain=Interval(*interval_ends(gains, level)),
         crossover=Interval(*interval_ends(np.nan_to_num(crossovers(draws)), level)),
-        seconds=0.0,
         findings=(),
     )
 
@@ -329,18 +315,6 @@ def ends_of(centre: Parameters, draws: Parameters, level: float) -> tuple[Parame
     lower = np.where(centre.everything == 0.0, 0.0, lower)
     lower[..., 4:6] = np.fmin(lower[..., 4:6], centre.complete[..., 4:6])
     return Parameters.of(lower), Parameters.of(upper)
-
-
-def _sample(
-    segments: tuple[Segment, ...], case: Case, count: int, model: str, held: Held
-) -> tuple[Parameters, Parameters]:
-    """The estimate (M,), and draws (count, M); the same for all followers in Case I."""
-    centre = np.full((segments[0].followers, 6), np.nan)
-    drawn = np.full((count, *centre.shape), np.nan)
-    for row, maximum, posterior in sampled(segments, case, model, held):
-        centre[row] = maximum.complete
-        drawn[:, row] = complete(model, natural(model, posterior.all_evenly(count)))[:, None]
-    return Parameters.of(centre), Parameters.of(drawn)
 
 
 def interval_ends(values: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:

@@ -42,6 +42,8 @@ BETTER = 4.0
 """Decrease of the AIC that makes a form better, if held-out time is more probable, too."""
 FORMS: tuple[str, ...] = ("cthp", "cthp-s0", "cthp-lag", "cthp-delay", "cthp-s0-delay")
 """The models that are compared."""
+Subjects = Sequence[tuple[int, int]]
+"""Number in the file and row of each follower, or (0, 0) for all."""
 
 
 class BetterForm(Finding, frozen=True, kw_only=True):
@@ -183,13 +185,8 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     return Adequacy(tuple(forms), tested, (*better, *inadequate))
 
 
-def _better(subjects: Sequence[tuple[int, int]], forms: Sequence[ModelForm]) -> list[BetterForm]:
-    """The best form of each follower, if it is better than the CTHP.
-
-    Args:
-        subjects: number in the file and row of each follower, or (0, 0) for all.
-        forms: all forms.
-    """
+def _better(subjects: Subjects, forms: Sequence[ModelForm]) -> list[BetterForm]:
+    """The best form of each follower, if it is better than the CTHP."""
     better = []
     for vehicle, k in subjects:
         best = min(forms, key=lambda form: float(form.aic[k]))
@@ -222,13 +219,8 @@ def _held_out_density(series: Series, maxima: Sequence[Maximum], form: str) -> F
     return np.asarray(np.bincount(series.group, late, series.groups), float)
 
 
-def _inadequate(subjects: Sequence[tuple[int, int]], tests: InnovationTests) -> list[Inadequate]:
-    """The followers that fail a test; if none does, all followers together if they fail one.
-
-    Args:
-        subjects: number in the file and row of each follower, or (0, 0) for all.
-        tests: the tests of M followers.
-    """
+def _inadequate(subjects: Subjects, tests: InnovationTests) -> list[Inadequate]:
+    """The followers that fail a test; if none does, all followers together if they fail one."""
     fails = tests.fails
     single = [Inadequate(v, *fails[k].tolist()) for v, k in subjects if fails[k].any()]
     together = tests.united.fails[0].tolist()

@@ -98,15 +98,21 @@ def log_of_window(population: Population, phi: FloatArray) -> FloatArray:
     return np.asarray(-0.5 * (TAILS + p) * np.log(1.0 + distance / TAILS))
 
 
-class Sampled(NamedTuple):
-    """Draws of (μ, Σ) of one car."""
+class Car(NamedTuple):
+    """Draws of what the windows of one car say together."""
 
     value: FloatArray
     """(n, p) μ, the typical value."""
     covariance: FloatArray
-    """(n, p, p) Σ, the scale matrix."""
+    """(n, p, p) Σ, the scale matrix; zero for what is held."""
     further: FloatArray
     """(n, p) parameters of a further window."""
+
+    @property
+    def middle(self) -> FloatArray:
+        """(p,) the mean typical value; a mean of equal values may round, so it lies among them."""
+        drawn = self.value
+        return np.asarray(np.clip(drawn.mean(axis=0), drawn.min(axis=0), drawn.max(axis=0)))
 
 
 def sampled_population(
@@ -116,7 +122,7 @@ def sampled_population(
     seed: int = 0,
     *,
     left_out: int = 0,
-) -> Sampled:
+) -> Car:
     """Sample the typical value of one car and how its windows differ.
 
     Args:
@@ -162,7 +168,7 @@ def sampled_population(
             covariances.append(np.asarray(np.linalg.inv(precision), float))
             stretch = np.sqrt(rng.gamma(0.5 * TAILS, 2.0 / TAILS, (CHAINS, 1)))
             further.append(values[-1] + _normal(covariances[-1], rng) / stretch)
-    return Sampled(*(np.concatenate(rows) for rows in (values, covariances, further)))
+    return Car(*(np.concatenate(rows) for rows in (values, covariances, further)))
 
 
 def _one_of(log: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:

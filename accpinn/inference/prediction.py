@@ -123,7 +123,7 @@ def gap_band(
         return None
     stride = stride_of(segment)
     step, rows = stride * segment.sample_time, np.arange(0, segment.samples, stride)
-    steps = _Steps.of(uncertainty, sizes[:followers], step)
+    steps = _Steps(uncertainty, sizes[:followers], step)
     gaps = np.full((SIMULATIONS, len(rows), segment.followers), np.nan)
     measured = segment.measured_gaps[rows]
     samples = np.hstack([measured, segment.measured_speeds[rows]])
@@ -160,30 +160,11 @@ def _disturbances(segment: Segment, case: Case, law: Law) -> FloatArray:
     return sizes
 
 
-@dataclass(frozen=True, eq=False)
 class _Steps:
     """A step of n simulations; S states of each of F followers, then v_0 and its slope."""
 
-    transition: FloatArray
-    """(SF+2, SF+2, n) transition matrices."""
-    root: FloatArray
-    """(n, SF, SF) Cholesky roots of the covariance of the added noise."""
-    deviations: FloatArray
-    """(F, 2) standard deviations of r and w before the first step."""
-    step: Seconds
-    """Duration of a step."""
-    complete: FloatArray
-    """(F, n, 6) the parameters; the states' gaps are without s₀."""
-
-    @classmethod
-    def of(cls, uncertainty: Uncertainty, disturbances: FloatArray, step: Seconds) -> "_Steps":
-        """The steps of evenly chosen draws.
-
-        Args:
-            uncertainty: the uncertainty of at least F followers.
-            disturbances: (F, 3) s, T and T₂.
-            step: duration in s.
-        """
+    def __init__(self, uncertainty: Uncertainty, disturbances: FloatArray, step: Seconds) -> None:
+        """The steps of evenly chosen draws, for disturbances (F, 3) s, T and T₂."""
         followers, complete = len(disturbances), uncertainty.draws.complete
         deviation, memory, rise = disturbances.T
         white = deviation**2 * (memory + rise) / memory
@@ -210,22 +191,24 @@ class _Steps:
         covariance = process[:, :size, :size]
         # The variance that a step adds to a gap is so small that rounding may make it negative.
         covariance += (ROUNDING * covariance + TINY) * np.eye(size)
-        return cls(
-            np.ascontiguousarray(np.moveaxis(transition, 0, -1)),
-            np.asarray(np.linalg.cholesky(covariance)),
-            np.sqrt([deviation**2, white]).T,
-            step,
-            np.moveaxis(complete, 1, 0),
-        )
+        self._step = step
+        self._complete = np.moveaxis(complete, 1, 0)
+        """(F, n, 6) the parameters; the states' gaps are without s₀."""
+        self._transition = np.ascontiguousarray(np.moveaxis(transition, 0, -1))
+        """(SF+2, SF+2, n)"""
+        self._root = np.asarray(np.linalg.cholesky(covariance))
+        """(n, SF, SF) of the covariance of the added noise."""
+        self._deviations = np.sqrt([deviation**2, white]).T
+        """(F, 2) of r and w before the first step."""
 
     def simulate(
         self, leader: FloatArray, gaps: FloatArray, speeds: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
         """Simulate the gaps (n, K, F) behind a leader's speed (K,), from gaps and speeds (F,)."""
-        size, count = self.transition.shape[1:]
+        size, count = self._transition.shape[1:]
         followers, states = len(gaps), (size - 2) // len(gaps)
         state = np.zeros((size, count))
-        alpha, beta, tau, intercepts, lag, delay = np.moveaxis(self.complete, -1, 0)
+        alpha, beta, tau, intercepts, lag, delay = np.moveaxis(self._complete, -1, 0)
         state[0:-2:states] = gaps[:, None] - intercepts
         state[1:-2:states] = speeds[:, None]
         spacing = gaps[:, None] - intercepts - np.nan_to_num(tau) * speeds[:, None]
@@ -233,21 +216,21 @@ class _Steps:
         command = alpha * spacing + beta * (before - speeds[:, None])
         if states > STATES:
             state[4:-2:states] = np.where(lag > 0, command, command * delay**2 / 12.0)
-        w = self.deviations[:, 1:] * rng.standard_normal((followers, count))
+        w = self._deviations[:, 1:] * rng.standard_normal((followers, count))
         # r follows w with the rise time, so that their covariance is the variance of r.
-        share = (self.deviations[:, :1] / self.deviations[:, 1:]) ** 2
-        remainder = self.deviations[:, :1] * np.sqrt(1.0 - share)
+        share = (self._deviations[:, :1] / self._deviations[:, 1:]) ** 2
+        remainder = self._deviations[:, :1] * np.sqrt(1.0 - share)
         state[2:-2:states] = share * w + remainder * rng.standard_normal((followers, count))
         state[3:-2:states] = w
-        slopes = np.append(np.diff(leader) / self.step, 0.0)
+        slopes = np.append(np.diff(leader) / self._step, 0.0)
         simulated = np.empty((count, len(leader), followers))
         for first in range(0, len(leader), CHUNK):
             part = range(first, min(first + CHUNK, len(leader)))
             normal = rng.standard_normal((count, size - 2, len(part)))
-            added = np.moveaxis(self.root @ normal, 0, 1)
+            added = np.moveaxis(self._root @ normal, 0, 1)
             for k in part:
                 simulated[:, k] = (state[0:-2:states] + intercepts).T
                 state[-2], state[-1] = leader[k], slopes[k]
-                state = np.einsum("ijb,jb->ib", self.transition, state)
+                state = np.einsum("ijb,jb->ib", self._transition, state)
                 state[:-2] += added[:, :, k - first]
         return simulated

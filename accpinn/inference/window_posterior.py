@@ -73,19 +73,33 @@ class WindowPosterior:
 @one_thread
 def window_posterior(segment: Segment, case: Case, model: str, held: Held = ()) -> WindowPosterior:
     """The posterior of each follower of one window under a model, with some terms held."""
-    if model not in CTHPS:
-        return simulated_posterior((segment,), case, Law(model, held))
-    form, followers = model, segment.followers
-    estimates = np.full((followers, 6), np.nan)
-    drawn, likely = np.full((2, followers, DRAWS, count_of(model)), np.nan)
-    log_likelihood = np.full((followers, DRAWS), np.nan)
-    for row, maximum, posterior in sampled((segment,), case, form, held):
-        estimates[row] = maximum.complete
-        drawn[row] = features(form, posterior.all_evenly(DRAWS))
-        log_likelihood[row] = posterior.log_likelihood_evenly(DRAWS)
-        told = posterior.under(_of_others(form, held, posterior.coordinates))
-        likely[row] = features(form, told.all_evenly(DRAWS))
-    speeds = median_speeds((segment,))
+    return joint_posterior((segment,), case, model, held)
+
+
+def joint_posterior(
+    segments: tuple[Segment, ...], case: Case, model: str, held: Held = (), draws: int = DRAWS
+) -> WindowPosterior:
+    """The same from some windows at once; of a model that is no CTHP always `DRAWS` draws."""
+    followers, count, speeds = segments[0].followers, count_of(model), median_speeds(segments)
+    size, draws = (6, draws) if model in CTHPS else (6 + count, DRAWS)
+    estimates = np.full((followers, size), np.nan)
+    drawn, likely = np.full((2, followers, draws, count), np.nan)
+    log_likelihood = np.full((followers, draws), np.nan)
+    if model in CTHPS:
+        for row, maximum, posterior in sampled(segments, case, model, held):
+            estimates[row] = maximum.complete
+            even = posterior.evenly(draws)
+            drawn[row], log_likelihood[row] = features(model, even.coordinates), even.log_likelihood
+            told = posterior.under(_of_others(model, held, posterior.coordinates))
+            likely[row] = features(model, told.evenly(draws).coordinates)
+    else:
+        law = Law(model, held)
+        for row, estimate in simulation.estimates(segments, case, law):
+            estimates[row] = parameters_of(model, estimate.scores, speeds[row]).everything
+            chosen = _beside_others(estimate, law)
+            for k in row:
+                drawn[k] = possible(model, estimate.draws(draws), speeds[k])
+                likely[k] = possible(model, chosen, speeds[k])
     return WindowPosterior(estimates, drawn, likely, log_likelihood, model, speeds)
 
 
@@ -105,22 +119,6 @@ def sampled(
     posteriors = sample(series_of(segments, case, known), maxima, model, held=held, others=others)
     rows = [list(known)] if case == "I" else [[k] for k in known]
     return tuple(zip(rows, maxima, posteriors, strict=True))
-
-
-def simulated_posterior(segments: tuple[Segment, ...], case: Case, law: Law) -> WindowPosterior:
-    """The same under a model that is no CTHP, estimated by simulation from some windows at once."""
-    key, speeds = law.model, median_speeds(segments)
-    followers, count = len(speeds), count_of(key)
-    estimates = np.full((followers, 6 + count), np.nan)
-    drawn, likely = np.full((2, followers, DRAWS, count), np.nan)
-    for row, estimate in simulation.estimates(segments, case, law):
-        estimates[row] = parameters_of(key, estimate.scores, speeds[row]).everything
-        told = _beside_others(estimate, law)
-        for k in row:
-            drawn[k] = possible(key, estimate.draws(DRAWS), speeds[k])
-            likely[k] = possible(key, told, speeds[k])
-    unknown = np.full((followers, DRAWS), np.nan)
-    return WindowPosterior(estimates, drawn, likely, unknown, key, speeds)
 
 
 def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
@@ -150,7 +148,7 @@ def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
         log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)
         log[((phi < lower) | (phi > upper)).any(axis=1)] = -np.inf
         sampling.add(phi, phi, log, none, none)
-    return sampling.posterior.all_evenly(DRAWS)
+    return sampling.posterior.evenly(DRAWS).coordinates
 
 
 def _of_others(model: str, held: Held, z: FloatArray) -> FloatArray:

@@ -126,12 +126,7 @@ class Method:
     duration in s; None for a method whose curves cannot be drawn again."""
 
     def expected_seconds(self, segment: Segment, settings: Any = None) -> Seconds:
-        """How long it takes on two cores, to within a factor of two or so.
-
-        Args:
-            segment: the data.
-            settings: of the method's own type; None for its defaults.
-        """
+        """How long it takes on two cores, to within a factor of two or so."""
         if self.duration:
             return self.duration(segment, settings)
         return self.typical_seconds * relative_size(segment)

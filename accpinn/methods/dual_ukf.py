@@ -28,7 +28,7 @@ Julier, Proceedings of the American Control Conference 2002, 4555-4559.
 import numpy as np
 
 from accpinn.methods import direct, online
-from accpinn.methods.fit import FilterDiverged, Fit, Outcome
+from accpinn.methods.fit import Fit
 from accpinn.methods.regression import Solution, solve_bounded
 from accpinn.model.cthp import TYPICAL, Case
 from accpinn.segment import Segment
@@ -45,57 +45,27 @@ COVARIANCE_WEIGHTS = np.array([2.0] + 6 * [1 / 6])
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last estimate of the parameters, their track, and the filtered motion."""
-    config = {**online.settings(), "uncertain": list(UNCERTAIN)}
-    platoon = online.Measurements.of(segment, case)
-    try:
-        means, covariance, motion = online.run(_Dual(platoon), segment, platoon)
-    except np.linalg.LinAlgError:  # no motion follows the measurements
-        return Fit.of(
-            "dual-ukf",
-            segment,
-            case,
-            Solution.of(np.full((segment.followers, 3), np.nan)),
-            outcome=Outcome.DIVERGED,
-            config=config,
-            findings=[FilterDiverged()],
-        )
-    solutions = [
-        [_within_bounds(*pair) for pair in zip(*now, strict=True)]
-        for now in zip(means, covariance, strict=True)
-    ]
-    theta = np.array([[solution.theta for solution in now] for now in solutions])
-    path = online.track(segment, theta, covariance)
-    return Fit.of(
-        "dual-ukf",
-        segment,
-        case,
-        Solution.stack(solutions[-1], segment.followers),
-        surrogate=motion,
-        outcome=Outcome.FILTERED,
-        config=config,
-        track=path,
-        findings=online.filter_findings(segment, path),
-    )
-
-
-def _within_bounds(theta: FloatArray, covariance: FloatArray) -> Solution:
-    """The most likely θ >= 0 of a normal distribution: mean (3,) and covariance (3, 3)."""
-    if (theta >= 0).all():
-        return Solution.of(theta)
-    information = np.asarray(np.linalg.inv(covariance), np.float64)
-    return solve_bounded(information, information @ theta)
+    return online.filtered("dual-ukf", segment, case, _Dual, {"uncertain": list(UNCERTAIN)})
 
 
 class _Dual(online.Filter):
     """Means and covariances of both filters; G parameter sets, F followers each."""
 
-    def __init__(self, platoon: online.Measurements) -> None:
-        super().__init__(platoon.step)
-        sets, followers = platoon.mask.shape[1:]
-        self.motion = platoon.states[0].copy()  # (G, F, 2)
+    def __init__(self, segment: Segment, case: Case) -> None:
+        super().__init__(segment, case)
+        sets, followers = self.mask.shape[1:]
+        self.motion = self.states[0].copy()  # (G, F, 2)
         self.spread = np.tile(self._noise, (sets, followers, 1, 1))
         self.mean = np.tile(TYPICAL.theta, (sets, 1))
         self.covariance = np.tile(online.theta_covariance(UNCERTAIN), (sets, 1, 1))
+
+    @staticmethod
+    def solution(theta: FloatArray, covariance: FloatArray) -> Solution:
+        """The most likely θ >= 0 of a normal distribution: mean (3,) and covariance (3, 3)."""
+        if (theta >= 0).all():
+            return Solution.of(theta)
+        information = np.asarray(np.linalg.inv(covariance), np.float64)
+        return solve_bounded(information, information @ theta)
 
     def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
         """See `online.Filter`."""

@@ -360,21 +360,20 @@ class Recorder:
         return len(self._rows)
 
     def history(self) -> History:
-        """The history so far."""
+        """The history so far, of one moment at least."""
         spacing = 1
         while len(self) > spacing * (KEPT - 1):
             spacing *= 2
         moments = [*range(0, len(self), spacing)]
         moments += [len(self) - 1] * ((len(self) - 1) % spacing > 0)
-        rows = np.array([self._rows[k] for k in moments] or np.zeros((0, len(_SCALARS) + 6)))
-        tables = rows[:, len(_SCALARS) :].reshape(
-            len(rows), self._sets, (rows.shape[1] - len(_SCALARS)) // self._sets
-        )
-        named = dict(zip(_SCALARS, rows.T, strict=False))
-        if not self._deviations:
-            return History(**named | {"evidence": None}, parameters=Parameters.of(tables))
-        deviations = np.array([self._deviations[k] for k in moments])
-        return History(**named, parameters=Parameters.of(tables), deviations=deviations)
+        rows = np.array([self._rows[k] for k in moments])
+        tables = rows[:, len(_SCALARS) :].reshape(len(rows), self._sets, -1)
+        named: dict[str, Any] = dict(zip(_SCALARS, rows.T, strict=False))
+        if self._deviations:
+            named["deviations"] = np.array([self._deviations[k] for k in moments])
+        else:
+            named["evidence"] = None
+        return History(**named, parameters=Parameters.of(tables))
 
     def state(self) -> Checkpoint:
         """For a checkpoint of a training whose parameters have no deviations."""

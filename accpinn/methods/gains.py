@@ -8,7 +8,6 @@ Once P no longer changes, neither do the gains, and the filter is one linear rec
 on in blocks of instants. Source: see `kalman`.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -91,7 +90,6 @@ def _has_settled(before: FloatArray, after: FloatArray) -> bool:
     return bool(change.max(initial=0.0) < SETTLED)
 
 
-@dataclass(frozen=True, eq=False)
 class ConstantGain:
     """A step of the filter once its covariance has settled, as linear maps.
 
@@ -99,17 +97,7 @@ class ConstantGain:
     start and of all its measurements.
     """
 
-    transition: FloatArray
-    """(n, n, B): of the predicted state, the measurements' share taken out."""
-    drive: FloatArray
-    """(n, 3, B): what the measurements add to the next predicted state."""
-    whitening: FloatArray
-    """(3, 3, B): from y minus the predicted p, v, u to the innovations."""
-    variances: FloatArray
-    """(3, B)."""
-
-    @classmethod
-    def of(cls, model: StateSpace, variances: FloatArray, gains: FloatArray) -> "ConstantGain":
+    def __init__(self, model: StateSpace, variances: FloatArray, gains: FloatArray) -> None:
         """Those of an instant after which the covariance has settled, see `Covariance.taken_in`."""
         size, count = model.first.shape
         whitening, total = np.zeros((3, 3, count)), np.zeros((size, 3, count))
@@ -117,10 +105,13 @@ class ConstantGain:
             whitening[row, row] = 1.0
             whitening[row] -= total[i]
             total = total + gain[:, None] * whitening[row]
-        drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
-        transition = model.transition.copy()
-        transition[:, OBSERVED] -= drive
-        return cls(transition, drive, whitening, variances)
+        self._variances, self._whitening = variances, whitening
+        """(3, B), and (3, 3, B) from y minus the predicted p, v, u to the innovations."""
+        self._drive: FloatArray = np.einsum("ijb,jkb->ikb", model.transition, total)
+        """(n, 3, B): what the measurements add to the next predicted state."""
+        self._transition = model.transition.copy()
+        """(n, n, B): of the predicted state, the measurements' share taken out."""
+        self._transition[:, OBSERVED] -= self._drive
 
     @cached_property
     def _block(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -132,7 +123,7 @@ class ConstantGain:
         """
         transition, drive, whitening = (
             np.ascontiguousarray(part.transpose(2, 0, 1))
-            for part in (self.transition, self.drive, self.whitening)
+            for part in (self._transition, self._drive, self._whitening)
         )
         count, size, width = drive.shape
         pushes = np.empty((count, size, BLOCK, width))
@@ -156,7 +147,7 @@ class ConstantGain:
 
     def _power(self, instants: int) -> FloatArray:
         """(n, n, B): the transition over some instants."""
-        power = np.linalg.matrix_power(self.transition.transpose(2, 0, 1), instants)
+        power = np.linalg.matrix_power(self._transition.transpose(2, 0, 1), instants)
         return np.ascontiguousarray(power.transpose(1, 2, 0))
 
     def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -181,15 +172,15 @@ class ConstantGain:
 
     def states(self, measured: FloatArray, state: FloatArray) -> FloatArray:
         """(K, n, B) predicted under measurements (K, 3, B), from (n, B) for the first instant."""
-        driven = np.einsum("ijb,kjb->kib", self.drive, measured)
-        return recursion(self.transition, driven, state)[:-1]
+        driven = np.einsum("ijb,kjb->kib", self._drive, measured)
+        return recursion(self._transition, driven, state)[:-1]
 
     def backward(self, errors: FloatArray, information: FloatArray) -> FloatArray:
         """The smoother's r (K, n, B) at K instants, from that after them (n, B)."""
-        back = np.ascontiguousarray(self.transition.transpose(1, 0, 2))
+        back = np.ascontiguousarray(self._transition.transpose(1, 0, 2))
         pushes = np.zeros((len(errors), *information.shape))
-        weighted = errors[::-1] / self.variances
-        pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self.whitening, weighted)
+        weighted = errors[::-1] / self._variances
+        pushes[:, : len(OBSERVED)] = np.einsum("jib,kjb->kib", self._whitening, weighted)
         return recursion(back, pushes, information)[:0:-1]
 
 

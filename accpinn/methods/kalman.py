@@ -259,7 +259,7 @@ def _filtered(
         covariance.go_on(is_whole=bool(k < samples and whole[k - 1] and whole[k]))
         if covariance.has_settled:
             end = samples if whole[k:].all() else k + int(np.argmin(whole[k:]))
-            constant = ConstantGain.of(model, variances, gains)
+            constant = ConstantGain(model, variances, gains)
             before = covariance.predicted
             while k < end:
                 blocks = max(1, min((end - k) // BLOCK, STRETCH // (BLOCK * count)))

@@ -91,11 +91,6 @@ class Maximum:
         """(3,) α, ατ, β; 0 where the search ends at the least value."""
         return vanishing(self.form, self.coordinates)
 
-    @property
-    def errors(self) -> FloatArray:
-        """(3,) standard errors of ln α, ln β, ln τ; see `log_errors`."""
-        return log_errors(self.curvature)
-
 
 def log_errors(curvature: FloatArray) -> FloatArray:
     """(3,) standard errors of ln α, ln β, ln τ by a curvature (P, P); nan where a bound is active.

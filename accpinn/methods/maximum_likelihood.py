@@ -167,7 +167,7 @@ def _without_bounds(segments: tuple[Segment, ...], case: Case) -> dict[int, Maxi
     if not bound:
         return {}
     near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
-    unbounded = maximise(series_of(segments, case).of(bound), "unbounded", near)
+    unbounded = maximise(series_of(segments, case, bound), "unbounded", near)
     return dict(zip(bound, unbounded, strict=True))
 
 

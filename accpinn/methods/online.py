@@ -13,12 +13,13 @@ A step that the segment masks does not change θ, and the motion is reset to the
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, Self
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
-from accpinn.methods.fit import FilterUncertain, ParameterTrack
+from accpinn.methods.fit import FilterDiverged, FilterUncertain, Fit, Outcome, ParameterTrack
+from accpinn.methods.regression import Solution
 from accpinn.model.cthp import TYPICAL, Case, Parameters, Trajectories
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, MetresPerSecond, Seconds
@@ -71,47 +72,6 @@ def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> Parame
     )
 
 
-def filter_findings(segment: Segment, path: ParameterTrack) -> tuple[FilterUncertain, ...]:
-    """One finding for each gain that is not significantly different from zero at the end."""
-    assert path.deviation is not None
-    rows = zip(segment.vehicles[1:], path.parameters.values[-1], path.deviation[-1], strict=True)
-    return tuple(
-        FilterUncertain(vehicle, name, float(value), float(deviation))
-        for vehicle, values, deviations in rows
-        for name, value, deviation in zip("αβ", values, deviations, strict=False)
-        if 0 < value < INSIGNIFICANT * deviation
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Measurements:
-    """The measurements, ordered for G parameter sets with F followers each; G F = M."""
-
-    states: FloatArray
-    """(N, G, F, 2) p in m and v in m/s."""
-    ahead: FloatArray
-    """(N, G, F, 2) each predecessor's speed in m/s at the beginning and the end of a step."""
-    step: Seconds
-    mask: FloatArray
-    """(N, G, F) 1 where the step that ends there counts, else 0."""
-
-    @classmethod
-    def of(cls, segment: Segment, case: Case) -> Self:
-        """Case I: one set, M followers. Case II: M sets, one follower each."""
-        sets = 1 if case == "I" else segment.followers
-        shape = (segment.samples, sets, segment.followers // sets)
-        mask = np.ones(segment.gaps.shape)
-        if segment.mask is not None:  # a step needs both of its samples
-            mask[1:] = segment.mask[1:] & segment.mask[:-1]
-        leading = segment.speeds[:, :-1]
-        return cls(
-            np.stack([segment.gaps, segment.speeds[:, 1:]], axis=-1).reshape(*shape, 2),
-            np.stack([np.roll(leading, 1, axis=0), leading], axis=-1).reshape(*shape, 2),
-            segment.sample_time,
-            mask.reshape(shape),
-        )
-
-
 def step_maps(theta: FloatArray, step: Seconds) -> FloatArray:
     """The motion over a step as a linear map; the same for parameters and motions of any number.
 
@@ -149,12 +109,32 @@ class Filter(ABC):
     motion: FloatArray
     """(G, F, 2) the mean of p and v."""
 
-    def __init__(self, step: Seconds) -> None:
-        """The covariances of a measured (p, v), and of what a step adds to (p, v) and to θ."""
-        self._step = step
-        self._noise = measurement_noise()
-        self._motion_noise = motion_noise(step)
+    def __init__(self, segment: Segment, case: Case) -> None:
+        """Order the measurements by parameter set: one of M followers (Case I), or M of one."""
+        sets = 1 if case == "I" else segment.followers
+        shape = (segment.samples, sets, segment.followers // sets)
+        mask = np.ones(segment.gaps.shape)
+        if segment.mask is not None:  # a step needs both of its samples
+            mask[1:] = segment.mask[1:] & segment.mask[:-1]
+        self.mask = mask.reshape(shape)
+        """(N, G, F) 1 where the step that ends there counts, else 0."""
+        states, leading = [segment.gaps, segment.speeds[:, 1:]], segment.speeds[:, :-1]
+        self.states = np.stack(states, axis=-1).reshape(*shape, 2)
+        """(N, G, F, 2) p in m and v in m/s."""
+        ahead = np.stack([np.roll(leading, 1, axis=0), leading], axis=-1)
+        self.ahead = ahead.reshape(*shape, 2)
+        """(N, G, F, 2) each predecessor's speed at the beginning and the end of a step."""
+        self._step = step = segment.sample_time
+        self._noise = np.diag([GAP_ERROR**2, SPEED_ERROR**2])
+        # What a white acceleration adds to (p, v) in one step.
+        mixed = np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
+        self._motion_noise = 2 * UNEXPLAINED**2 * LASTING * mixed
         self._drift = step * theta_covariance(DRIFT)
+
+    @staticmethod
+    def solution(theta: FloatArray, covariance: FloatArray) -> Solution:
+        """The estimate within the bounds of one parameter set: mean (3,), covariance (3, 3)."""
+        return Solution.of(theta)
 
     @abstractmethod
     def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
@@ -167,36 +147,62 @@ class Filter(ABC):
         """
 
 
-def run(
-    filter_: Filter, segment: Segment, platoon: Measurements
-) -> tuple[FloatArray, FloatArray, Trajectories]:
-    """Run a filter, which knows the first sample, over all others.
+def filtered(
+    method: str,
+    segment: Segment,
+    case: Case,
+    kind: Callable[[Segment, Case], Filter],
+    config: dict[str, Any],
+) -> Fit:
+    """The last estimate of the parameters, their track, and the filtered motion.
 
-    Returns:
-        θ (K, G, 3) and its covariance (K, G, 3, 3) at the kept samples, and the filtered motion.
+    A filter of a ``kind`` knows the first sample when it is made; ``config`` holds what it alone
+    assumes.
     """
-    motion = platoon.states.copy()
-    thetas, covariances, kept = [], [], set(kept_samples(segment))
-    for now in range(1, segment.samples):
-        filter_.update(platoon.ahead[now], platoon.states[now], platoon.mask[now])
-        motion[now] = filter_.motion
-        if now in kept:
-            thetas.append(filter_.mean)
-            covariances.append(filter_.covariance)
+    filter_, config = kind(segment, case), settings() | config
+    motion = filter_.states.copy()
+    solutions, covariances, kept = [], [], set(kept_samples(segment))
+    try:
+        for now in range(1, segment.samples):
+            filter_.update(filter_.ahead[now], filter_.states[now], filter_.mask[now])
+            motion[now] = filter_.motion
+            if now in kept:
+                pairs = zip(filter_.mean, filter_.covariance, strict=True)
+                solutions.append([filter_.solution(*pair) for pair in pairs])
+                covariances.append(filter_.covariance)
+    except np.linalg.LinAlgError:  # no motion follows the measurements
+        unknown = Solution.of(np.full((segment.followers, 3), np.nan))
+        return Fit.of(
+            *(method, segment, case, unknown),
+            outcome=Outcome.DIVERGED,
+            config=config,
+            findings=[FilterDiverged()],
+        )
     gaps, speeds = np.moveaxis(motion.reshape(*segment.gaps.shape, 2), -1, 0)
-    path = Trajectories(segment.time, np.column_stack([segment.speeds[:, 0], speeds]), gaps)
-    return np.array(thetas), np.array(covariances), path
+    speeds = np.column_stack([segment.speeds[:, 0], speeds])
+    theta = np.array([[solution.theta for solution in now] for now in solutions])
+    path = track(segment, theta, np.array(covariances))
+    return Fit.of(
+        method,
+        segment,
+        case,
+        Solution.stack(solutions[-1], segment.followers),
+        surrogate=Trajectories(segment.time, speeds, gaps),
+        outcome=Outcome.FILTERED,
+        config=config,
+        track=path,
+        findings=_uncertain_gains(segment, path),
+    )
 
 
-def measurement_noise() -> FloatArray:
-    """(2, 2) covariance of a measured (p, v)."""
-    return np.diag([GAP_ERROR**2, SPEED_ERROR**2])
-
-
-def motion_noise(step: Seconds) -> FloatArray:
-    """(2, 2) covariance that a white acceleration adds to (p, v) in one step."""
-    density = 2 * UNEXPLAINED**2 * LASTING
-    return density * np.array([[step**3 / 3, -(step**2) / 2], [-(step**2) / 2, step]])
+def _uncertain_gains(segment: Segment, path: ParameterTrack) -> Iterator[FilterUncertain]:
+    """One finding for each gain that is not significantly different from zero at the end."""
+    assert path.deviation is not None
+    rows = zip(segment.vehicles[1:], path.parameters.values[-1], path.deviation[-1], strict=True)
+    for vehicle, values, deviations in rows:
+        for name, value, deviation in zip("αβ", values, deviations, strict=False):
+            if 0 < value < INSIGNIFICANT * deviation:
+                yield FilterUncertain(vehicle, name, float(value), float(deviation))
 
 
 def theta_covariance(deviation: tuple[float, float, float]) -> FloatArray:

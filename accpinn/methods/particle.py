@@ -27,11 +27,13 @@ IEEE Transactions on Signal Processing 53 (2005) 2279-2289. The kernel is Liu an
 Sequential Monte Carlo Methods in Practice (2001), chapter 10.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from accpinn.methods import direct, online
-from accpinn.methods.fit import Fit, Outcome
-from accpinn.model.cthp import SPREAD, TYPICAL, Case, Parameters
+from accpinn.methods.fit import Fit
+from accpinn.model.cthp import SPREAD, TYPICAL, Case
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask
 
@@ -49,30 +51,17 @@ STEADY = 1e-6
 
 def fit(segment: Segment, case: Case = "II") -> Fit:
     """The last mean of the cloud, its track, and its mean motion."""
-    platoon = online.Measurements.of(segment, case)
-    theta, covariance, motion = online.run(_Cloud(platoon), segment, platoon)
-    copies = segment.followers // theta.shape[1]
-    path = online.track(segment, theta, covariance)
-    return Fit(
-        method="particle",
-        case=case,
-        parameters=Parameters.from_theta(np.repeat(theta[-1], copies, axis=0)),
-        surrogate=motion,
-        outcome=Outcome.FILTERED,
-        seconds=0.0,
-        config={**online.settings(), "particles": PARTICLES, "seed": SEED, "shrink": SHRINK},
-        active_bounds=((),) * segment.followers,
-        track=path,
-        findings=online.filter_findings(segment, path),
-    )
+    config = {"particles": PARTICLES, "seed": SEED, "shrink": SHRINK}
+    found = online.filtered("particle", segment, case, _Cloud, config)
+    return replace(found, unconstrained=None)  # no particle leaves the bounds
 
 
 class _Cloud(online.Filter):
     """P particles for each of G parameter sets, with F followers each."""
 
-    def __init__(self, platoon: online.Measurements) -> None:
-        super().__init__(platoon.step)
-        sets, followers = platoon.mask.shape[1:]
+    def __init__(self, segment: Segment, case: Case) -> None:
+        super().__init__(segment, case)
+        sets, followers = self.mask.shape[1:]
         self._random = np.random.default_rng(SEED)
         self._spread = np.tile(self._noise, (sets, 1, 1))
         self._theta = _first_theta(self._random, sets)
@@ -84,7 +73,7 @@ class _Cloud(online.Filter):
             self._prepare(k)
         self._known = np.empty((sets, followers, 4))
         """(G, F, 4) p, v and the predecessor's speed before and after a step, as measured."""
-        self._known[..., :2] = platoon.states[0]
+        self._known[..., :2] = self.states[0]
         self._offsets = np.zeros((sets, followers, 2, PARTICLES))
         """S⁻¹ e. A motion differs from the measured one by -R S⁻¹ e, as 1 - K = R S⁻¹."""
         self._logs = np.zeros((sets, PARTICLES))

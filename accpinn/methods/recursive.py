@@ -23,8 +23,6 @@ Source: Wang, Gunter, Nice, Delle Monache and Work, IEEE Transactions on Intelli
 (2021) 288-298; forgetting as in Ljung, System Identification, 2nd edition, section 11.2.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from accpinn.methods import direct
@@ -45,18 +43,52 @@ UNDETERMINED = 1e10
 def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
     """The mean of the estimates after a run-in, and their track; there is no surrogate.
 
-    Args:
-        segment: the data.
-        case: "I" or "II".
-        memory: time constant of forgetting.
+    ``memory`` is the time constant of forgetting.
     """
-    sums = _accumulate(segment, case, memory)
-    theta, unconstrained = _solve(sums)
-    late = sums.time >= min(memory, segment.window.duration / 2)
-    solutions = [
-        _mean(sums, k, theta[late, k], unconstrained[late, k]) for k in range(theta.shape[1])
-    ]
-    solution = Solution.stack(solutions, segment.followers)
+    from scipy.signal import lfilter  # takes a second to import, which few need
+
+    kept, step = kept_samples(segment), segment.sample_time
+    terms = regressors(segment.speeds, segment.gaps)
+    rows = (terms[:, 1:] + terms[:, :-1]) / 2
+    rates = np.diff(segment.speeds[:, 1:], axis=0).T / step
+    weights = np.ones_like(rates)
+    if segment.mask is not None:  # a row needs both of its samples
+        weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
+        rows, rates = rows * weights[..., None], rates * weights
+    keep = float(np.exp(-step / memory))
+
+    def summed(values: FloatArray, forgetting: float = keep) -> FloatArray:
+        """(M, N-1, ..) to (K, G, ..): the weighted sums up to the kept samples."""
+        if case == "I":
+            values = values.sum(axis=0, keepdims=True)
+        sums: FloatArray = lfilter([1.0], [1.0, -forgetting], values, axis=1)
+        return sums[:, np.array(kept) - 1].swapaxes(0, 1)
+
+    products = rows[..., :, None] * rows[..., None, :]
+    gram, moment = summed(products), summed(rows * rates[..., None])
+    theta, free = np.full((2, *moment.shape), np.nan)
+    determined = _determined(gram)
+    for index in np.argwhere(determined):
+        at = tuple(index)
+        solution = solve_bounded(gram[at], moment[at])
+        theta[at], free[at] = solution.theta, solution.unconstrained
+    # The covariance of the unconstrained θ, as if the errors were independent of one another.
+    inverse = np.linalg.inv(np.where(determined[..., None, None], gram, np.eye(3)))
+    explained, weight = np.einsum("kgi,kgi->kg", moment, free), summed(weights)
+    weight = np.where(weight > 0, weight, 1.0)
+    variance = np.maximum(summed(rates**2) - explained, 0.0) / weight
+    covariance = inverse @ summed(products, keep**2) @ inverse
+
+    late = segment.time[kept] >= min(memory, segment.window.duration / 2)
+    means = []
+    for k in range(theta.shape[1]):
+        counts = late & determined[:, k]
+        if counts.any():
+            mean = theta[counts, k].mean(axis=0)
+            means.append(Solution(frozen(mean), frozen(free[counts, k].mean(axis=0)), mean == 0))
+        else:  # the shortest θ that fits
+            means.append(solve_bounded(gram[-1, k], moment[-1, k]))
+    solution = Solution.stack(means, segment.followers)
     return Fit.of(
         "recursive",
         segment,
@@ -64,70 +96,9 @@ def fit(segment: Segment, case: Case = "II", memory: Seconds = MEMORY) -> Fit:
         solution,
         outcome=Outcome.FILTERED,
         config={"memory": memory},
-        track=track(segment, theta, _covariance(sums, unconstrained)),
+        track=track(segment, theta, variance[..., None, None] * covariance),
         findings=_findings(segment, theta[late], solution),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Weighted sums up to each of K instants, for each of G parameter sets."""
-
-    time: FloatArray
-    """(K,)"""
-    gram: FloatArray
-    """(K, G, 3, 3)"""
-    moment: FloatArray
-    """(K, G, 3)"""
-    square: FloatArray
-    """(K, G) Σ λ^(k-j) y_j²."""
-    gram_of_squares: FloatArray
-    """(K, G, 3, 3) as the first, with squared weights."""
-    weight: FloatArray
-    """(K, G) sum of the weights."""
-
-
-def _accumulate(segment: Segment, case: Case, memory: Seconds) -> _Sums:
-    from scipy.signal import lfilter  # takes a second to import, which few need
-
-    step = segment.sample_time
-    terms = regressors(segment.speeds, segment.gaps)
-    rows = (terms[:, 1:] + terms[:, :-1]) / 2
-    rates = np.diff(segment.speeds[:, 1:], axis=0).T / step
-    kept = kept_samples(segment)
-    weights = np.ones_like(rates)
-    if segment.mask is not None:  # a row needs both of its samples
-        weights[~(segment.mask[1:] & segment.mask[:-1]).T] = 0.0
-        rows, rates = rows * weights[..., None], rates * weights
-
-    def summed(values: FloatArray, forgetting: float) -> FloatArray:
-        """(M, N-1, ..) to (K, G, ..)."""
-        if case == "I":
-            values = values.sum(axis=0, keepdims=True)
-        sums: FloatArray = lfilter([1.0], [1.0, -forgetting], values, axis=1)
-        return sums[:, np.array(kept) - 1].swapaxes(0, 1)
-
-    keep = float(np.exp(-step / memory))
-    products = rows[..., :, None] * rows[..., None, :]
-    return _Sums(
-        segment.time[kept],
-        summed(products, keep),
-        summed(rows * rates[..., None], keep),
-        summed(rates**2, keep),
-        summed(products, keep**2),
-        summed(weights, keep),
-    )
-
-
-def _solve(sums: _Sums) -> tuple[FloatArray, FloatArray]:
-    """θ within the bounds and without, each (K, G, 3); nan where it is not yet determined."""
-    theta = np.full_like(sums.moment, np.nan)
-    unconstrained = np.full_like(sums.moment, np.nan)
-    for index in np.argwhere(_determined(sums.gram)):
-        at = tuple(index)
-        solution = solve_bounded(sums.gram[at], sums.moment[at])
-        theta[at], unconstrained[at] = solution.theta, solution.unconstrained
-    return theta, unconstrained
 
 
 def _determined(gram: FloatArray) -> Mask:
@@ -137,25 +108,6 @@ def _determined(gram: FloatArray) -> Mask:
     lengths = np.where(lengths > 0, lengths, 1.0)
     values = np.linalg.eigvalsh(gram / (lengths[..., :, None] * lengths[..., None, :]))
     return np.asarray(present & (values[..., 0] * UNDETERMINED > values[..., -1]))
-
-
-def _covariance(sums: _Sums, theta: FloatArray) -> FloatArray:
-    """(K, G, 3, 3) of the unconstrained θ, as if the errors were independent of one another."""
-    determined = np.isfinite(theta[..., :1, None])
-    inverse = np.linalg.inv(np.where(determined, sums.gram, np.eye(3)))
-    explained = np.einsum("kgi,kgi->kg", sums.moment, theta)
-    weight = np.where(sums.weight > 0, sums.weight, 1.0)
-    variance = np.maximum(sums.square - explained, 0.0) / weight
-    return np.asarray(variance[..., None, None] * (inverse @ sums.gram_of_squares @ inverse))
-
-
-def _mean(sums: _Sums, k: int, theta: FloatArray, unconstrained: FloatArray) -> Solution:
-    """The mean over instants, (.., 3) each; if none determines θ, the shortest θ that fits."""
-    determined = np.isfinite(theta[:, 0])
-    if not determined.any():
-        return solve_bounded(sums.gram[-1, k], sums.moment[-1, k])
-    mean, free = theta[determined].mean(axis=0), unconstrained[determined].mean(axis=0)
-    return Solution(frozen(mean), frozen(free), mean == 0)
 
 
 def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[MethodFinding]:

@@ -44,12 +44,6 @@ class Series:
         """The series of a group."""
         return [k for k, of in enumerate(self.group) if of == group]
 
-    def of(self, groups: Sequence[int]) -> "Series":
-        """Some of the groups, numbered anew."""
-        kept = [(k, groups.index(of)) for k, of in enumerate(self.group) if of in groups]
-        rows, group = zip(*kept, strict=True)
-        return Series(self.measured[:, :, list(rows)], group, self.step)
-
     def until(self, share: float) -> "Series":
         """The same without what comes after a share of the time."""
         return Series(self.measured[: round(share * len(self.measured))], self.group, self.step)

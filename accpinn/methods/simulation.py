@@ -142,8 +142,6 @@ class Estimate:
     """(n,) the parameters in standard deviations of their priors, z."""
     covariance: FloatArray
     """(n, n) of z."""
-    rmse: float
-    """Root mean square error of the gap in the windows it was learned from, in m."""
     converged: bool
     """Whether the search ended by itself."""
 
@@ -305,7 +303,6 @@ class _Search:
         reach = ndtri(0.5 + LEVEL / 2) * deviation
         ends_of = (z, np.maximum(z - reach, self.bounds[0]), np.minimum(z + reach, self.bounds[1]))
         theta, lower, upper = (model.values_at(part).T for part in ends_of)
-        gap_squares = (errors[:, 0] ** 2).sum(axis=(0, 2)) / (freedom[0] / 2)
         return tuple(
             Estimate(
                 model,
@@ -315,7 +312,6 @@ class _Search:
                 determined=np.asarray(deviation[k] < OPEN),
                 scores=z[k],
                 covariance=covariance[k],
-                rmse=float(np.sqrt(gap_squares[k])),
                 converged=bool(converged[k]),
             )
             for k in range(len(z))

@@ -27,15 +27,9 @@ from scipy.special import betainc
 from scipy.stats import multivariate_normal
 
 from accpinn.errors import ConfigError
-from accpinn.inference.answer import (
-    THINNING,
-    Car,
-    Span,
-    car_of,
-    middle_of,
-)
+from accpinn.inference.answer import THINNING, Span, car_of
 from accpinn.inference.intervals import LEVEL, interval_ends
-from accpinn.inference.population import WITHIN, population_of, sampled_population
+from accpinn.inference.population import WITHIN, Car, population_of, sampled_population
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.window_posterior import (
     DRAWS,
@@ -162,7 +156,7 @@ class Group:
 
     def _spread(self, variances: FloatArray) -> dict[str, Estimate]:
         names = self.names
-        deviations = np.sqrt(variances)
+        deviations = WITHIN * np.sqrt(variances)
         if self.model in CTHPS:
             names = ("alpha", "beta", "time_gap", *FOLLOWING[self.model].terms)
         else:
@@ -292,7 +286,7 @@ def _together(cars: Sequence[Car], model: str) -> Car:
     each = np.arange(len(value))
     deviations = np.array([car.further - car.value for car in cars])
     further = further + deviations[each % len(cars), each]
-    return Car(middle_of(value), value, further, covariance * WITHIN**2)
+    return Car(value, covariance, further)
 
 
 def _evenly(drawn: FloatArray, count: int) -> FloatArray:

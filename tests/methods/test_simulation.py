@@ -33,7 +33,6 @@ def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
     groups = [list(range(k, len(windows), 2)) for k in range(2)]
     for found, theta in zip(estimate(model, Drives.of(windows, model), groups), truth, strict=True):
         assert found.converged
-        assert found.rmse < 0.15
         assert found.theta == pytest.approx(theta, rel=0.15)
         near = model.linearised(found.theta, 25.0), model.linearised(theta, 25.0)
         assert near[0].values == pytest.approx(near[1].values, rel=0.05)

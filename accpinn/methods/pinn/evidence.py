@@ -171,9 +171,7 @@ class Basis(SplineBasis):
         """(L, L) derivatives 0 to L - 1 of the first L functions, L = order."""
 
 
-@lru_cache(maxsize=8)
-def _basis(samples: int, step: Seconds, order: int) -> Basis:
-    return Basis(samples, step, order)
+_basis = lru_cache(maxsize=8)(Basis)
 
 
 def late_of(form: Form) -> str:
@@ -181,14 +179,9 @@ def late_of(form: Form) -> str:
     return FOLLOWING[form].terms[-1] if FOLLOWING[form].is_late else ""
 
 
-def order_of(late: str) -> int:
-    """L, the order of the highest derivative in the equations."""
-    return 4 if late == "delay" else 3
-
-
-def outputs_of(late: str) -> int:
-    """O, the number of outputs."""
-    return OUTPUTS + bool(late)
+def size_of(late: str) -> tuple[int, int]:
+    """O, the number of outputs, and L, the order of the highest derivative in the equations."""
+    return OUTPUTS + bool(late), 4 if late == "delay" else 3
 
 
 def reaction(late: str, seconds: Seconds) -> tuple[FloatArray, FloatArray]:
@@ -212,7 +205,7 @@ def physics(values: FloatArray, late: str) -> tuple[FloatArray, FloatArray]:
     """
     alpha, alpha_tau, beta, deviation, memory, rise, _, _, leader = values[:9]
     deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
-    order, outputs = order_of(late), outputs_of(late)
+    outputs, order = size_of(late)
     p, v, u = range(OUTPUTS)
     law = np.zeros((outputs, order + 1))
     law[p, 0], law[v, 0], law[u, 0] = -alpha, alpha_tau + beta, -beta
@@ -265,8 +258,8 @@ class Design:
 
     def __init__(self, step: Seconds, known: Mask, late: str = "") -> None:
         """The features of N samples, one each ``step``; ``known`` (N, 3) are those there."""
-        self.late, self.outputs = late, outputs_of(late)
-        self.basis = _basis(len(known), step, order_of(late))
+        self.late, (self.outputs, order) = late, size_of(late)
+        self.basis = _basis(len(known), step, order)
         self.rows = [self.basis.at_samples[0][kept] for kept in known.T]
         self._grams = [self.basis.grams([values], [values])[:, 0] for values in self.rows]
         self._latest: tuple[bytes, Factors | None] = b"", None

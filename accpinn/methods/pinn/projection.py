@@ -54,42 +54,37 @@ class NormalEquations:
     """(2M+1,) the data at the first instant."""
 
     @classmethod
-    def of(cls, seen: FloatArray, measured: FloatArray, mask: Mask | None = None) -> Self:
+    def of(
+        cls,
+        seen: FloatArray,
+        measured: FloatArray,
+        mask: Mask | None = None,
+        beside: tuple[Self, FloatArray] | None = None,
+    ) -> Self:
         """Sum products.
 
         Args:
             seen: (N, 2, K) Φ and its derivative in time.
             measured: (N, 2M+1) in the order of `output_columns`.
             mask: (N, M) True where a follower's acceleration counts; None for everywhere.
+            beside: the sums of further columns of Φ, which stand first, and these (N, 2, L).
         """
         count, followers = len(seen), measured.shape[1] // 2
-        grams = _products(seen, seen, count)
-        dynamic = [grams] * followers
-        if mask is not None:
-            parts = (seen[kept] for kept in mask.T)
-            dynamic = [_products(part, part, count) for part in parts]
-        value_data = seen[:, 0].T @ measured / count
-        return cls(grams, tuple(dynamic), value_data, seen[0, 0], measured[0])
-
-    def extended(
-        self, seen: FloatArray, more: FloatArray, measured: FloatArray, mask: Mask | None = None
-    ) -> Self:
-        """The same for Φ with further columns (N, 2, L), which stand last; see `of`."""
-        new = self.of(more, measured, mask)
         rows: list[slice | Mask] = [slice(None)] if mask is None else [slice(None), *mask.T]
-        cross = [_products(seen[kept], more[kept], len(seen)) for kept in rows]
-        grams = _joined(self.grams, cross[0], new.grams)
-        dynamic = [grams] * len(self.dynamic_grams)
-        if mask is not None:
-            parts = zip(self.dynamic_grams, cross[1:], new.dynamic_grams, strict=True)
-            dynamic = [_joined(*part) for part in parts]
-        return replace(
-            self,
-            grams=grams,
-            dynamic_grams=tuple(dynamic),
-            value_data=np.vstack([self.value_data, new.value_data]),
-            first=np.concatenate([self.first, new.first]),
-        )
+        every = [_products(part, part, count) for part in (seen[kept] for kept in rows)]
+        value_data, first = seen[:, 0].T @ measured / count, seen[0, 0]
+        if beside:
+            known, others = beside
+            cross = [_products(others[kept], seen[kept], count) for kept in rows]
+            parts = zip((known.grams, *known.dynamic_grams), cross, every, strict=False)
+            every = [
+                np.block([[before, both], [both.transpose(1, 0, 3, 2), last]])
+                for before, both, last in parts
+            ]
+            value_data = np.vstack([known.value_data, value_data])
+            first = np.concatenate([known.first, first])
+        dynamic = every[:1] * followers if mask is None else every[1:]
+        return cls(every[0], tuple(dynamic), value_data, first, measured[0])
 
     def with_late(self, late: Iterable[FloatArray], mask: Mask | None) -> Self:
         """The same for accelerations that see (M,) of (N, 2, K), as `Projection.late` gives it."""
@@ -149,8 +144,8 @@ class Projection:
 
     def sums(self, hidden: FloatArray) -> NormalEquations:
         """The normal equations of the whole output layer."""
-        skipped = self.skipped[:, :2]
-        return self._sums.extended(skipped, hidden[:, :2], self._measured, self._mask)
+        beside = self._sums, self.skipped[:, :2]
+        return NormalEquations.of(hidden[:, :2], self._measured, self._mask, beside)
 
     def seen(self, hidden: FloatArray) -> FloatArray:
         """(N, 1 + order, K) Φ and its derivatives."""
@@ -192,11 +187,6 @@ def _products(left: FloatArray, right: FloatArray, count: int) -> FloatArray:
         2, left.shape[2], 2, -1
     )
     return np.asarray(products.swapaxes(1, 2))
-
-
-def _joined(first: FloatArray, cross: FloatArray, last: FloatArray) -> FloatArray:
-    """(2, 2, K+L, K+L) from the products of both kinds of columns, and between them."""
-    return np.block([[first, cross], [cross.transpose(1, 0, 3, 2), last]])
 
 
 def solve_output(sums: NormalEquations, theta: FloatArray, config: PinnConfig) -> FloatArray:

@@ -7,8 +7,8 @@ PyTorch takes a second or two to be imported, in a thread while something else i
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
@@ -58,15 +58,13 @@ TYPICAL: dict[PresetName, tuple[Seconds, float, int]] = {
 """Seconds on 300 s of one follower, the share that each further one adds, and the iterations of
 that measurement; see docs/validation.md."""
 MOST_BYTES = 1.4e9
-_PER_FEATURE, _MASKED = (48, 3), (60, 5)
-"""Bytes per instant and input feature that `fast` takes at its peak, and for each follower;
-measured, without a mask and with one."""
-_OTHER_MODEL = (115, 22)
-"""The same for a model whose derivatives differ from instant to instant."""
-_LATE_MODEL = (130, 72)
-"""The same with a lag or a delay."""
-_LATE_CALIBRATED = (130, 8)
-"""The same of `calibrated`, which takes one follower at a time."""
+_PER_FEATURE = {
+    "usual": (48, 3), "masked": (60, 5), "other model": (115, 22), "late model": (130, 72),
+    "late calibrated": (130, 8),
+}  # fmt: skip
+"""Bytes per instant and input feature that `fast` and `calibrated` take at their peak, and for each
+follower; measured. Another model's derivatives differ from instant to instant; a late one has a lag
+or a delay, of which `calibrated` takes one follower at a time."""
 _PER_INSTANT, _LATE_INSTANT = 15_000, 25_000
 """Bytes per instant that `paper` takes at its peak, and with a lag or a delay; measured."""
 MOST_FEATURES = 20_000
@@ -84,17 +82,6 @@ def start_loading() -> None:
             import_module("torch")
 
     Thread(target=load, daemon=True).start()
-
-
-@contextmanager
-def _needing_torch() -> Iterator[None]:
-    try:
-        yield
-    except TORCH_ABSENT as fault:
-        raise AccpinnError(
-            f"PyTorch, which the PiNN needs, cannot be loaded ({str(fault)[:80]}); install the"
-            " packages of requirements.txt again, or choose another method."
-        ) from fault
 
 
 def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
@@ -121,7 +108,6 @@ def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
     return trajectories(time, network(time)[0])
 
 
-@_needing_torch()
 def training(
     segments: tuple[Segment, ...],
     case: Case,
@@ -173,7 +159,13 @@ def _begun(
     if config.preset == "calibrated":
         return CalibratedTraining(segments, case, config, law)
     (segment,) = segments
-    import_module("torch")
+    try:
+        import_module("torch")
+    except TORCH_ABSENT as fault:
+        raise AccpinnError(
+            f"PyTorch, which the PiNN needs, cannot be loaded ({str(fault)[:80]}); install the"
+            " packages of requirements.txt again, or choose another method."
+        ) from fault
     if config.preset == "paper":
         from accpinn.methods.pinn.paper import PaperTraining
 
@@ -263,16 +255,18 @@ def require_memory(segment: Segment, config: PinnConfig, model: str = PAPER_MODE
         SegmentError: naming the longest window that can be trained on.
     """
     step, rate = segment.sample_time, 2 * STRETCH * config.highest_frequency
+    is_late = FOLLOWING[model].is_late
     if config.preset == "paper":
-        per_instant = _LATE_INSTANT if FOLLOWING[model].is_late else _PER_INSTANT
+        per_instant = _LATE_INSTANT if is_late else _PER_INSTANT
         needed: float = per_instant * segment.samples
         longest: Seconds = MOST_BYTES / per_instant * step
     else:
-        common, own = _PER_FEATURE if segment.mask is None else _MASKED
+        kind = "usual" if segment.mask is None else "masked"
         if config.preset == "fast" and model != PAPER_MODEL:
-            common, own = _LATE_MODEL if FOLLOWING[model].is_late else _OTHER_MODEL
-        elif FOLLOWING[model].is_late:
-            common, own = _LATE_CALIBRATED
+            kind = "late model" if is_late else "other model"
+        elif is_late:
+            kind = "late calibrated"
+        common, own = _PER_FEATURE[kind]
         each = common + own * segment.followers
         features = 2 * len(config.angular_frequencies(segment.window.duration)) + 2
         needed = each * segment.samples * features

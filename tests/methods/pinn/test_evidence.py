@@ -10,7 +10,7 @@ from accpinn import Case, Parameters, Segment, intervals
 from accpinn.evaluation.closed_loop import surrogate_errors
 from accpinn.methods import Law
 from accpinn.methods.fit import Outcome, Progress
-from accpinn.methods.likelihood import Criterion, search
+from accpinn.methods.likelihood import Criterion, log_errors, search
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import CALIBRATED
@@ -133,7 +133,7 @@ def test_is_unbiased_and_agrees_with_the_errors_it_states() -> None:
         (found,) = search(evidence, start.coordinates[None], np.zeros(1, int))
         estimate = Parameters.from_theta(np.exp(found.coordinates[:3])).values
         errors.append(np.log(estimate / SETS[seed % len(SETS)].values))
-        deviations.append(found.errors)
+        deviations.append(log_errors(found.curvature))
     assert (np.abs(np.mean(errors, axis=0)) < 3 * np.array(deviations).mean(axis=0) / 2).all()
     assert (np.abs(np.array(errors) / deviations) < 3.5).all()
 
