@@ -62,15 +62,7 @@ from accpinn.results.tables.estimates import (
 from accpinn.results.tables.stability import known_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment.cut import DURATION
-from accpinn.study.comparison import (
-    Refused,
-    Spread,
-    compare,
-    refused_among,
-    results_among,
-    spread_of,
-    starts,
-)
+from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
 from accpinn.study.judge import Judgement, judge, subjects_of
 from accpinn.study.result import Result
 from accpinn.study.run import run
@@ -250,7 +242,8 @@ def run_compare(options: argparse.Namespace) -> int:
     outcomes = list(
         tqdm(compared, total=len(methods), unit="method", file=sys.stderr, disable=None)
     )
-    results, refused = results_among(outcomes), refused_among(outcomes)
+    results = tuple(outcome for outcome in outcomes if isinstance(outcome, Result))
+    refused = tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
     if not results:
         raise refused[0].fault
     show_result(

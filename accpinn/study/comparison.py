@@ -14,7 +14,7 @@ so neither end is the truth, and the distance between them shows how far the dat
 disagree.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,16 +103,6 @@ def compare(
         if context.is_stopped:
             return
         yield result
-
-
-def results_among(outcomes: Iterable[object]) -> tuple[Result, ...]:
-    """The methods that have a result."""
-    return tuple(outcome for outcome in outcomes if isinstance(outcome, Result))
-
-
-def refused_among(outcomes: Iterable[object]) -> tuple[Refused, ...]:
-    """The methods that could not serve the data."""
-    return tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
 
 
 # Initial values

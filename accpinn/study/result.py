@@ -184,10 +184,8 @@ class Result:
     @property
     def uncertainty(self) -> Uncertainty:
         """Intervals of the fit's parameters, and of what follows from them, if its model holds."""
-        return self._part("uncertainty", self._intervals)
-
-    def _intervals(self) -> Uncertainty:
-        return intervals(self._every_window, self.fit, held=self.analysis.law.held)
+        held = self.analysis.law.held
+        return self._part("uncertainty", lambda: intervals(self._every_window, self.fit, held=held))
 
     @property
     def answer(self) -> Answer:

@@ -309,8 +309,8 @@ def read(data: bytes, is_complete: bool = True) -> Result:
 
     Args:
         data: the whole file.
-        is_complete: whether every part must be there, as in a snapshot; the store keeps results
-            of which only the fit is known yet.
+        is_complete: whether it is a snapshot, in which every part must be there; the store keeps
+            results of which only the fit is known yet, and which have no digest.
 
     Raises:
         SnapshotError: for anything but a whole and plausible file of this schema.
@@ -347,7 +347,7 @@ def read(data: bytes, is_complete: bool = True) -> Result:
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, AccpinnError) as fault:
         said = str(sanitise(str(fault))).rstrip(".")[:160]
         raise SnapshotError(f"The snapshot is refused: {said}.") from None
-    return replace(result, digest=digest)
+    return replace(result, digest=digest if is_complete else "")
 
 
 def _check_schema(manifest: Any) -> None:

@@ -218,8 +218,7 @@ class Shelf:
         Raises:
             SnapshotError: for an unknown name, or a file that is damaged or another's.
         """
-        # It is no snapshot before it is saved as one.
-        return replace(read(self.raw(name), is_complete=False), digest="")
+        return read(self.raw(name), is_complete=False)
 
     def _files(self) -> list[Path]:
         return [
@@ -308,8 +307,7 @@ class Store(Shelf):
             return None
         with suppress(OSError):  # another's folder may be read, but its files not touched
             os.utime(path)
-        # It is no snapshot before it is saved as one.
-        return replace(result, digest="").under(analysis)
+        return result.under(analysis)
 
     def keep(self, result: Result, say: Say | None = None) -> None:
         """Keep a result, with the parts that were computed so far."""

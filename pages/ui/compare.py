@@ -30,7 +30,7 @@ from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
-from accpinn.study.comparison import Refused, refused_among, spread_of
+from accpinn.study.comparison import Refused, spread_of
 from accpinn.study.result import Parts, Result
 from accpinn.tasks import Task, comparison_seconds
 from accpinn.units import FloatArray, MetresPerSecond, known_mean
@@ -158,7 +158,7 @@ def _show(workspace: Workspace, task: Task[Any], segment: Segment, running: bool
         if workspace.compared:
             show.table(tables.methods_table(segment.info, workspace.compared, 0))
         return
-    _show_failures(refused_among(task.results))
+    _show_failures([outcome for outcome in task.results if isinstance(outcome, Refused)])
     if not workspace.compared:
         return
     rows = workspace.compared_with_training()

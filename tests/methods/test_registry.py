@@ -22,7 +22,8 @@ from accpinn.methods.fit import (
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.methods.series import measured_of, series_of
 from accpinn.recordings.openacc import read
-from accpinn.study.comparison import compare, results_among
+from accpinn.study.comparison import compare
+from accpinn.study.result import Result
 from accpinn.units import Stretch
 from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
@@ -171,7 +172,8 @@ def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.Monke
     method = names["METHOD"]
     monkeypatch.setitem(METHODS, method.key, method)
     recording = read(FOLDER / f"{NOISE_FREE}.csv")
-    (row,) = results_among(compare(Analysis.of(recording), recording, (method.key,)))
+    (row,) = compare(Analysis.of(recording), recording, (method.key,))
+    assert isinstance(row, Result)
     assert row.analysis.method == method.key
     np.testing.assert_allclose(row.parameters.values, sample(NOISE_FREE).truth, rtol=0.1)
 

@@ -20,7 +20,7 @@ from accpinn.recordings.openacc import read
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.serial import Arrays, dump
 from accpinn.study import Analysis, Source
-from accpinn.study.comparison import compare, results_among
+from accpinn.study.comparison import compare
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate, fit_windows, run
 from accpinn.study.snapshot import (
@@ -115,7 +115,8 @@ def trained() -> Result:
 def whole() -> Result:
     """The same with the network, a comparison and the data, as a snapshot has it."""
     quick = ("least-squares", "savitzky-golay")
-    compared = results_among(compare(trained().analysis, platoon(), quick))
+    outcomes = compare(trained().analysis, platoon(), quick)
+    compared = tuple(row for row in outcomes if isinstance(row, Result))
     return named(replace(trained(), compared=compared), "whole", NOTE, with_data=True)
 
 

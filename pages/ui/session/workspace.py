@@ -17,7 +17,7 @@ from accpinn.recordings.files import File
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
 from accpinn.study import Analysis
-from accpinn.study.comparison import Refused, results_among
+from accpinn.study.comparison import Refused
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
 from accpinn.study.snapshot import named
@@ -204,7 +204,7 @@ class Workspace:
     def compared(self) -> tuple[Result, ...]:
         """The results of the methods, as far as they were run."""
         if self.comparison:
-            rows = results_among(self.comparison.results)
+            rows = [row for row in self.comparison.results if isinstance(row, Result)]
             return tuple(row for name in METHODS for row in rows if row.analysis.method == name)
         return self.restored.compared if self.restored else ()
 
