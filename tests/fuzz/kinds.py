@@ -78,6 +78,8 @@ class Kind:
     """How many of them are tried with all other tests; `make fuzz` goes on from there."""
     most_seconds: float = 5.0
     """Of processor time for one example."""
+    most_bytes: float = 1e9
+    """Of memory that it takes beyond what was taken before."""
 
 
 # Recordings
