@@ -2,24 +2,15 @@
 
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import accpinn
+from tests.support.command import loaded_after
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "accpinn"
-
-
-def loaded_after(code: str, *names: str) -> set[str]:
-    """Which of these modules a fresh interpreter has loaded after running the code."""
-    code += f"\nimport sys; print(*set({names!r}) & sys.modules.keys())"
-    found = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    return set(found.stdout.splitlines()[-1].split())
 
 
 def test_importing_the_package_loads_nothing_slow() -> None:

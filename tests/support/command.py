@@ -1,6 +1,8 @@
 """The command line as tests call it: in this process, with its one JSON document read strictly."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -43,3 +45,12 @@ def refused(capsys: Capture, status: int, *arguments: object) -> str:
     assert printed.err.startswith("error: ")
     assert printed.err.count("\n") == 1
     return printed.err
+
+
+def loaded_after(code: str, *names: str) -> set[str]:
+    """Which of these modules a fresh interpreter has loaded after running the code."""
+    code += f"\nimport sys; print(*set({names!r}) & sys.modules.keys())"
+    found = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return set(found.stdout.splitlines()[-1].split())
