@@ -71,6 +71,8 @@ SCENES = {
                   "shoot snapshot_on_compare"),
 }  # fmt: skip
 """The page where it begins, and what is done there, each time with one of the verbs below."""
+JOURNEYS = {"fill": fill, "choose": choose, "chart": chart, "tab": open_tab}
+"""Verbs that are those of journeys."""
 OF_REAL_RECORDINGS = {
     "refused": ("/Data", "file corrupt/ZalaZone_handling_part12_TRUNCATED_NUL.csv",
                 "shoot data_corrupt"),
@@ -145,18 +147,6 @@ class Camera:
     def wait(self, text: str) -> None:
         self.page.get_by_text(text).filter(visible=True).first.wait_for(timeout=BATCH_MS)
 
-    def fill(self, words: str) -> None:
-        fill(self.page, *words.split(" = "))
-
-    def choose(self, words: str) -> None:
-        choose(self.page, *words.split(" = "))
-
-    def chart(self, key: str) -> None:
-        chart(self.page, key)
-
-    def tab(self, title: str) -> None:
-        open_tab(self.page, title)
-
     def to(self, title: str) -> None:
         """To another page with the same session; the sidebar is folded on a narrow screen."""
         self.page.goto(re.sub(r"/\w*\?", f"/{title}?", self.page.url))
@@ -181,7 +171,10 @@ class Camera:
         """Do one after the other."""
         for step in steps:
             verb, _, words = step.partition(" ")
-            getattr(self, verb)(words)
+            if verb in JOURNEYS:
+                JOURNEYS[verb](self.page, *words.split(" = "))
+            else:
+                getattr(self, verb)(words)
             idle(self.page)
 
 
