@@ -128,8 +128,10 @@ def fill(page: Page, label: str, value: str) -> None:
 def choose(page: Page, label: str, option: str) -> None:
     """Choose from a list, which closes again when the page below it moves or is drawn anew."""
     offered = page.get_by_role("option", name=option)
+    choice = page.get_by_role("combobox", name=label)
     for patience in TRIES_MS:
-        page.get_by_role("combobox", name=label).press("ArrowDown")
+        choice.scroll_into_view_if_needed()  # a list below the screen closes by itself
+        choice.press("ArrowDown")
         with suppress(TimeoutError):
             offered.click(timeout=patience)
             break
