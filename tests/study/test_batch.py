@@ -356,7 +356,8 @@ def test_manual_driving_and_missing_samples_end_a_stretch_of_those_they_concern(
     frame.loc[missing, "Speed3"] = np.nan
     found = recording(frame)
     assert windows(found, np.inf) == expected
-    assert {mode for one in plan(found, 300) for mode in one.modes} == ({"ACC"} if expected else set())
+    modes = {mode for one in plan(found, 300) for mode in one.modes}
+    assert modes == ({"ACC"} if expected else set())
 
 
 @pytest.mark.parametrize(
