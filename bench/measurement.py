@@ -70,12 +70,11 @@ class Released(msgspec.Struct, frozen=True):
         processor = platform.processor() or platform.machine()
         packages = ", ".join(f"{name} {version(name)}" for name in ("torch", "streamlit"))
         machine = f"{os.cpu_count()} cores ({processor}), Python {platform.python_version()}"
-        today = datetime.now(UTC).date().isoformat()
         values = {
             part: {figure.name: float(f"{figure.value:.4g}") for figure in figures}
             for part, figures in parts.items()
         }
-        return cls(accpinn.__version__, today, f"{machine}, {packages}", values)
+        return cls(accpinn.__version__, f"{datetime.now(UTC):%F}", f"{machine}, {packages}", values)
 
     @classmethod
     def last(cls) -> "Released":

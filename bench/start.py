@@ -40,9 +40,9 @@ def measure() -> Iterator[Measurement]:
 
 def command(arguments: tuple[str, ...]) -> Spent:
     """Time one call of the interpreter."""
-    began, spent = time.perf_counter(), _processor_of_children()
+    began, before = time.perf_counter(), sum(os.times()[2:4])  # of children
     subprocess.run([sys.executable, *arguments], cwd=ROOT, check=True, capture_output=True)
-    return time.perf_counter() - began, _processor_of_children() - spent
+    return time.perf_counter() - began, sum(os.times()[2:4]) - before
 
 
 def first_page() -> Spent:
@@ -54,8 +54,3 @@ def first_page() -> Spent:
             taken = time.perf_counter() - began
             times = psutil.Process(server.process.pid).cpu_times()
     return taken, times.user + times.system
-
-
-def _processor_of_children() -> Seconds:
-    times = os.times()
-    return times.children_user + times.children_system
