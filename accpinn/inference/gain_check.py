@@ -101,7 +101,7 @@ class GainCheck(Finding, frozen=True):
         side = f"is {abs(more):.1f} dB {'above' if more > 0 else 'below'} the measured one"
         distance = (
             f"the model is {self.rms:.1f} dB off the measured gain (rms, {self.frequencies}"
-            f" frequencies), its peak {'agrees' if abs(more) < 0.05 else side}"
+            f" frequencies), its largest gain there {'agrees' if abs(more) < 0.05 else side}"
         )
         if self.is_underrated:
             distance += f": disturbances may grow up to {10 ** (self.peak / 20):.1f} times"

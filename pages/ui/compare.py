@@ -27,6 +27,7 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.messages.summary import about_curves, agreement, conditional
 from accpinn.results.tables import estimates as tables
+from accpinn.results.tables.answer import counted_windows
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
@@ -187,6 +188,8 @@ def _about_methods(shown: _Shown) -> str:
         f"Each method below estimates α, β and τ in the window {window}: under the CTHP, or with"
         " the further terms that its name tells."
     )
+    if len(shown.answered.infos) > 1:
+        said += f" The answer rests on {counted_windows(shown.answer)}."
     if model != PAPER:
         said += f" The {registry.TITLES[model]} predicts further drives of real cars better."
         if shown.truth and registry.has_terms_of(PAPER, shown.truth):
@@ -279,7 +282,6 @@ def _show_estimates(shown: _Shown) -> None:
     drawn = gains_and_gap(model, uncertainty.draws[:, follower], speed)
     band = np.array(interval_ends(drawn, uncertainty.level))
     figure = figures.estimates(dots, shown.colour, band, truth, earlier)
-    show.chart(figure, "compare_estimates")
     st.caption(
         f"{escape_markdown(shown.segment.labels[follower + 1])}: the answer with its"
         f" {100 * uncertainty.level:.0f} % interval, and one dot a method. Grey: that interval of"
@@ -288,6 +290,7 @@ def _show_estimates(shown: _Shown) -> None:
         + (" Dashed: true value." if shown.truth else "")
         + (" Rings: earlier fits." if earlier else "")
     )
+    show.chart(figure, "compare_estimates")
 
 
 def _show_course(shown: _Shown) -> None:

@@ -9,6 +9,7 @@ from streamlit.delta_generator import DeltaGenerator
 from accpinn.model.registry import FOLLOWING, JUDGED
 from accpinn.results.figures import comparison as figures
 from accpinn.results.messages import messages
+from accpinn.results.messages.answer import true_model
 from accpinn.results.messages.summary import which_model
 from accpinn.results.tables.estimates import judged_table, model_parameters_table
 from accpinn.study.judge import Judgement, seconds_of
@@ -86,6 +87,8 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
     workspace.keep_judgements()
     for said in which_model(judged):
         st.markdown(f"**{escape_markdown(said)}**")
+    if workspace.true_parameters and (made := true_model(workspace.true_parameters)):
+        st.caption(f"This sample was made with the {escape_markdown(FOLLOWING[made].title)}.")
     _take_model(workspace, judged)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         labels = [one.info.labels[1] for one in judged]

@@ -138,8 +138,9 @@ def _show_answer(
         if recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = (
-                f"The leader: {leader}; the platoon begins in equilibrium. The drive mixes many"
-                " frequencies: what one of them alone grows by stands on page Stability."
+                f"The leader: {leader}; the platoon begins in equilibrium, and deviations are from"
+                " the speed then. The drive mixes many frequencies: what one of them alone grows by"
+                " stands on page Stability."
                 f" {details}"
             )
         if source.uncertainty:

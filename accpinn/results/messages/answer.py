@@ -125,9 +125,14 @@ def about_answer(answer: Answer) -> str:
     )
 
 
+def true_model(truth: Parameters) -> str:
+    """The key of the CTHP that a synthetic recording was made with; empty for another model."""
+    return next((key for key in CTHPS if has_terms_of(key, truth)), "")
+
+
 def about_truth(truth: Parameters, answer: Answer) -> str:
     """The model and the parameters that a synthetic recording was made with."""
-    model = next((key for key in CTHPS if has_terms_of(key, truth)), "")
+    model = true_model(truth)
     if not model:
         return ""
     said = []

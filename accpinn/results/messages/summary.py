@@ -186,7 +186,6 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     count, total = int(inside.sum()), len(rows)
     agree = "agrees" if count == 1 else "agree"
     some = f"{count} of {total} methods {agree}" if count else "No method agrees"
-    alike = some if differing else "Every method agrees"
     within = f"within the {percent(answer.level)} intervals of α, β and time gap"
     within += " for every follower" if len(followers) > 1 else ""
     models = {row.fit.model for row, agrees in zip(rows, inside, strict=True) if not agrees}
@@ -195,6 +194,9 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
         alone = [row for row in rows if row.fit.model == PAPER]
         if len(alone) == len(differing):
             named = f"the {spelled(len(alone))} that estimate the CTHP alone"
+            if count:
+                methods = "one method" if count == 1 else f"{spelled(count)} methods"
+                some = f"The {methods} with more than α, β and τ {agree}"
     other = f"; {named} {'does' if len(differing) == 1 else 'do'} not"
     other = other if differing and count else ""
     off = np.abs(found - value)[:, :, followers] / np.where(value > 0, value, np.nan)[:, followers]
@@ -202,6 +204,7 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     # Not a number where one is unknown, or the answer's is zero.
     away = joined([f"{ceil(100 * far)} % ({symbol})" for far, symbol in pairs if far < 1.0])
     size = f" All are within {away} of it." if away else ""
+    alike = some if differing else "Every method agrees"
     return f"{alike} with the answer {within}{other}.{size}"
 
 
