@@ -173,7 +173,10 @@ def filtered(
     except np.linalg.LinAlgError:  # no motion follows the measurements
         unknown = Solution.of(np.full((segment.followers, 3), np.nan))
         return Fit.of(
-            *(method, segment, case, unknown),
+            method,
+            segment,
+            case,
+            unknown,
             outcome=Outcome.DIVERGED,
             config=config,
             findings=[FilterDiverged()],
