@@ -277,7 +277,7 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
         seconds = sum(refit_seconds(row) for row in (whole, *rows))
         if 0 < seconds <= LONGEST and not is_again:
             st.button(
-                f"Refit, about {show.format_duration(seconds)}", icon=":material/replay:",
+                f"Verify by a refit, about {show.format_duration(seconds)}", icon=":material/replay:",
                 key="snapshots_again", on_click=lambda: st.session_state.update({again: True}),
                 help="Runs every method of the snapshot anew on its data, with its settings.",
             )  # fmt: skip
