@@ -61,7 +61,7 @@ class Trust(Finding, frozen=True):
     @property
     def in_words(self) -> str:
         """Both answers, without the vehicle."""
-        off = f"{self.rmse:.1f} m (rms; the gap's own deviation is {self.deviation:.1f} m)"
+        off = f"{self.rmse:.1f} m (rms; the gap's standard deviation is {self.deviation:.1f} m)"
         if not np.isfinite(self.rmse):
             drive = "The drive cannot be simulated."
         elif self.is_reproduced:
@@ -71,7 +71,7 @@ class Trust(Finding, frozen=True):
         else:
             drive = (
                 f"The model misses much of the drive: its gap is {self.rmse:.1f} m off (rms), while"
-                f" the gap's own deviation is {self.deviation:.1f} m."
+                f" the gap's standard deviation is {self.deviation:.1f} m."
             )
         gap = "Its time gap is" if self.vehicle else "Their time gap is"
         return f"{_agreement(gap, self.windows, self.same, self.same)} {drive}"
@@ -84,7 +84,8 @@ def trust_of_several(trusts: Sequence[Trust]) -> str:
     deviations = _range([trust.deviation for trust in trusts])
     return (
         f"{_agreement('Their time gaps are', trusts[0].windows, min(same), max(same))} The model"
-        f" reproduces the drives within {errors} m (rms; the gaps' own deviations: {deviations} m)."
+        f" reproduces the drives within {errors} m (rms; the gaps' standard deviations:"
+        f" {deviations} m)."
     )
 
 

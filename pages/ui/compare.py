@@ -186,7 +186,7 @@ def _about_methods(shown: _Shown) -> str:
     rows, window, model = shown.rows, shown.segment.window, shown.answer.model
     said = (
         f"Each method below estimates α, β and τ in the window {window}: under the CTHP, or with"
-        " the further terms that its name tells."
+        " the terms in its name."
     )
     if len(shown.answered.infos) > 1:
         said += f" The answer rests on {counted_windows(shown.answer)}."

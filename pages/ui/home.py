@@ -43,9 +43,9 @@ def show_page() -> None:
         _continue(workspace, recent)
     else:
         st.markdown(
-            "accpinn estimates the gains α and β and the time headway τ of a car's **adaptive"
-            " cruise control** from a recorded drive, with intervals, and says whether a line of"
-            " such cars amplifies disturbances."
+            "From a recorded drive accpinn estimates the time gap that a car's **adaptive cruise"
+            " control** keeps, and its gains: α, β and τ of a constant-time-headway policy (CTHP),"
+            " with intervals. It says whether a line of such cars amplifies disturbances."
         )
     _ways_in(workspace)
     runs = runs_to_see(workspace)

@@ -139,13 +139,13 @@ def _show_answer(
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = (
                 f"The leader: {leader}; the platoon begins in equilibrium, and deviations are from"
-                " the speed then. The drive mixes many frequencies: what one of them alone grows by"
-                " stands on page Stability."
+                " the speed then. The drive mixes many frequencies; for growth at one of them, see"
+                " page Stability."
                 f" {details}"
             )
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
-            details += f" The simulation is that of the estimates. {odds}"
+            details += f" Simulated with the estimated parameters. {odds}"
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))

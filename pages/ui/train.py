@@ -211,7 +211,7 @@ def _controls(workspace: Workspace) -> None:
         place = st.container(horizontal=True, width="content")
         st.toggle("Options", key="train_options", help="All settings of the preset.")
         changed = " With your options." if workspace.settings.get(preset) else ""
-        same = " The answer is the same by each preset, which changes the method's own estimate."
+        same = " The preset does not change the answer, only the method's own estimate below it."
         st.caption(PRESET_LINES[preset] + same + changed, width="stretch")
     if st.session_state.get("train_options"):
         with st.container(border=True):

@@ -68,7 +68,7 @@ def estimates(
     """
     rows = [*rows, *earlier]
     chart = _beside_each_other(
-        "compare-estimates", 90 + 30 * len(rows), margin={"l": 0, "r": 12, "t": 44, "b": 6}
+        "compare-estimates", 76 + 34 * len(rows), margin={"l": 0, "r": 12, "t": 44, "b": 6}
     )
     # What stands in brackets takes a line of its own, which leaves narrow windows room for dots.
     names = [html.escape(name).replace(" (", "<br>(", 1) for name, _ in rows]

@@ -29,11 +29,11 @@ KEPT_CHOICES = 16
 SAMPLES = Path(__file__).parents[3] / "sample_data"
 FIRST_SAMPLE = SAMPLES / "synthetic_motorway.csv"
 TITLES = {
-    "synthetic_motorway": "Motorway cars: three followers that keep s₀ + τv and respond late",
+    "synthetic_motorway": "Motorway cars: three followers with an intercept and a delay",
     "synthetic_astazero_like": "AstaZero-like platoon: four followers on a test track",
     "synthetic_vicolungo_like": "Vicolungo-like platoon: three followers on a motorway",
     "synthetic_paper_study": "Paper's study, noisy: one follower, with receiver noise",
-    "synthetic_paper_study_noise_free": "Paper's study, no noise: the same drive as it truly was",
+    "synthetic_paper_study_noise_free": "Paper's study, no noise: the same drive without errors",
 }
 
 

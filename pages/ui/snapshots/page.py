@@ -30,7 +30,7 @@ UNDO = "snapshots_undo"
 LONGEST: Seconds = 300.0
 """Methods that are expected to take longer are not run again while the page waits."""
 NOT_AGAIN = (
-    "Not verified yet: the method was not run again. The tab Verify compares all that follows from"
+    "Not verified yet: the method was not run again. The tab Verify computes anew what follows from"
     " its estimate."
 )
 """What is said first of a snapshot whose data are at hand."""
@@ -277,8 +277,9 @@ def _show_standing(snapshot: Result, recording: Recording | None) -> None:
         seconds = sum(refit_seconds(row) for row in (whole, *rows))
         if 0 < seconds <= LONGEST and not is_again:
             st.button(
-                f"Verify by a refit, about {show.format_duration(seconds)}", icon=":material/replay:",
-                key="snapshots_again", on_click=lambda: st.session_state.update({again: True}),
+                f"Verify by a refit, about {show.format_duration(seconds)}",
+                icon=":material/replay:", key="snapshots_again",
+                on_click=lambda: st.session_state.update({again: True}),
                 help="Runs every method of the snapshot anew on its data, with its settings.",
             )  # fmt: skip
 
