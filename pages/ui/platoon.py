@@ -150,12 +150,9 @@ def _show_answer(
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
         show.cautions(cautions(source.result))
-        if source.result and source.result is workspace.result and st.button(
-            "Next: which model describes these cars?", key="platoon_next",
-            icon=":material/arrow_forward:", type="tertiary",
-        ):  # fmt: skip
-            workspace.choices["compare_view"] = "models"
-            frame.go(frame.COMPARE, workspace)
+        if source.result and source.result is workspace.result:
+            label = "Next: which model describes these cars?"
+            frame.ask_which_model(workspace, label, "platoon_next", "tertiary")
     # The answer names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
     show.messages(messages(others, places), "warning")

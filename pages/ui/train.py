@@ -193,12 +193,17 @@ def _show_validation(workspace: Workspace) -> None:
 
 
 def _next_button(workspace: Workspace) -> None:
-    if st.button(
-        "Next: string stability in detail", icon=":material/arrow_forward:",
-        key="train_next", type="primary",
-    ):  # fmt: skip
-        workspace.choose_source("fit")
-        frame.go(frame.STABILITY, workspace)
+    """The next step, and another model where the answer's misses the drive."""
+    known = workspace.result.known_answer if workspace.result else None
+    with st.container(horizontal=True):
+        if st.button(
+            "Next: string stability in detail", icon=":material/arrow_forward:",
+            key="train_next", type="primary",
+        ):  # fmt: skip
+            workspace.choose_source("fit")
+            frame.go(frame.STABILITY, workspace)
+        if known and not all(trust.is_reproduced for trust in known.trust):
+            frame.ask_which_model(workspace, "Which model misses less?", "train_models")
 
 
 def _controls(workspace: Workspace) -> None:

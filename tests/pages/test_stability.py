@@ -87,7 +87,7 @@ def test_the_fit_is_shown_with_its_certainty_until_it_is_lost() -> None:
     assert headline(page).startswith("Published: AstaZero (paper, Table III)")
 
 
-@pytest.mark.parametrize("title", ["Stability", "Platoon"])
+@pytest.mark.parametrize("title", ["Train", "Stability", "Platoon"])
 def test_what_is_against_an_answer_stands_beside_its_conclusions(title: str) -> None:
     session = fitted()
     result, answered = session.result, session.result.answer
@@ -95,11 +95,16 @@ def test_what_is_against_an_answer_stands_beside_its_conclusions(title: str) -> 
     missed = structs.replace(first, rmse=2.0 * first.deviation)
     page = open_page(title, session)
     assert missed.in_words not in page.plain()
+    assert "train_models" not in page.buttons
     contradicted = replace(answered, trust=(missed, *others))
     session.training.results = (replace(result, parts=replace(result.parts, answer=contradicted)),)
     said = page.run().plain()
     assert missed.in_words[1:] in said
-    assert not any(trust.in_words[1:] in said for trust in others)
+    if title == "Train":
+        page.press("train_models")
+        assert session.choices["compare_view"] == "models"
+    else:
+        assert not any(trust.in_words[1:] in said for trust in others)
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])

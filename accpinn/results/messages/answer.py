@@ -176,7 +176,7 @@ def _headline(
     kept = least if least == most else f"{least}–{most}"
     off = max(max(gap.upper - gap.value, gap.value - gap.lower) / gap.value for gap in gaps)
     return (
-        f"{named} keep {kept} s at {3.6 * speed:.0f} km/h, each known within {percent(off)}"
+        f"{named} keep {kept} s at {3.6 * speed:.0f} km/h, each known within {ceil(100 * off)} %"
         f" ({percent(answer.level)} intervals)."
     )
 

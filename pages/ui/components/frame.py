@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
 # Whole before any chart is drawn: plotly looks into one that another thread has half imported.
 import pandas  # noqa: F401
@@ -156,6 +157,15 @@ def link(page: str, label: str, workspace: Workspace, icon: str = "arrow_forward
 def go(page: str, workspace: Workspace) -> None:
     """Turn to another page; nothing after this runs."""
     st.switch_page(page, query_params={SESSION: workspace.id})
+
+
+def ask_which_model(
+    workspace: Workspace, label: str, key: str, look: Literal["secondary", "tertiary"] = "secondary"
+) -> None:
+    """The way to car-following models that are judged on the same data."""
+    if st.button(label, icon=":material/arrow_forward:", key=key, type=look):
+        workspace.choices["compare_view"] = "models"
+        go(COMPARE, workspace)
 
 
 def empty_state(workspace: Workspace, nothing: str) -> None:
