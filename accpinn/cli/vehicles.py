@@ -14,7 +14,7 @@ from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
-from accpinn.results.messages.answer import assumption
+from accpinn.results.messages.answer import against_answer, assumption
 from accpinn.results.messages.platoon import Places, disturbance, smallest_gap
 from accpinn.results.messages.stability import against_measured, headline, reason, reasons
 from accpinn.results.tables.estimates import yes_or_no
@@ -162,6 +162,7 @@ def _report_text(subject: KnownVehicles) -> str:
         lines.append(headline(subject))
     if stored := subject.result and subject.result.known_answer:
         lines.append(assumption(stored))
+    lines += against_answer(subject.result)
     lines += against_measured(subject.checks, vehicles)
     for k, (label, said) in enumerate(reasons(subject)):
         for verdict, why in said:
@@ -176,12 +177,14 @@ def run_simulate(options: argparse.Namespace) -> int:
     leader = Sinusoid(
         options.frequency, options.amplitude, options.speed, options.settle, options.duration
     )
-    vehicles = _chosen(options).vehicles
+    subject = _chosen(options)
+    vehicles = subject.vehicles
     platoon = _platoon(vehicles.parameters, options.vehicles)
     result = simulate_platoon(platoon, leader, model=vehicles.model)
     are_equal = len(vehicles) == 1 < len(platoon)
     places = Places(() if are_equal else vehicles.spoken)
-    show_result(options, _describe_run, _run_text, result, places)
+    warnings = (*messages(result.findings, places), *against_answer(subject.result))
+    show_result(options, _describe_run, _run_text, result, places, warnings)
     return 0
 
 
@@ -200,7 +203,7 @@ def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
     return parameters
 
 
-def _describe_run(result: PlatoonRun, places: Places) -> dict[str, Any]:
+def _describe_run(result: PlatoonRun, places: Places, warnings: tuple[str, ...]) -> dict[str, Any]:
     """The run as the command-line contract has it."""
     waves = result.amplitudes
     assert waves is not None  # behind a sinusoid there are some
@@ -212,12 +215,12 @@ def _describe_run(result: PlatoonRun, places: Places) -> dict[str, Any]:
         "settled": waves.settled.tolist(),
         **fields(result, "minimum_gap", "minimum_gap_time"),
         "collisions": [fields(collision, "follower", "time") for collision in result.collisions],
-        "warnings": messages(result.findings, places),
+        "warnings": warnings,
     }
 
 
-def _run_text(result: PlatoonRun, places: Places) -> str:
+def _run_text(result: PlatoonRun, places: Places, warnings: tuple[str, ...]) -> str:
     labels = [places.label(k) for k in range(len(result.largest_deviation))]
-    notes = [f"Note: {warning}" for warning in messages(result.findings, places)]
+    notes = [f"Note: {warning}" for warning in warnings]
     said = (disturbance(result, places), smallest_gap(result, places))
     return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])

@@ -21,7 +21,7 @@ from accpinn.results.figures.stability import colours
 from accpinn.results.figures.style import LEADER
 from accpinn.results.messages import messages
 from accpinn.results.messages import platoon as words
-from accpinn.results.messages.answer import cautions
+from accpinn.results.messages.answer import against_answer
 from accpinn.results.messages.stability import not_acc, probabilities
 from accpinn.results.tables.stability import amplitude_table
 from accpinn.results.vehicles import KnownVehicles
@@ -149,7 +149,7 @@ def _show_answer(
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))
-        show.cautions(cautions(source.result))
+        show.cautions(against_answer(source.result))
         if source.result and source.result is workspace.result:
             label = "Next: which model describes these cars?"
             frame.ask_which_model(workspace, label, "platoon_next", "tertiary")

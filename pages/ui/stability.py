@@ -14,7 +14,7 @@ from accpinn.results.figures.stability import cloud_caption
 from accpinn.results.figures.style import LEADER, vehicle_colour
 from accpinn.results.messages import messages
 from accpinn.results.messages import stability as words
-from accpinn.results.messages.answer import assumption, cautions
+from accpinn.results.messages.answer import against_answer, assumption
 from accpinn.results.messages.summary import conditional
 from accpinn.results.tables import stability as tables
 from accpinn.results.vehicles import KnownVehicles
@@ -109,7 +109,7 @@ def _show_answer(source: KnownVehicles) -> None:
             stored = result.known_answer
             assumed = assumption(stored, source.speed) if stored else conditional(result, None)
         st.caption(escape_markdown(assumed))
-        show.cautions(cautions(source.result))
+        show.cautions(against_answer(source.result))
 
 
 def _show_bode(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:

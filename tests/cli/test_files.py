@@ -1,5 +1,6 @@
 """Commands on files and given numbers: what they print, where they write, what they refuse."""
 
+import html
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +10,13 @@ from accpinn import Sinusoid, load, measured_gain, simulate_platoon, stability_r
 from accpinn.cli import main
 from accpinn.model.published import ASTAZERO
 from accpinn.results.export import ABOUT_ACC, ABOUT_IDM
+from accpinn.results.report import render_report
 from accpinn.study.snapshot import save
 from tests.recordings.test_mapping import MAPPING, foreign
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
 from tests.support.openacc_files import pair, platoon, table
 from tests.support.samples import frame
-from tests.support.snapshots import small, whole, with_parameters
+from tests.support.snapshots import missing_the_drive, small, whole, with_parameters
 
 METHOD = ("--method", "least-squares")
 
@@ -91,6 +93,21 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     for k, other in enumerate(document(capsys, "stability", path)["vehicles"]):
         assert other["measured"]["gain"] == measured_gain(whole().segment, k).gain.tolist()
         assert len(other["measured"]["coherent"]) == len(other["measured"]["omega"])
+
+
+def test_what_is_against_an_answer_is_printed_beside_its_conclusions(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    missing, against = missing_the_drive(whole())
+    path = save(missing, tmp_path / "a.accpinn.zip")
+    for command in ("stability", "simulate"):
+        assert main([command, str(path)]) == 0
+        assert capsys.readouterr().out.count(against) == 1
+    assert against in document(capsys, "simulate", path)["warnings"][-1]
+    page = html.unescape(render_report(missing))
+    assert page.count(against) == 2, "with the answer, and with the verdict"
+    assert main(["stability", str(save(whole(), path))]) == 0
+    assert against not in capsys.readouterr().out
 
 
 def test_no_command_replaces_what_it_reads(file: Path, tmp_path: Path, capsys: Capture) -> None:

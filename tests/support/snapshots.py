@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from accpinn.inference.model_adequacy import FORMS, Adequacy, BetterForm, ModelForm
 from accpinn.methods import TaskContext
@@ -82,6 +83,14 @@ def altered(
         infos=(info or result.info,),
         parts=replace(result.parts, **parts),
     )
+
+
+def missing_the_drive(result: Result) -> tuple[Result, str]:
+    """With an answer that does not reproduce its first follower's drive, and what is said of it."""
+    first, *others = result.answer.trust
+    missed = structs.replace(first, rmse=2.0 * first.deviation)
+    answer = replace(result.answer, trust=(missed, *others))
+    return altered(result, answer=answer), missed.in_words[1:]
 
 
 def with_parameters(result: Result, factors: Sequence[float]) -> Result:

@@ -94,7 +94,7 @@ def cards(
     return tuple(said)
 
 
-def cautions(result: Result | None) -> tuple[str, ...]:
+def against_answer(result: Result | None) -> tuple[str, ...]:
     """What is against the answer of each follower, for what is concluded from it."""
     known = result.known_answer if result else None
     if not (result and known):
