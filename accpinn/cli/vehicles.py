@@ -17,7 +17,6 @@ from accpinn.results.messages import messages
 from accpinn.results.messages.answer import against_answer, assumption
 from accpinn.results.messages.platoon import Places, disturbance, smallest_gap
 from accpinn.results.messages.stability import against_measured, headline, reason, reasons
-from accpinn.results.tables.estimates import yes_or_no
 from accpinn.results.tables.stability import amplitude_table, known_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability import StabilityReport, VehicleStability, Verdict
@@ -167,7 +166,7 @@ def _report_text(subject: KnownVehicles) -> str:
     for k, (label, said) in enumerate(reasons(subject)):
         for verdict, why in said:
             title = verdict.criterion.value
-            of_platoon = f"Platoon, {title}: {yes_or_no(verdict)}. {why}"
+            of_platoon = f"Platoon, {title}: {verdict.word}. {why}"
             lines.append(f"{label}, {title}: {why}" if k < len(vehicles) else of_platoon)
     return "\n".join(lines)
 

@@ -215,7 +215,7 @@ def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
     bare = document(capsys, "stability", "--alpha", 0, "--beta", 0.3, "--tau", 1)["vehicles"][0]
     assert (bare["crossover"], bare["smallest_tau"]) == (None, None), "without gap control"
     assert main(["stability", *map(str, TWO)]) == 0
-    assert "Platoon, Weak L∞ string stability: NO." in capsys.readouterr().out
+    assert "Platoon, Weak L∞ string stability: unstable." in capsys.readouterr().out
 
 
 def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:

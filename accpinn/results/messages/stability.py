@@ -248,11 +248,6 @@ def grown(gain: float, ends: Estimate | None = None, level: float | None = None)
     return f"{said} ({percent(level) + ' interval ' if level else ''}{within})"
 
 
-def verdict_in_words(verdict: Verdict) -> str:
-    """As in "L₂ string stability: unstable"."""
-    return ("stable" if verdict.stable else "unstable") + " (marginal)" * verdict.marginal
-
-
 def three(value: float) -> str:
     """Three significant digits, including zeros at the end."""
     return f"{value:#.3g}".rstrip(".")

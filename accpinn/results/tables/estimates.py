@@ -29,7 +29,7 @@ from accpinn.results.tables import (
 )
 from accpinn.results.vehicles import ALL_OF_IT, by_hand, where
 from accpinn.segment import SegmentInfo
-from accpinn.stability import Verdict, stability_at
+from accpinn.stability import stability_at
 from accpinn.study import differences
 from accpinn.study.comparison import Spread
 from accpinn.study.judge import Judgement, difference, wins
@@ -453,7 +453,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
                 Column("Peak", "dB", MAGNITUDE.digits, at),
                 [v.peak.db if v else None for v in vehicles],
             ),
-            (Column("L₂ stable", group=at), [yes_or_no(v.l2) if v else None for v in vehicles]),
+            (Column("L₂", group=at), [v.l2.word if v else None for v in vehicles]),
             (
                 Column.of(LINF_GAIN, at, key="linf_gain"),
                 [v.linf_gain if v else None for v in vehicles],
@@ -481,9 +481,3 @@ def model_parameters_table(judged: Judgement) -> Table:
             (Column("Known from"), known),
         ],
     )
-
-
-def yes_or_no(verdict: Verdict) -> str:
-    """YES or NO as the paper prints it; marginal cases are named."""
-    word = "YES" if verdict.stable else "NO"
-    return f"{word}, marginal" if verdict.marginal else word
