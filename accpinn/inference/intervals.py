@@ -262,8 +262,9 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
 
 
+@lru_cache(maxsize=64)
 def growth(
-    uncertainty: Uncertainty, order: Sequence[int], omega: RadiansPerSecond
+    uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond
 ) -> tuple[float, float]:
     """The interval of how much a disturbance grows from the leader to the last follower.
 

@@ -74,7 +74,7 @@ class KnownVehicles:
         """
         if self.uncertainty is None:
             return None
-        lower, upper = growth(self.uncertainty, order, omega)
+        lower, upper = growth(self.uncertainty, tuple(order), omega)
         gain = np.abs(response(self.vehicles.parameters[[*order]], np.array([omega]))).prod()
         return Estimate(float(gain), lower, upper) if np.isfinite(lower) else None
 
