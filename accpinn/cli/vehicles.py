@@ -7,7 +7,7 @@ from typing import Any
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
 from accpinn.cli.output import show_result
 from accpinn.cli.recordings import JSON, option
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SnapshotError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
@@ -66,7 +66,7 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
 
     Raises:
         ConfigError: when they are missing, given twice, or differ in number.
-        SnapshotError: when the snapshot cannot be read.
+        SnapshotError: when the snapshot cannot be read, or determines nothing.
     """
     given = {name: getattr(options, name) for name in (*PARAMETER_KEYS, *TERMS)}
     given = {name: values for name, values in given.items() if values}
@@ -77,7 +77,13 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
             raise ConfigError(f"parameters: give --{name} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
-        return known_vehicles(load(path))
+        subject = known_vehicles(load(path))
+        if not subject.has_report:
+            raise SnapshotError(
+                f"{path}: its data determine no parameters, so nothing follows for string"
+                " stability; estimate them from a longer window with more braking."
+            )
+        return subject
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in given]
     if missing:
         listed = " and ".join(missing)
