@@ -257,10 +257,10 @@ def _comparison_text(
 ) -> str:
     first, info = results[0], results[0].info
     each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(first)
-    subject = known_vehicles(first)
+    subject, models = known_vehicles(first), {r.fit.model: r for r in reversed(results)}
     tables = [
         *(methods_table(info, results, k) for k in each),
-        intervals_table(first),
+        *map(intervals_table, reversed(models.values())),
         *([known_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in each if forms),
     ]

@@ -228,7 +228,7 @@ def intervals_table(result: Result) -> Table:
     estimates = parameter_cells(centre, kind, known=uncertainty)
     filled = (*estimates, *probability_cells(uncertainty))
     return Table.of(
-        f"Uncertainty, {where(info, windows=result.infos)}",
+        f"Uncertainty under the {FOLLOWING[result.fit.model].title}, {where(info, windows=result.infos)}",
         [
             (Column("Follower"), row_labels(info, numbers)),
             *((column, [*cells][: len(numbers)]) for column, cells in filled),
