@@ -6,7 +6,6 @@ direction of writing, is printed as its number.
 
 import argparse
 import json
-import math
 import os
 import signal
 import sys
@@ -96,17 +95,8 @@ def one_line(text: str) -> str:
 
 def print_json(document: dict[str, Any]) -> None:
     """One document on standard output; what is not a number becomes null."""
-    show(json.dumps(_plain(document), ensure_ascii=False, indent=2, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    plain = json.loads(json.dumps(document), parse_constant=lambda _: None)
+    show(json.dumps(plain, ensure_ascii=False, indent=2))
 
 
 @contextmanager
