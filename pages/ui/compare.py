@@ -106,7 +106,7 @@ def show_page() -> None:
     if segments("Compare", VIEWS, "methods", "compare_view", workspace) == "models":
         models.show_models(workspace, about)
         return
-    about.caption(frame.segment_line(segment, workspace.case))
+    about.caption(frame.segment_line(segment, workspace.asked.case))
     _controls(workspace, segment)
     if task:
         monitor(task, lambda running: _show(workspace, task, segment, running))
@@ -347,7 +347,7 @@ def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
     segment, follower, row = shown.segment, shown.follower, shown.row_of(PAPER)
     uncertainty = row.uncertainty
-    case, adequacy = shown.workspace.case, shown.workspace.adequacy
+    case, adequacy = shown.workspace.asked.case, shown.workspace.adequacy
     st.markdown(f"**{escape_markdown(registry.TITLES[row.fit.model])} in this window**")
     quality, duration = row.quality, row.facts.get("duration")
     warnings = identifiability(segment.info, quality, uncertainty, case, duration)

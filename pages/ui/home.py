@@ -138,7 +138,7 @@ def _train_sample(
     open_sample(workspace, path)
     if not workspace.refusal:
         workspace.preset = config.preset
-        workspace.choose(case=case)
+        workspace.choose(case=case or workspace.asked.case)
         workspace.train(config)
 
 
@@ -300,7 +300,7 @@ def _open_run(
     if opening:
         opening()
         if not workspace.refusal:
-            workspace.choose(run.vehicles, run.window, run.case)
+            workspace.choose(run.window, vehicles=run.vehicles, case=run.case)
 
 
 def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
@@ -317,7 +317,7 @@ def _learned(
         return None  # the other platoon's run is not known
     if item.starts:
         task, recording, run = workspace.starts, workspace.recording, item.run
-        chosen = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        chosen = (workspace.asked.window, workspace.asked.vehicles) == (run.window, run.vehicles)
         is_same = recording is not None and run.is_of(recording) and chosen
         learned = [result.parameters[0] for result in task.results] if task and is_same else []
         return Parameters.stack(learned) if len(learned) == len(printed.vehicles) else None

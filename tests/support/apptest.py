@@ -200,7 +200,7 @@ def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
         changes: of the fit.
     """
     assert session.segment
-    session.case = case
+    session.asked = replace(session.asked, case=case)
     asked = session.analysis()
     assert asked
     fit = replace(least_squares.fit(session.segment, case), **changes)

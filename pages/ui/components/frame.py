@@ -208,7 +208,7 @@ def session_state(workspace: Workspace) -> list[str]:
     if restored and restored.id:
         lines.insert(0, f"**Snapshot** {escape_markdown(restored.name[:60] or restored.id)}")
     if info := workspace.info:
-        case = f", Case {workspace.case}" if info.followers > 1 else ""
+        case = f", Case {workspace.asked.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         windows = workspace.several_windows
         if restored and not recording:
