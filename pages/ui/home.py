@@ -22,7 +22,7 @@ from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown, tabs
-from pages.ui.data.sources import OPENING, drop_zone, find_run, open_sample
+from pages.ui.data.sources import OPENING, drop_zone, find_run, open_file
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample_title, samples
 from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
@@ -135,7 +135,7 @@ def _ways_in(workspace: Workspace) -> None:
 def _train_sample(
     workspace: Workspace, path: Path, config: PinnConfig, case: Case | None = None
 ) -> None:
-    open_sample(workspace, path)
+    open_file(workspace, path)
     if not workspace.refusal:
         workspace.preset = config.preset
         workspace.choose(case=case or workspace.asked.case)
@@ -155,7 +155,7 @@ def _show_samples(workspace: Workspace) -> None:
             st.caption(about.capitalize())
             _button(
                 workspace, "Open", frame.DATA, f"open_{path.stem}", width="stretch",
-                help="Page Data, with this sample.", act=partial(open_sample, workspace, path),
+                help="Page Data, with this sample.", act=partial(open_file, workspace, path),
             )  # fmt: skip
 
 
@@ -288,7 +288,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> No
 
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
-    open_sample(workspace, path)
+    open_file(workspace, path)
     if not workspace.refusal:
         workspace.train_starts(FAST)
 

@@ -540,7 +540,7 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
 
 def test_an_answer_by_another_model_needs_no_second_training_holds_at_a_speed_and_is_kept() -> None:
     session = with_pair()
-    assert session.analysis().model == BEST
+    assert session.analysis(session.config).model == BEST
     assert session.preset == "calibrated", "which estimates a CTHP whatever the answer's model"
     open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
@@ -560,7 +560,7 @@ def test_an_answer_by_another_model_needs_no_second_training_holds_at_a_speed_an
         open_page(title, session)
     other = sessions.workspaces().new()
     other.restore(result)
-    assert other.analysis().model == "idm"
+    assert other.analysis(other.config).model == "idm"
 
 
 # What the pages stand on

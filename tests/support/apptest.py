@@ -201,7 +201,7 @@ def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
     """
     assert session.segment
     session.asked = replace(session.asked, case=case)
-    asked = session.analysis()
+    asked = session.analysis(session.config)
     assert asked
     fit = replace(least_squares.fit(session.segment, case), **changes)
     asked = asked.with_method("least-squares")

@@ -123,17 +123,10 @@ class Workspace:
         preset = PRESETS[self.preset].to_json()
         return PinnConfig.from_json(preset | self.settings.get(self.preset, {}))
 
-    def analysis(
-        self, config: PinnConfig | None = None, windows: tuple[Window, ...] = ()
-    ) -> Analysis | None:
+    def analysis(self, config: PinnConfig, windows: tuple[Window, ...] = ()) -> Analysis | None:
         """What a training with these settings would answer; None where no data are at hand.
 
-        Args:
-            config: by default as chosen on page Train.
-            windows: by default the one chosen.
-
-        Raises:
-            ConfigError: as `config` does.
+        The windows are by default the one chosen.
         """
         now, restored, asked = self.recording, self.restored, self.asked
         if now:
@@ -147,7 +140,7 @@ class Workspace:
             return None
         fitted = "" if asked.model == BEST else asked.model
         same = replace(same, windows=windows or asked.windows, fitted=fitted)
-        return same.with_method("pinn", config or self.config)
+        return same.with_method("pinn", config)
 
     def training_analysis(self, config: PinnConfig) -> Analysis | None:
         """What a training answers: `analysis`, on `several_windows` if these are chosen."""
