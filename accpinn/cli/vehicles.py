@@ -1,6 +1,7 @@
 """`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
 
 import argparse
+from collections.abc import Sequence
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
@@ -15,9 +16,14 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import against_answer, assumption
-from accpinn.results.messages.platoon import Places, disturbance, smallest_gap
+from accpinn.results.messages.platoon import (
+    Places,
+    disturbance,
+    growth_of,
+    known_growth,
+    smallest_gap,
+)
 from accpinn.results.messages.stability import against_measured, headline, reason, reasons
-from accpinn.results.tables.estimates import yes_or_no
 from accpinn.results.tables.stability import amplitude_table, known_table
 from accpinn.results.vehicles import KnownVehicles, known_vehicles
 from accpinn.stability import StabilityReport, VehicleStability, Verdict
@@ -167,7 +173,7 @@ def _report_text(subject: KnownVehicles) -> str:
     for k, (label, said) in enumerate(reasons(subject)):
         for verdict, why in said:
             title = verdict.criterion.value
-            of_platoon = f"Platoon, {title}: {yes_or_no(verdict)}. {why}"
+            of_platoon = f"Platoon, {title}: {verdict.word}. {why}"
             lines.append(f"{label}, {title}: {why}" if k < len(vehicles) else of_platoon)
     return "\n".join(lines)
 
@@ -179,39 +185,45 @@ def run_simulate(options: argparse.Namespace) -> int:
     )
     subject = _chosen(options)
     vehicles = subject.vehicles
-    platoon = _platoon(vehicles.parameters, options.vehicles)
-    result = simulate_platoon(platoon, leader, model=vehicles.model)
-    are_equal = len(vehicles) == 1 < len(platoon)
+    order = _order(len(vehicles), options.vehicles)
+    result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
+    are_equal = len(vehicles) == 1 < len(order)
     places = Places(() if are_equal else vehicles.spoken)
     warnings = (*messages(result.findings, places), *against_answer(subject.result))
-    show_result(options, _describe_run, _run_text, result, places, warnings)
+    show_result(options, _describe_run, _run_text, result, places, warnings, subject, order)
     return 0
 
 
-def _platoon(parameters: Parameters, vehicles: int | None) -> Parameters:
-    """One set repeated, or the sets in their order."""
+def _order(count: int, vehicles: int | None) -> list[int]:
+    """Indices of the platoon's followers: one set repeated, or the sets in their order."""
     if vehicles is not None and not 1 <= vehicles <= MOST_VEHICLES:
         raise ConfigError(f"vehicles: {vehicles} is not allowed; choose 1 to {MOST_VEHICLES}.")
-    count = len(parameters)
     if count == 1:
-        return parameters[[0] * (8 if vehicles is None else vehicles)]
+        return [0] * (8 if vehicles is None else vehicles)
     if vehicles not in (None, count):
         raise ConfigError(
             f"vehicles: {count} parameter sets make {count} followers, not {vehicles};"
             " leave the option out, or give one set."
         )
-    return parameters
+    return list(range(count))
 
 
-def _describe_run(result: PlatoonRun, places: Places, warnings: tuple[str, ...]) -> dict[str, Any]:
+def _describe_run(
+    result: PlatoonRun,
+    places: Places,
+    warnings: tuple[str, ...],
+    subject: KnownVehicles,
+    order: Sequence[int],
+) -> dict[str, Any]:
     """The run as the command-line contract has it."""
     waves = result.amplitudes
     assert waves is not None  # behind a sinusoid there are some
-    measured = waves.measured.tolist()
+    measured, grows = waves.measured.tolist(), growth_of(subject, order, result)
     return {
         # After a collision it means nothing.
         "amplitude": measured[: result.survivors] + [None] * (len(measured) - result.survivors),
         "predicted_amplitude": waves.predicted.tolist(),
+        "growth_interval": grows and [grows.lower, grows.upper],
         "settled": waves.settled.tolist(),
         **fields(result, "minimum_gap", "minimum_gap_time"),
         "collisions": [fields(collision, "follower", "time") for collision in result.collisions],
@@ -219,8 +231,16 @@ def _describe_run(result: PlatoonRun, places: Places, warnings: tuple[str, ...])
     }
 
 
-def _run_text(result: PlatoonRun, places: Places, warnings: tuple[str, ...]) -> str:
+def _run_text(
+    result: PlatoonRun,
+    places: Places,
+    warnings: tuple[str, ...],
+    subject: KnownVehicles,
+    order: Sequence[int],
+) -> str:
     labels = [places.label(k) for k in range(len(result.largest_deviation))]
     notes = [f"Note: {warning}" for warning in warnings]
-    said = (disturbance(result, places), smallest_gap(result, places))
+    known = known_growth(subject, order, result)
+    growth, gap = disturbance(result, places), smallest_gap(result, places)
+    said = filter(None, (growth, known, gap))
     return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])

@@ -36,7 +36,7 @@ from accpinn.stability.criteria import (
     response,
     step_metrics,
 )
-from accpinn.units import FloatArray, Mask
+from accpinn.units import FloatArray, Mask, RadiansPerSecond
 
 EXACT = "posterior of the exact likelihood, by importance sampling"
 BY_SIMULATION = "normal approximation about the best closed-loop simulation"
@@ -260,6 +260,34 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
     if np.isnan(draws.alpha).any():
         return Interval(*np.full((2, len(omega)), np.nan))
     return Interval(*interval_ends(np.abs(response(draws, omega)), uncertainty.level))
+
+
+@lru_cache(maxsize=64)
+def growth(
+    uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond
+) -> tuple[float, float]:
+    """The interval of how much a disturbance grows from the leader to the last follower.
+
+    Of Case I a draw is one of the platoon; otherwise the followers' draws are independent.
+
+    Args:
+        uncertainty: the uncertainty of M followers.
+        order: index of each vehicle of the platoon, from 0; one may be repeated.
+        omega: the frequency in rad/s, above zero.
+
+    Returns:
+        The ends of the interval of Π |H(jω)|; nan where a vehicle is not determined.
+    """
+    draws, rng = uncertainty.draws, np.random.default_rng(0)
+    shared = bool((draws.everything == draws.everything[:, :1]).all())
+    whole = np.ones(len(draws.alpha))
+    for k in sorted({*order}):
+        if np.isnan(draws.alpha[:, k]).any():
+            return np.nan, np.nan
+        gain = np.abs(response(draws[:, k], np.array([omega]))[:, 0]) ** order.count(k)
+        whole *= gain if shared else rng.permutation(gain)
+    lower, upper = interval_ends(whole, uncertainty.level)
+    return float(lower), float(upper)
 
 
 @lru_cache(maxsize=64)

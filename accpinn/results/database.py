@@ -43,7 +43,7 @@ def extent(whole: Group, makes: int, recordings: int) -> str:
     """The number of windows, vehicles, makes and recordings that are shown."""
     return (
         f"{counted(whole.windows, 'follower window')} of {counted(whole.vehicles, 'vehicle')},"
-        f" {counted(makes, 'make')}, in {counted(recordings, 'recording')}."
+        f" {counted(makes, 'make')}, in {counted(recordings, 'recording')} with windows."
     )
 
 
@@ -88,8 +88,9 @@ def summary_line(summary: BatchProgress) -> str:
     if summary.stopped:
         kept = counted(summary.rows, "row")
         return f"Stopped; what is finished is kept, and the same batch goes on from there: {kept}."
+    unread = f" ({summary.refused:,} could not be read)" if summary.refused else ""
     counts = (
-        f"{counted(summary.files, 'file')}, {counted(summary.recordings, 'recording')},"
+        f"{counted(summary.files, 'file')}, {counted(summary.recordings, 'recording')}{unread},"
         f" {counted(summary.windows, 'window')}, {counted(summary.followers, 'follower window')},"
         f" {counted(summary.rows, 'row')} (one a follower window and method)"
     )

@@ -23,7 +23,7 @@ from accpinn.model.published import (
 )
 from accpinn.recordings import Recording, Window
 from accpinn.results.tables import Column, Table
-from accpinn.results.tables.estimates import parameter_cells, yes_or_no
+from accpinn.results.tables.estimates import parameter_cells
 from accpinn.results.tables.stability import GAIN, PEAK, PEAK_AT
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.study.verification import Verification
@@ -183,6 +183,8 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
     Parameters (M,) that were learned here from the same data stand beside the printed ones.
     """
     assessed = printed.report.vehicles
+    stable = ([part.stable for part in (v.l2, v.linf_paper, v.linf_exact)] for v in assessed)
+    l2, paper, exact = map(_words, zip(*stable, strict=True))
     return Table.of(
         printed.vehicles.title,
         [
@@ -190,10 +192,10 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
             *parameter_cells(printed.vehicles.parameters, "Printed"),
             *(parameter_cells(learned, "Learned here") if learned else ()),
             (Column("printed", group=L2), _words(printed.l2)),
-            (Column("computed", group=L2), [yes_or_no(v.l2) for v in assessed]),
+            (Column("computed", group=L2), l2),
             (Column("printed", group=LINF), _words(printed.linf)),
-            (Column("paper's criterion", group=LINF), [yes_or_no(v.linf_paper) for v in assessed]),
-            (Column("exact criterion", group=LINF), [yes_or_no(v.linf_exact) for v in assessed]),
+            (Column("paper's criterion", group=LINF), paper),
+            (Column("exact criterion", group=LINF), exact),
             (replace(GAIN, group=LINF), [v.linf_gain for v in assessed]),
             (replace(PEAK, group=MAGNITUDE.name), [v.peak.db for v in assessed]),
             (replace(PEAK_AT, group=MAGNITUDE.name), [v.peak.omega or None for v in assessed]),
@@ -202,4 +204,5 @@ def reproduction_table(printed: PrintedVerdicts, learned: Parameters | None = No
 
 
 def _words(verdicts: Iterable[bool]) -> list[str]:
+    """YES or NO, as the paper prints it."""
     return ["YES" if stable else "NO" for stable in verdicts]

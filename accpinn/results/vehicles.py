@@ -12,7 +12,7 @@ import numpy as np
 
 from accpinn.errors import ParameterError
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.intervals import Uncertainty, from_draws
+from accpinn.inference.intervals import Uncertainty, from_draws, growth
 from accpinn.methods.fit import Outcome
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.published import ParameterSet
@@ -20,8 +20,9 @@ from accpinn.model.registry import FOLLOWING
 from accpinn.platoon.leader import Sinusoid
 from accpinn.segment import SegmentInfo
 from accpinn.stability import StabilityReport, stability_report
+from accpinn.stability.criteria import response
 from accpinn.study.result import Result
-from accpinn.units import MetresPerSecond
+from accpinn.units import Estimate, MetresPerSecond, RadiansPerSecond
 
 ALL_OF_IT = 0.995
 """Share of the time from which a vehicle counts as driven by hand throughout."""
@@ -65,6 +66,17 @@ class KnownVehicles:
         """The vehicles' median speed in the recording, or that of parameters without one."""
         stored = self.result.known_answer if self.result else None
         return float(np.median(stored.speeds)) if stored else Sinusoid.speed
+
+    def growth(self, order: Sequence[int], omega: RadiansPerSecond) -> Estimate | None:
+        """How much a disturbance at ω grows along a platoon, by index of each of its vehicles.
+
+        None where no uncertainty is known, or a vehicle is not determined.
+        """
+        if self.uncertainty is None:
+            return None
+        lower, upper = growth(self.uncertainty, tuple(order), omega)
+        gain = np.abs(response(self.vehicles.parameters[[*order]], np.array([omega]))).prod()
+        return Estimate(float(gain), lower, upper) if np.isfinite(lower) else None
 
     def at_speed(self, speed: MetresPerSecond) -> "KnownVehicles":
         """Vehicles of a model that is no CTHP, and what is known of them, linearised at a speed.

@@ -91,6 +91,11 @@ class Verdict:
     value: float
     """κ or D in 1/s² for `L2` and `LINF_PAPER`, stable above 0; otherwise the gain, stable at 1."""
 
+    @property
+    def word(self) -> str:
+        """As in "L₂ string stability: unstable"."""
+        return ("stable" if self.stable else "unstable") + " (marginal)" * self.marginal
+
 
 @dataclass(frozen=True)
 class Headways:

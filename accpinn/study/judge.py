@@ -59,17 +59,19 @@ class Describes(Finding, frozen=True):
 
     text = (
         "{vehicle}: the {model} describes this car best. In {windows} windows left out its gap"
-        " error is {rmse:.2f} m (geometric mean), {less:.0f} % (standard error {error:.0f} %) below"
-        " that of the {other}, the next best."
+        " error is {rmse:.2f} m (geometric mean); that of the {other}, the next best, is"
+        " {more:.0f} % larger ({low:.0f} to {high:.0f} %, one standard error to either side)."
     )
     unclear = (
         "{vehicle}: no model is clearly better. In {windows} windows left out the {model} has the"
-        " least gap error, {rmse:.2f} m (geometric mean), but its lead of {less:.0f} % over the"
-        " {other} may be chance (standard error {error:.0f} %).{worse_in_words}"
+        " least gap error, {rmse:.2f} m (geometric mean), but that of the {other} is {more:.0f} %"
+        " larger ({low:.0f} to {high:.0f} %, one standard error to either side), which may be"
+        " chance.{worse_in_words}"
     )
     few = (
         "{vehicle}: {windows} windows are too few to say which model is better. The {model} has the"
-        " least gap error in them, {rmse:.2f} m (geometric mean), {less:.0f} % below the {other}."
+        " least gap error in them, {rmse:.2f} m (geometric mean); that of the {other} is"
+        " {more:.0f} % larger."
     )
 
     vehicle: int
@@ -77,10 +79,12 @@ class Describes(Finding, frozen=True):
     other: str
     windows: int
     rmse: Metres
-    less: float
-    """Gap error below that of the next best model, in percent."""
-    error: float
-    """Standard error of that, in percent."""
+    more: float
+    """Gap error of the next best model beyond that of the best, in percent."""
+    low: float
+    """That, one standard error lower."""
+    high: float
+    """One higher."""
     clear: bool
     worse: tuple[str, ...] = ()
     """Titles of models that are clearly worse than the best."""
@@ -227,15 +231,13 @@ class Judgement:
         if len(self.scores) < 2:
             return ()
         best, other = self.ranked[:2]
-        mean, error = difference([best], [other])
         describes = Describes(
             self.info.vehicles[1],
             best.model.title,
             other.model.title,
             len(best.rmse),
             best.typical_rmse,
-            -100.0 * float(np.expm1(mean)),
-            100.0 * error * float(np.exp(mean)),
+            *beyond(other, best),
             self.is_clear,
             tuple(score.model.title for score in self.worse),
         )
@@ -248,6 +250,13 @@ def difference(scores: Sequence[ModelScore], others: Sequence[ModelScore]) -> tu
     ratios = np.concatenate([np.log(score.rmse / other.rmse) for score, other in pairs])
     error = ratios.std(ddof=1) / np.sqrt(len(ratios)) if len(ratios) > 1 else np.nan
     return float(ratios.mean()), float(error)
+
+
+def beyond(score: ModelScore, best: ModelScore) -> tuple[float, float, float]:
+    """RMSE beyond that of the best in %: in the mean, and one standard error lower and higher."""
+    mean, error = difference([score], [best])
+    more, low, high = 100.0 * np.expm1([mean, mean - error, mean + error])
+    return float(more), float(low), float(high)
 
 
 def wins(judgements: Sequence[Judgement]) -> FloatArray:

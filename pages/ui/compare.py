@@ -172,6 +172,8 @@ def _show(workspace: Workspace, task: Task[Any], segment: Segment, running: bool
         if said := agreement(rows, shown.answer):
             st.markdown(f"**{escape_markdown(said)}**")
         st.caption(_about_methods(shown))
+        label = "Next: which model describes these cars?"
+        frame.ask_which_model(workspace, label, "compare_next", "tertiary")
     tabs(workspace, "compare_tabs", {
         "Summary": lambda: _show_summary(shown),
         "Curves": lambda: _show_course(shown),

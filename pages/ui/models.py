@@ -90,6 +90,8 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
     if workspace.true_parameters and (made := true_model(workspace.true_parameters)):
         st.caption(f"This sample was made with the {escape_markdown(FOLLOWING[made].title)}.")
     _take_model(workspace, judged)
+    if workspace.result:
+        frame.link(frame.SNAPSHOTS, "Next: keep the result as a snapshot", workspace)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         labels = [one.info.labels[1] for one in judged]
         one = judged[pick_follower(labels, "models_follower")]

@@ -99,7 +99,7 @@ def show_page() -> None:
     places = words.Places(chosen.spoken) if figures.is_in_order(chosen, order) else words.PLACES
     cast = figures.cast_of(chosen, order)
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
-    _show_answer(workspace, source, run, places, recorded)
+    _show_answer(workspace, source, order, run, places, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
         "Amplitudes": lambda: _show_amplitudes(workspace, run, cast, themselves),
@@ -126,6 +126,7 @@ def open_panels(workspace: Workspace) -> None:
 def _show_answer(
     workspace: Workspace,
     source: KnownVehicles,
+    order: Sequence[int],
     run: PlatoonRun,
     places: words.Places,
     recorded: Segment | None,
@@ -145,7 +146,8 @@ def _show_answer(
             )
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
-            details += f" Simulated with the estimated parameters. {odds}"
+            known = words.known_growth(source, order, run)
+            details += f" Simulated with the estimated parameters. {known} {odds}"
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"
         st.caption(escape_markdown(details.replace(" %", "\N{NO-BREAK SPACE}%")))

@@ -96,9 +96,9 @@ def _show_answer(source: KnownVehicles) -> None:
             )
             lines = []
             for name, *both in verdicts:
-                l2, linf = map(words.verdict_in_words, both)
+                l2, linf = (verdict.word for verdict in both)
                 lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
-            why = escape_markdown(words.reason(platoon.l2_weak, report))
+            why = escape_markdown(dict(words.reasons(source)[-1][1])[platoon.l2_weak])
             of = "estimates" if result else "parameters"
             st.markdown(
                 f"The {of} as a platoon in this order. {' '.join(lines)} {why}",
@@ -289,8 +289,7 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
     reasons, texts = words.reasons(source), []
     for (label, said), behaviour in zip(reasons, [*about, PLATOON], strict=False):
         lines = [
-            f"\n- {verdict.criterion.value}: **{words.verdict_in_words(verdict)}**."
-            f" {escape_markdown(why)}"
+            f"\n- {verdict.criterion.value}: **{verdict.word}**. {escape_markdown(why)}"
             for verdict, why in said
         ]
         texts.append(f"**{escape_markdown(label)}.** {behaviour}\n{''.join(lines)}")

@@ -87,6 +87,8 @@ def test_fit_keeps_a_snapshot_that_others_read(tmp_path: Path, capsys: Capture) 
     assert vehicle["label"] in capsys.readouterr().out
     run = document(capsys, "simulate", "--snapshot", path, "--duration", 60)
     assert len(run["minimum_gap"]) == 8
+    low, high = run["growth_interval"]
+    assert low < run["predicted_amplitude"][-1] < high
     assert document(capsys, "verify", path, "--recording", STUDY)["name"] == "mine"
     assert load(path).facts["samples"] == 3001
     save(whole(), path)
@@ -215,7 +217,7 @@ def test_stability_has_the_document_of_the_contract(capsys: Capture) -> None:
     bare = document(capsys, "stability", "--alpha", 0, "--beta", 0.3, "--tau", 1)["vehicles"][0]
     assert (bare["crossover"], bare["smallest_tau"]) == (None, None), "without gap control"
     assert main(["stability", *map(str, TWO)]) == 0
-    assert "Platoon, Weak L∞ string stability: NO." in capsys.readouterr().out
+    assert "Platoon, Weak L∞ string stability: unstable." in capsys.readouterr().out
 
 
 def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
@@ -226,7 +228,7 @@ def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
     assert found["amplitude"] == run.amplitudes.measured.tolist()
     assert found["predicted_amplitude"] == run.amplitudes.predicted.tolist()
     assert found["minimum_gap"] == run.minimum_gap.tolist()
-    assert found["collisions"] == []
+    assert (found["collisions"], found["growth_interval"]) == ([], None)
     assert len(document(capsys, "simulate", *TWO)["minimum_gap"]) == 2
 
 

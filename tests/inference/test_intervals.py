@@ -17,6 +17,7 @@ from accpinn.inference.intervals import (
     NotDetermined,
     OutsideInterval,
     gain_band,
+    growth,
     interval_ends,
     within,
 )
@@ -104,6 +105,22 @@ def test_the_band_of_the_gain_is_that_of_the_draws(segment: Segment) -> None:
     # Draws of large weight repeat: an end may be one of them, and so many are neither side of it.
     for beyond in (band.lower[1] - low, low - band.upper[1]):
         assert (beyond > 1e-9).mean() <= 0.05 <= (beyond > -1e-9).mean()
+
+
+def test_the_growth_along_a_platoon_is_that_of_its_vehicles_draws(segment: Segment) -> None:
+    uncertainty, omega = intervals(segment, least_squares.fit(segment)), 0.3
+    once, band = growth(uncertainty, (1,), omega), gain_band(uncertainty, 1, np.array([omega]))
+    assert once == pytest.approx((band.lower[0], band.upper[0]))
+    assert growth(uncertainty, (1,) * 4, omega) == pytest.approx([end**4 for end in once])
+    # Followers err independently, so the logarithm of both has the sum of their variances.
+    widths = [
+        np.log(high / low)
+        for low, high in (growth(uncertainty, order, omega) for order in ((0,), (1,), (0, 1)))
+    ]
+    assert widths[2] == pytest.approx(np.hypot(*widths[:2]), rel=0.1)
+    draws = uncertainty.draws
+    platoon = replace(uncertainty, draws=draws[:, [0, 0]])
+    assert growth(platoon, (0, 1), omega) == growth(platoon, (0, 0), omega), "Case I"
 
 
 def _gain(one: Parameters, omega: float) -> complex:

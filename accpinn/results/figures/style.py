@@ -6,6 +6,7 @@ read on light and on dark pages alike; texts take the page's colour.
 """
 
 import html
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 from plotly.colors import hex_to_rgb
+from plotly.io import templates
 from plotly.subplots import make_subplots
 
 from accpinn.channels import TIME, Quantity
@@ -68,6 +70,52 @@ def translucent(colour: str, opacity: float) -> str:
     """A colour #rrggbb that shows what lies beneath."""
     red, green, blue = hex_to_rgb(colour)
     return f"rgba({red}, {green}, {blue}, {opacity})"
+
+
+class Figure(go.Figure):  # type: ignore[misc]  # plotly has no types
+    """A figure in plotly's terms, whose parts become plotly's objects once one is asked for.
+
+    Most figures are only sent to a browser. To make these objects, and dictionaries of them again,
+    takes ten times as long as to draw; plotly's own check takes longer still, so the tests do it.
+    """
+
+    def __init__(self, parts: Part) -> None:
+        """Keep the parts as they are: "data", "layout" and, of an animation, "frames"."""
+        self._parts = parts
+
+    def __getattr__(self, name: str) -> Any:
+        """Make the objects, as `name` is one of them that is not there yet."""
+        parts = self.__dict__.pop("_parts", None)
+        if parts is None:
+            raise AttributeError(name)
+        super().__init__(parts, _validate=False)
+        return getattr(self, name)
+
+    def to_dict(self) -> Part:
+        """The figure as it is sent."""
+        parts = self.__dict__.get("_parts")
+        if parts is None:
+            return dict(super().to_dict())
+        sent: Part = _sent(parts)
+        sent["data"] = [_sent({"type": "scatter"} | trace) for trace in sent["data"]]
+        sent["layout"].setdefault("template", _template(templates.default))
+        return sent
+
+
+def _sent(part: Any) -> Any:
+    """A part with dictionaries of its own, and real numbers in base 64 as plotly sends them."""
+    if isinstance(part, dict):
+        return {name: _sent(value) for name, value in part.items()}
+    if not (isinstance(part, np.ndarray) and part.dtype == np.float64):
+        return part
+    shape = {"shape": ", ".join(map(str, part.shape))} if part.ndim > 1 else {}
+    return {"dtype": "f8", "bdata": b64encode(part.tobytes()).decode("ascii"), **shape}
+
+
+@lru_cache(maxsize=4)
+def _template(name: str) -> Part:
+    """One of plotly's templates as it is sent."""
+    return dict(templates[name].to_plotly_json())
 
 
 class Chart:
@@ -188,13 +236,10 @@ class Chart:
         })  # fmt: skip
 
     def figure(self) -> go.Figure:
-        """The figure with all that was drawn.
-
-        Plotly's own check takes three times as long as all else, so the tests do it instead.
-        """
+        """The figure with all that was drawn."""
         axes = {f"{name[0]}axis{name[1:]}": axis for name, axis in self._axes.items()}
         drawn = {"shapes": self._shapes, "annotations": self._words}
-        return go.Figure(self._traces, self._layout | axes | drawn, _validate=False)
+        return Figure({"data": self._traces, "layout": self._layout | axes | drawn})
 
 
 def thumbnail() -> Chart:
@@ -306,3 +351,16 @@ def with_legend(figure: go.Figure) -> go.Figure:
     else:
         layout.legend, margin.t = LEGEND, max(margin.t or 0, 34)
     return figure
+
+
+def on_paper(figure: go.Figure, paper: str, ink: str) -> Figure:
+    """The figure on a ground of a colour, with texts in another."""
+    parts = figure.to_dict()
+    layout = parts["layout"]
+    axes = [part for name, part in layout.items() if name[1:5] == "axis"]
+    titles = [axis.setdefault("title", {}) for axis in axes]
+    fonts = [part.setdefault("font", {}) for part in (layout, *titles)]
+    for font in (*fonts, *(axis.setdefault("tickfont", {}) for axis in axes)):
+        font["color"] = ink
+    layout["paper_bgcolor"] = paper
+    return Figure(parts)

@@ -1,12 +1,16 @@
 """A simulated platoon in sentences: how the disturbance grows, and the smallest gap."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from accpinn.findings import joined
+from accpinn.findings import joined, percent
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
+from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.stability import MAY_AMPLIFY, capital, three
+from accpinn.results.vehicles import KnownVehicles
+from accpinn.units import Estimate
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
 """What a simulation with such parameters assumes."""
@@ -72,6 +76,29 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     most = f"grows to {three(sizes[largest] / sizes[0])} times the leader's"
     last = f"is {three(ratio)} times at the last follower: {size}."
     return f"The {what} {most} at {places.spoken(largest)}, and {last}"
+
+
+def growth_of(subject: KnownVehicles, order: Sequence[int], run: PlatoonRun) -> Estimate | None:
+    """The last follower's amplitude by the leader's, with its interval.
+
+    None where no uncertainty is known, behind a leader that is no sinusoid, and of a nonlinear
+    model, whose response depends on the amplitude.
+    """
+    leader = run.leader
+    if not isinstance(leader, Sinusoid) or run.collisions or run.linear:
+        return None
+    return subject.growth(order, leader.frequency)
+
+
+def known_growth(subject: KnownVehicles, order: Sequence[int], run: PlatoonRun) -> str:
+    """The interval of that in a sentence; empty where there is none."""
+    grows, known = growth_of(subject, order, run), subject.uncertainty
+    if grows is None or known is None:
+        return ""
+    return (
+        f"{percent(known.level)} interval of the last follower's amplitude: {three(grows.lower)} to"
+        f" {three(grows.upper)} times the leader's."
+    )
 
 
 def by_linearisation(run: PlatoonRun) -> str:

@@ -84,13 +84,25 @@ def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]
     if len(found) > 1:
         platoon = report.platoon
         verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
-        said = [(verdict, reason(verdict, report, vehicles.spoken)) for verdict in verdicts]
+        said = [
+            (verdict, reason(verdict, report, vehicles.spoken, growth_of(subject)))
+            for verdict in verdicts
+        ]
         found.append(("The platoon", said))
     return found
 
 
+def growth_of(subject: KnownVehicles) -> Estimate | None:
+    """The platoon's largest growth with its interval, where that is known."""
+    last = subject.report.platoon.peaks[-1]
+    return subject.growth(range(len(subject.vehicles)), last.omega) if last.omega else None
+
+
 def reason(
-    verdict: Verdict, of: VehicleStability | StabilityReport, names: Sequence[str] = ()
+    verdict: Verdict,
+    of: VehicleStability | StabilityReport,
+    names: Sequence[str] = (),
+    grows: Estimate | None = None,
 ) -> str:
     """The reason for a verdict, in one sentence.
 
@@ -98,11 +110,12 @@ def reason(
         verdict: a verdict of ``of``.
         of: the vehicle; or the report, for a verdict on its platoon.
         names: (M,) names of the followers within a sentence; by default their places.
+        grows: the platoon's largest growth with its interval, where it is known.
     """
     if isinstance(of, StabilityReport):
         if verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT):
             return _strict(verdict, of, names)
-        return _weak(verdict, of)
+        return _weak(verdict, of, grows)
     if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
         return str(of.behaviour.value)
     if verdict.criterion is Criterion.L2:
@@ -199,9 +212,9 @@ def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> 
     return f"{capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
 
 
-def _weak(verdict: Verdict, report: StabilityReport) -> str:
+def _weak(verdict: Verdict, report: StabilityReport, grows: Estimate | None) -> str:
     """The growth up to the last follower."""
-    platoon = report.platoon
+    platoon, ends = report.platoon, None
     if verdict.criterion is Criterion.L2_WEAK:
         if platoon.l2_strict.stable:
             return "No follower amplifies disturbances, so neither does the platoon."
@@ -211,6 +224,7 @@ def _weak(verdict: Verdict, report: StabilityReport) -> str:
                 " platoon."
             )
         at = f"A disturbance at {three(platoon.peaks[-1].omega)} rad/s grows"
+        ends = grows
     else:
         if platoon.linf_strict.stable:
             return "No follower amplifies peaks, so neither does the platoon."
@@ -219,7 +233,7 @@ def _weak(verdict: Verdict, report: StabilityReport) -> str:
         if verdict.stable:
             return "As far as can be computed, no peak grows from the leader to the last follower."
         at = "A peak of the speed deviation can grow"
-    return f"{at} {grown(verdict.value)} from the leader to the last follower."
+    return f"{at} {grown(verdict.value, ends)} from the leader to the last follower."
 
 
 def grown(gain: float, ends: Estimate | None = None, level: float | None = None) -> str:
@@ -246,11 +260,6 @@ def grown(gain: float, ends: Estimate | None = None, level: float | None = None)
     low, high = known
     within = f"{low}{unit} or more" if high == "inf" else f"{low}–{high}{unit}"
     return f"{said} ({percent(level) + ' interval ' if level else ''}{within})"
-
-
-def verdict_in_words(verdict: Verdict) -> str:
-    """As in "L₂ string stability: unstable"."""
-    return ("stable" if verdict.stable else "unstable") + " (marginal)" * verdict.marginal
 
 
 def three(value: float) -> str:

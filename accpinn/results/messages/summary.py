@@ -121,18 +121,18 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
         return finding.sentence(judged.info)
     labels = [judged.info.labels[1] for judged, _ in group]
     named = f"All {spelled(total)} followers" if len(group) == total else joined(labels)
-    errors, less = (
+    errors, more = (
         f"{min(parts):.{digits}f} to {max(parts):.{digits}f}"
         for parts, digits in (
             ([one.rmse for _, one in group], 2),
-            ([one.less for _, one in group], 0),
+            ([one.more for _, one in group], 0),
         )
     )
     where, model = f"in {finding.windows} windows left out", finding.model
     if finding.clear:
         return (
             f"{named}: the {model} describes each of these cars best. Its gap errors {where} are"
-            f" {errors} m (geometric means), {less} % below those of the next best model."
+            f" {errors} m (geometric means); those of the next best models are {more} % larger."
         )
     for_all = set.intersection(*(set(one.worse) for _, one in group))
     titles = tuple(title for title in finding.worse if title in for_all)
@@ -143,8 +143,8 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
         else f"{named}: no model is clearly better"
     )
     return (
-        f"{start}. The {model} has the least gap errors {where}, {errors} m (geometric means), but"
-        f" its lead of {less} % over the next best model may be chance.{worse}"
+        f"{start}. The {model} has the least gap errors {where}, {errors} m (geometric means);"
+        f" those of the next best models are {more} % larger, which may be chance.{worse}"
     )
 
 

@@ -29,10 +29,10 @@ from accpinn.results.tables import (
 )
 from accpinn.results.vehicles import ALL_OF_IT, by_hand, where
 from accpinn.segment import SegmentInfo
-from accpinn.stability import Verdict, stability_at
+from accpinn.stability import stability_at
 from accpinn.study import differences
 from accpinn.study.comparison import Spread
-from accpinn.study.judge import Judgement, difference, wins
+from accpinn.study.judge import Judgement, beyond, wins
 from accpinn.study.result import Result
 from accpinn.units import Estimate, MetresPerSecond
 
@@ -427,11 +427,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
     ranked, windows = judged.ranked, len(judged.windows)
     keys = (score.model.key for score in judged.scores)
     shares = dict(zip(keys, wins([judged]), strict=True))
-    beyond: list[Cell] = [None]
-    for score in ranked[1:]:
-        mean, error = difference([score], ranked[:1])
-        ends = np.round(100.0 * np.expm1([mean - error, mean + error])) + 0.0  # no -0
-        beyond.append(Range(*ends.tolist()))
+    ends = [np.round(beyond(score, ranked[0])[1:]) + 0.0 for score in ranked[1:]]  # no -0
     vehicles = [stability_at(s.model, s.theta, speed) for s in ranked]
     at = f"At {3.6 * speed:.0f} km/h"
     return Table.of(
@@ -439,7 +435,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
         [
             (MODEL, [score.model.title for score in ranked]),
             (Column("Gap RMSE", "m", 2, LEFT_OUT), [s.typical_rmse for s in ranked]),
-            (Column("Beyond the best", "%", 0, LEFT_OUT), beyond),
+            (Column("Beyond the best", "%", 0, LEFT_OUT), [None, *(Range(*pair) for pair in ends)]),
             (
                 Column("Best in", group=LEFT_OUT),
                 [f"{windows * shares[s.model.key]:.0f} of {windows}" for s in ranked],
@@ -453,7 +449,7 @@ def judged_table(judged: Judgement, speed: MetresPerSecond) -> Table:
                 Column("Peak", "dB", MAGNITUDE.digits, at),
                 [v.peak.db if v else None for v in vehicles],
             ),
-            (Column("L₂ stable", group=at), [yes_or_no(v.l2) if v else None for v in vehicles]),
+            (Column("L₂", group=at), [v.l2.word if v else None for v in vehicles]),
             (
                 Column.of(LINF_GAIN, at, key="linf_gain"),
                 [v.linf_gain if v else None for v in vehicles],
@@ -481,9 +477,3 @@ def model_parameters_table(judged: Judgement) -> Table:
             (Column("Known from"), known),
         ],
     )
-
-
-def yes_or_no(verdict: Verdict) -> str:
-    """YES or NO as the paper prints it; marginal cases are named."""
-    word = "YES" if verdict.stable else "NO"
-    return f"{word}, marginal" if verdict.marginal else word

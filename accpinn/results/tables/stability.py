@@ -34,7 +34,7 @@ PEAK = Column("Peak", "dB", MAGNITUDE.digits, L2)
 PEAK_AT = Column("at ω", FREQUENCY.unit, FREQUENCY.digits, L2)
 ABOVE = Column("Amplified above", FREQUENCY.unit, FREQUENCY.digits, L2)
 BELOW = Column("Amplified below", FREQUENCY.unit, FREQUENCY.digits, L2)
-STABLE, EXACT = "Stable", Column("Exact criterion", group=LINF)
+STABLE, EXACT = Column("Criterion", group=L2), Column("Exact criterion", group=LINF)
 GAIN = Column.of(LINF_GAIN, LINF, key="linf_gain")
 PROBABILITY, VERDICT = "Probability", "Verdict"
 HEADWAY = "Smallest stable τ"
@@ -57,7 +57,7 @@ def stability_table(
     parameters = Parameters.stack(vehicle.parameters for vehicle in assessed)
     peaks, crossovers = [v.peak.db for v in assessed], [v.crossover for v in assessed]
     bands = [v.onset for v in assessed]  # of few vehicles
-    gains, yes_or_no = [v.linf_gain for v in assessed], estimates.yes_or_no
+    gains = [v.linf_gain for v in assessed]
     return Table.of(
         f"String stability, {vehicles.title}",
         [
@@ -65,14 +65,14 @@ def stability_table(
             *estimates.driver_cells(vehicles.by_hand),
             *estimates.parameter_cells(parameters, known=known, is_brief=True),
             *_posterior(L2, known.probability_l2 if known else None, against),
-            (Column(STABLE, group=L2), [yes_or_no(v.l2) for v in assessed]),
+            (STABLE, [v.l2.word for v in assessed]),
             (PEAK, _with_ends(peaks, _decibels(known.peak_gain) if known else None)),
             (PEAK_AT, [v.peak.omega or None for v in assessed]),
             *([(ABOVE, [v.onset or None for v in assessed])] if any(bands) else []),
             (BELOW, _with_ends(crossovers, known.crossover if known else None)),
             *_posterior(LINF, known.probability_linf if known else None),
-            (Column("Paper's criterion", group=LINF), [yes_or_no(v.linf_paper) for v in assessed]),
-            (EXACT, [yes_or_no(v.linf_exact) for v in assessed]),
+            (Column("Paper's criterion", group=LINF), [v.linf_paper.word for v in assessed]),
+            (EXACT, [v.linf_exact.word for v in assessed]),
             (GAIN, _with_ends(gains, known.linf_gain if known else None)),
             (Column("L₂", "s", 2, HEADWAY), [h.l2 if h else None for h in headways]),
             (Column("L∞", "s", 2, HEADWAY), [h.linf_exact if h else None for h in headways]),
@@ -93,7 +93,7 @@ def known_table(subject: KnownVehicles) -> Table:
 
 def verdict_table(subject: KnownVehicles) -> Table:
     """The part of `stability_table` that is fit for a narrow page: one verdict and gain a norm."""
-    certain = [STABLE, EXACT.title] if subject.uncertainty else []
+    certain = [STABLE.title, EXACT.title] if subject.uncertainty else []
     aside, table = [ABOVE.title, BELOW.title, "Paper's criterion", *certain], known_table(subject)
     narrow = table.only(lambda column: column.title not in aside and column.group != HEADWAY)
     return replace(narrow, caption="")

@@ -24,6 +24,7 @@ HERE = Path(__file__).parent
 HOME, DATA, TRAIN = "app.py", "pages/1_Data.py", "pages/2_Train.py"
 STABILITY, PLATOON = "pages/3_Stability.py", "pages/4_Platoon.py"
 COMPARE, DATABASE = "pages/5_Compare.py", "pages/7_Database.py"
+SNAPSHOTS = "pages/6_Snapshots.py"
 
 _ICONS = {
     HOME: "home",
@@ -33,7 +34,7 @@ _ICONS = {
     PLATOON: "directions_car",
     COMPARE: "compare_arrows",
     DATABASE: "database",
-    "pages/6_Snapshots.py": "inventory_2",
+    SNAPSHOTS: "inventory_2",
 }
 """All pages, in the order of the links to them."""
 

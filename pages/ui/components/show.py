@@ -15,7 +15,13 @@ import plotly.graph_objects as go
 import streamlit as st
 
 from accpinn.errors import AccpinnError
-from accpinn.results.figures.style import SHARED, translucent, vehicle_colours, with_legend
+from accpinn.results.figures.style import (
+    SHARED,
+    on_paper,
+    translucent,
+    vehicle_colours,
+    with_legend,
+)
 from accpinn.results.tables import STYLE, Table
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
 from accpinn.segment import Segment, SegmentInfo
@@ -189,13 +195,8 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
         figure = with_legend(go.Figure(figure))
     side = st.context.theme.type
     if side and (text := st.get_option(f"theme.{side}.textColor")):
-        # In place: a copy is validated again, which takes longer than the figure itself, and so
-        # does an update of several values at once.
-        ink = translucent(text, INK)
-        figure.layout.font.color = ink
-        figure.layout.paper_bgcolor = st.get_option(f"theme.{side}.backgroundColor")
-        for axis in (*figure.select_xaxes(), *figure.select_yaxes()):
-            axis.tickfont.color = axis.title.font.color = ink
+        paper = st.get_option(f"theme.{side}.backgroundColor")
+        figure = on_paper(figure, paper, translucent(text, INK))
     chosen = chosen.lower()
     scale = PNG_SCALE if chosen == "png" else 1
     config = {

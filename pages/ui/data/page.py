@@ -129,7 +129,7 @@ def _controls(workspace: Workspace, recording: Recording, information: Informati
     if has_cases:
         with columns[2]:
             segments(
-                "Case", {case: f"Case {case}" for case in CASES}, workspace.asked.case, "data_case",
+                "Case", {"I": "I: shared", "II": "II: own"}, workspace.asked.case, "data_case",
                 lambda case: workspace.choose(case=case), labelled=True,
                 help="  \n".join(CASES.values()),
             )  # fmt: skip

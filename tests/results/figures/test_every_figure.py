@@ -1,7 +1,9 @@
 """Every figure: finite numbers on axes with titles and units, few points, and no HTML of a name."""
 
+import base64
 import importlib
 import inspect
+import json
 import pkgutil
 import re
 from collections.abc import Callable
@@ -13,6 +15,8 @@ from typing import Any, get_type_hints
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from plotly.io import to_json
+from plotly.utils import PlotlyJSONEncoder
 
 from accpinn.evaluation.whiteness import residual_correlations
 from accpinn.inference import identifiability
@@ -29,6 +33,7 @@ from accpinn.results.figures import animation, comparison, database, platoon
 from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
+from accpinn.results.figures.style import on_paper
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.quality import label_regimes
 from accpinn.stability.measured_gain import measured_gain
@@ -135,6 +140,34 @@ def test_every_figure_is_here() -> None:
             if own and get_type_hints(function).get("return") is go.Figure:
                 made.add(f"{found.name}.{name}")
     assert made == FIGURES.keys()
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_sent_as_plotly_sends_it(name: str) -> None:
+    at_once, made = FIGURES[name](), FIGURES[name]()
+    assert made.data, "plotly's objects"
+    assert sent(at_once) == sent(made)
+    ink = on_paper(FIGURES[name](), "#ffffff", "#123456")
+    assert {axis.tickfont.color for axis in ink.select_xaxes()} == {"#123456"}
+    assert (ink.layout.font.color, ink.layout.paper_bgcolor) == ("#123456", "#ffffff")
+    go.Figure(ink)  # plotly checks it
+
+
+def sent(figure: go.Figure) -> Any:
+    """What a browser gets, as plain numbers, without what says nothing."""
+
+    def plain(part: Any) -> Any:
+        if isinstance(part, list):
+            return [plain(value) for value in part]
+        if not isinstance(part, dict):
+            return part
+        if "bdata" not in part:
+            return {name: plain(value) for name, value in part.items() if value not in (None, {})}
+        values = np.frombuffer(base64.b64decode(part["bdata"]), part["dtype"])
+        shape = map(int, part.get("shape", str(len(values))).split(","))
+        return json.loads(json.dumps(values.reshape(*shape), cls=PlotlyJSONEncoder))
+
+    return plain(json.loads(to_json(figure.to_dict(), validate=False)))
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -194,16 +194,16 @@ def test_the_papers_verdicts_and_the_exact_gain_beside() -> None:
     table, short = stability_table(ASTAZERO, report), verdict_table(KnownVehicles(ASTAZERO))
     assert column(table, "Vehicle")[3] == "Tesla Model 3"
     for title, group, tesla in (
-        ("Stable", L2, "NO"),
-        ("Paper's criterion", LINF, "YES"),
-        ("Exact criterion", LINF, "NO"),
+        ("Criterion", L2, "unstable"),
+        ("Paper's criterion", LINF, "stable"),
+        ("Exact criterion", LINF, "unstable"),
         ("‖h‖₁", LINF, pytest.approx(1.0954, abs=5e-5)),
         ("Peak", L2, pytest.approx(0.3395, abs=5e-5)),
         ("L₂", "Smallest stable τ", pytest.approx(2.0534, abs=5e-5)),
     ):
         cells = column(table, title, group)
         assert cells[3] == tesla
-        if title in ("Stable", "Exact criterion", "Peak"):
+        if title in ("Criterion", "Exact criterion", "Peak"):
             assert column(short, title, group) == cells
     assert "α" not in [one.title for one in criteria_part(table).columns]
 
@@ -214,9 +214,9 @@ def test_what_has_no_meaning_is_empty() -> None:
     calm, stuck = csv.DictReader(io.StringIO(text))
     assert calm["l2_string_stability_amplified_below_rad_per_s"] == ""
     assert calm["l2_string_stability_at_omega_rad_per_s"] == ""
-    assert calm["l2_string_stability_stable"] == "YES"
+    assert calm["l2_string_stability_criterion"] == "stable"
     assert stuck["tau"] == stuck["smallest_stable_tau_l2_s"] == ""
-    assert stuck["l2_string_stability_stable"] == "YES, marginal"
+    assert stuck["l2_string_stability_criterion"] == "stable (marginal)"
 
 
 def test_verdicts_have_intervals_and_probabilities() -> None:
