@@ -47,23 +47,13 @@ def flush() -> None:
 
 
 def show_result(
-    options: argparse.Namespace,
-    describe: Callable[..., dict[str, Any]],
-    text: Callable[..., str],
-    *result: Any,
+    options: argparse.Namespace, document: Callable[[], dict[str, Any]], text: Callable[[], str]
 ) -> None:
-    """Print what a command found, as one document with --json and else as text.
-
-    Args:
-        options: of the command.
-        describe: the result as the command-line contract has it.
-        text: the result for people.
-        result: the arguments of both.
-    """
+    """Print what a command found: with --json the document of the contract, else the text."""
     if options.json:
-        print_json(describe(*result))
+        print_json(document())
     else:
-        show(text(*result))
+        show(text())
 
 
 def show(text: str) -> None:
