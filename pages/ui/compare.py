@@ -89,8 +89,7 @@ class _Shown:
         return self.answered.answer
 
 
-def show_page() -> None:
-    workspace = frame.begin("Compare")
+def show_page(workspace: Workspace) -> None:
     segment, task, rows = workspace.segment, workspace.comparison, workspace.compared
     if segment:  # that of the rows, also where another window was chosen for a training since
         segment = rows[0].segment if task and rows else workspace.compared_segment

@@ -35,8 +35,7 @@ MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
 """Computed here; needs a training."""
 
 
-def show_page() -> None:
-    workspace = frame.begin("")
+def show_page(workspace: Workspace) -> None:
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
     recent = recent_sessions(workspace.id)
     if workspace.recording or workspace.restored or recent:

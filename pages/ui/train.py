@@ -98,8 +98,7 @@ OPTIONS: dict[str, tuple[str, float, str, str]] = {
 place in the setting where it has several numbers."""
 
 
-def show_page() -> None:
-    workspace = frame.begin("Train")
+def show_page(workspace: Workspace) -> None:
     _show_page(workspace)
     with st.container(key="later_3_runs"):
         show_runs(workspace)

@@ -59,8 +59,7 @@ _STYLE = f"""<style>
 </style>"""
 
 
-def show_page() -> None:
-    workspace = frame.begin("Data")
+def show_page(workspace: Workspace) -> None:
     st.html(_STYLE)
     recording = workspace.recording
     if recording is None:
