@@ -3,7 +3,7 @@
 The parts below the timeline are in `pages.ui.data.views`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import takewhile
 from math import ceil
@@ -245,8 +245,12 @@ def _show_overview(
         )  # fmt: skip
 
     def dragged() -> None:
-        if window := window_of(st.session_state[CHART], recording):
-            workspace.choose(window=window)
+        for box in st.session_state[CHART]["selection"]["box"][-1:]:
+            take(box["x"])
+
+    def take(ends: Sequence[float]) -> None:
+        if window := window_of(ends, recording):
+            workspace.choose(window)
 
     drivers = figures.driver_ribbons(recording, workspace.asked.vehicles)
     driving = figures.regime_ribbons(whole, regimes)
@@ -255,7 +259,7 @@ def _show_overview(
         highlight, workspace.several_windows,
     )  # fmt: skip
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
-    _handles(workspace, recording)
+    _handles(workspace, recording, take)
     with st.container(horizontal=True, vertical_alignment="center", gap="large"):
         if drivers:
             show.key(figures.strip_key(drivers).items(), title="Upper bars, driver:")
@@ -293,32 +297,22 @@ def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> Non
     show.key(entries, faint)
 
 
-def _handles(workspace: Workspace, recording: Recording) -> None:
+def _handles(
+    workspace: Workspace, recording: Recording, take: Callable[[Sequence[float]], None]
+) -> None:
     """The window's two ends, below the axis of time."""
-    most = max(recording.duration, workspace.asked.window.end)
-
-    def moved(ends: tuple[float, float]) -> None:
-        start, end = (round(value, 1) for value in ends)
-        if end - start >= MINIMUM_DURATION:
-            workspace.choose(window=Window(start, end))
-
+    window = workspace.asked.window
     with st.container(key="data_handles"):
         st.slider(
-            "Window [s]; drag an end, or drag over the chart", min_value=0.0, max_value=most,
-            step=0.1, format="%.1f s", label_visibility="collapsed",
-            **bound("data_ends", (workspace.asked.window.start, workspace.asked.window.end), moved),
+            "Window [s]; drag an end, or drag over the chart", min_value=0.0,
+            max_value=max(recording.duration, window.end), step=0.1, format="%.1f s",
+            label_visibility="collapsed", **bound("data_ends", (window.start, window.end), take),
         )  # fmt: skip
 
 
-def window_of(
-    event: Mapping[str, Mapping[str, list[dict[str, list[float]]]]], recording: Recording
-) -> Window | None:
-    """The window that a drag over the chart marks; None for a click or a slip of the hand."""
-    boxes = event["selection"]["box"]
-    if not boxes:
-        return None
-    low, high = (min(max(float(x), 0.0), recording.duration) for x in sorted(boxes[-1]["x"]))
-    start, end = round(low, 1), round(high, 1)
+def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
+    """The window between two instants of a recording; None for a slip of the hand."""
+    start, end = (round(min(max(x, 0.0), recording.duration), 1) for x in sorted(ends))
     return Window(start, end) if end - start >= MINIMUM_DURATION else None
 
 
