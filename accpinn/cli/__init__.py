@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from textwrap import fill
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from accpinn import __version__
 from accpinn.cli.output import complain, flush, open_streams, show
@@ -105,6 +105,13 @@ class _Parser(argparse.ArgumentParser):
         settings["formatter_class"] = argparse.RawDescriptionHelpFormatter
         super().__init__(**settings)  # type: ignore[arg-type]
         self._negative_number_matcher = _NUMBERS  # else -1,1,1 would be taken for an option
+
+    def parse_known_args(self, *given: Any, **more: Any) -> Any:
+        """Let a command itself say what it does not know, and where its help is."""
+        known, unknown = super().parse_known_args(*given, **more)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return known, unknown
 
     def error(self, message: str) -> NoReturn:
         """One line on standard error; exit status 2."""

@@ -140,10 +140,13 @@ class Amplitudes:
     """(M+1,) in s after the sinusoid's start, when the transient is over; inf where it never is."""
     periods: int
     """Number of last whole periods that were measured."""
-    free: bool
-    """Whether all transients were over before that."""
     findings: tuple[Finding, ...]
     """Why the measured amplitudes may differ from those predicted: one reason, or none."""
+
+    @property
+    def free(self) -> bool:
+        """Whether all transients were over before those periods."""
+        return not self.findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,20 +379,20 @@ def _amplitudes(parameters: Parameters, leader: Sinusoid, run: Trajectories) -> 
         along = leader.amplitude * np.cumprod(np.concatenate([[1.0], np.abs(single)]))
     unstable = np.cumsum([0] + [slowest_rate(vehicle) < 0 for vehicle in parameters]) > 0
     predicted = np.where(unstable, np.inf, np.nan_to_num(along, nan=0.0, posinf=np.inf))
-    findings = _amplitude_findings(leader, settled, periods)
-    return Amplitudes(
-        frozen(measured), frozen(predicted), frozen(settled), periods, free >= 1, findings
-    )
+    findings = _amplitude_findings(leader, settled, periods, run.time[-1])
+    return Amplitudes(frozen(measured), frozen(predicted), frozen(settled), periods, findings)
 
 
-def _amplitude_findings(leader: Sinusoid, settled: FloatArray, periods: int) -> tuple[Finding, ...]:
+def _amplitude_findings(
+    leader: Sinusoid, settled: FloatArray, periods: int, end: Seconds
+) -> tuple[Finding, ...]:
     last = int(np.argmax(settled))
     needed = leader.settle + float(settled[last]) + leader.period
     if isinf(needed):
         return (NeverSettles(last),)
     if not periods:
         return (TooShort(leader.period, ceil(needed)),)
-    return (TransientLeft(last, ceil(needed)),) if needed > leader.duration + 1e-9 else ()
+    return (TransientLeft(last, ceil(needed)),) if needed > end + 1e-9 else ()
 
 
 def _measured(leader: Sinusoid, run: Trajectories, periods: int) -> FloatArray:

@@ -103,13 +103,15 @@ class Figure(go.Figure):  # type: ignore[misc]  # plotly has no types
 
 
 def _sent(part: Any) -> Any:
-    """A part with dictionaries of its own, and real numbers in base 64 as plotly sends them."""
+    """A part with dictionaries of its own, and numbers in base 64 as plotly sends them."""
     if isinstance(part, dict):
         return {name: _sent(value) for name, value in part.items()}
-    if not (isinstance(part, np.ndarray) and part.dtype == np.float64):
+    if not (isinstance(part, np.ndarray) and part.dtype.kind in "fi"):
         return part
+    numbers = part.astype(np.int32) if part.dtype.kind == "i" else part  # none is larger
     shape = {"shape": ", ".join(map(str, part.shape))} if part.ndim > 1 else {}
-    return {"dtype": "f8", "bdata": b64encode(part.tobytes()).decode("ascii"), **shape}
+    bdata = b64encode(numbers.tobytes()).decode("ascii")
+    return {"dtype": numbers.dtype.str[1:], "bdata": bdata, **shape}
 
 
 @lru_cache(maxsize=4)
