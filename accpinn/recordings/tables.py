@@ -5,6 +5,7 @@ is neither empty nor a number is refused with its place, and so is a row of anot
 """
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from accpinn.channels import Quantity
 from accpinn.errors import RecordingError
-from accpinn.findings import joined
-from accpinn.recordings import Recording
+from accpinn.findings import Finding, joined
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.units import FloatArray, Seconds
 
@@ -101,6 +102,17 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+class ModesUnknown(Finding, frozen=True):
+    """Cells of a column say neither that ACC nor that a driver is in control."""
+
+    text = '{column} holds neither {words} in {samples} samples (as "{example}").'
+
+    column: str
+    words: str
+    samples: int
+    example: str
+
+
 @dataclass(frozen=True, eq=False)
 class Columns:
     """Some columns of N rows of a table."""
@@ -129,6 +141,25 @@ class Columns:
         """The error about a column, or about its cell in one of the rows."""
         at = None if row is None else int(self.rows[row])
         return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
+
+    def modes(
+        self, column: str, acc: Sequence[str], human: Sequence[str], findings: list[Finding]
+    ) -> NDArray[np.int8]:
+        """(N,) values of `Mode` by the words for each, in any case and as 1 or 1.0.
+
+        Where a cell holds neither the mode is unknown, and a finding says so.
+        """
+        known = dict.fromkeys(map(_spelled, acc), Mode.ACC)
+        known |= dict.fromkeys(map(_spelled, human), Mode.HUMAN)
+        words = Counter(self.words[column])
+        meanings = {word: known.get(_spelled(word), Mode.UNKNOWN) for word in words}
+        strange = sorted(word for word, mode in meanings.items() if word and mode is Mode.UNKNOWN)
+        if strange:
+            samples, example = sum(words[word] for word in strange), excerpt(strange[0])
+            both = " nor ".join(excerpt(word) for word in (*acc, *human))
+            name = excerpt(column, LONGEST_NAME)
+            findings.append(ModesUnknown(column=name, words=both, samples=samples, example=example))
+        return np.array([meanings[word] for word in self.words[column]], dtype=np.int8)
 
     def require_some(self, column: str, cure: str) -> None:
         """Refuse a column whose cells are all empty."""
@@ -380,3 +411,11 @@ def choose_run(
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     listed = ", ".join(names[:LISTED])
     raise source_file.refusal(fault, f"choose a trajectory (--trajectory): {listed}{more}")
+
+
+def _spelled(word: str) -> str:
+    """A word for a mode, however it is written."""
+    try:
+        return f"{float(word):g}"
+    except ValueError:
+        return word.casefold()

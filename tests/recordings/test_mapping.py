@@ -13,6 +13,7 @@ from accpinn.errors import RecordingError
 from accpinn.recordings import MappingRemembered, Mode, Recording
 from accpinn.recordings.files import opened, read, read_all
 from accpinn.recordings.mapping import load_mapping, parse_mapping
+from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 
@@ -118,6 +119,20 @@ def test_a_mapping_that_cannot_serve_says_where(old: str, new: str, words: str) 
     raw = foreign(platoon(2, 100)).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match=words):
         read(raw, "mine.csv", mapping=parse_mapping(MAPPING.replace(old, new)))
+
+
+def test_words_for_modes_are_found_in_any_spelling_and_what_is_neither_is_told() -> None:
+    frame = foreign(platoon(2, 300))
+    by_word = {0: "human ", 1: "acc"}
+    for written in (frame["engaged"].astype(float), frame["engaged"].map(by_word)):
+        raw = frame.assign(engaged=written).to_csv(index=False).encode()
+        words = MAPPING.replace('["1"]', '["1", "ACC"]').replace('["0"]', '["0", "Human"]')
+        found = read(raw, "mine.csv", mapping=parse_mapping(words))
+        assert found.mode[[0, -1], 1].tolist() == [Mode.HUMAN, Mode.ACC]
+        assert not found.findings
+    found = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
+    assert (found.mode == Mode.UNKNOWN).all()
+    assert found.findings == (ModesUnknown("engaged", "1 nor 0", 300, "acc"),)
 
 
 @pytest.mark.parametrize(
