@@ -66,27 +66,28 @@ def layout_of(source_file: SourceFile) -> Layout:
     Raises:
         RecordingError: where no row of column names is found.
     """
-    lines = list(islice(source_file.lines(HEADER_BYTES), HEADER_ROWS + PREVIEWED + 1))
+    lines = list(source_file.lines(HEADER_BYTES))
     for number, line in enumerate(lines[:HEADER_ROWS]):
         for separator in sorted(SEPARATORS, key=line.count, reverse=True):
             names = cells_of(line, separator)
-            below = [cells_of(row, separator) for row in lines[number + 1 :] if row.strip()]
-            is_header = len(names) > 1 and any(names) and not any(map(_is_number, names))
-            if is_header and below and len(below[0]) == len(names):
-                return _layout(names, below[:PREVIEWED], separator, number + 1)
+            if len(names) < 2 or not any(names) or any(map(_is_number, names)):
+                continue
+            below = [row for row in lines[number + 1 :] if row.strip()]
+            if below and len(cells_of(below[0], separator)) == len(names):
+                return _layout(names, below, separator, number + 1)
     fault = "no row of column names above rows of numbers is found"
     raise source_file.refusal(fault, "give each column a name in the first row")
 
 
-def _layout(
-    names: tuple[str, ...], rows: Sequence[tuple[str, ...]], separator: str, header_row: int
-) -> Layout:
-    cells = [cell for row in rows for cell in row]
-    commas = separator != "," and any(_is_number(cell.replace(",", ".")) for cell in cells)
-    points = any("." in cell and _is_number(cell) for cell in cells)
-    decimal = "," if commas and not points and any("," in cell for cell in cells) else "."
-    shown = tuple(tuple(excerpt(cell) for cell in row) for row in rows)
-    return Layout(names, shown, separator, decimal, header_row)
+def _layout(names: tuple[str, ...], rows: Sequence[str], separator: str, header_row: int) -> Layout:
+    decimal = "."
+    if separator != ",":  # a column may begin with whole numbers
+        cells = {cell for row in rows for cell in cells_of(row, separator)}
+        points = sum("." in cell and _is_number(cell) for cell in cells)
+        commas = sum("," in cell and _is_number(cell.replace(",", ".")) for cell in cells)
+        decimal = "," if commas > points else "."
+    shown = [map(excerpt, cells_of(row, separator)) for row in rows[:PREVIEWED]]
+    return Layout(names, tuple(map(tuple, shown)), separator, decimal, header_row)
 
 
 def cells_of(line: str, separator: str = ",") -> tuple[str, ...]:

@@ -121,6 +121,17 @@ def test_a_mapping_that_cannot_serve_says_where(old: str, new: str, words: str) 
         read(raw, "mine.csv", mapping=parse_mapping(MAPPING.replace(old, new)))
 
 
+def test_decimal_commas_are_seen_behind_rows_of_whole_numbers() -> None:
+    frame = foreign(platoon(2, 300)).round(3)
+    head, rows = frame.head(30), frame.tail(270)
+    head = head.assign(**head.select_dtypes("number").round().astype(int))
+    head["clock"] += 100 * np.arange(30) - head["clock"] + head["clock"][0]
+    raw = head.to_csv(index=False, sep=";")
+    raw += rows.to_csv(index=False, sep=";", decimal=",", header=False)
+    found = read(raw.encode(), "mine.csv", mapping=parse_mapping(MAPPING))
+    np.testing.assert_allclose(found.speed[30:, 1], rows["v2"])
+
+
 def test_words_for_modes_are_found_in_any_spelling_and_what_is_neither_is_told() -> None:
     frame = foreign(platoon(2, 300))
     by_word = {0: "human ", 1: "acc"}
