@@ -109,5 +109,5 @@ def test_the_residual_is_that_of_the_fits_own_model(key: str) -> None:
     model = FOLLOWING[key]
     (run,) = followed(model, model.typical[None], 4, noise=0.0)
     near = model.linearisations(model.typical[:, None], 25.0)
-    _, residuals = residuals_of(run, replace(least_squares.fit(run), parameters=near, model=key))
+    residuals, *_ = residuals_of(run, replace(least_squares.fit(run), parameters=near, model=key))
     assert np.sqrt((residuals[:, 2:] ** 2).mean()) < 0.01
