@@ -147,13 +147,9 @@ def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErro
     if not known or len(known) < len(weighted):
         return None
     weights = [weight for weight, _ in weighted]
-
-    def mean(name: str, power: int) -> FloatArray:
-        values = [getattr(errors, name) ** power for errors in known]
-        return np.asarray(np.average(values, axis=0, weights=weights) ** (1 / power))
-
     return TrackingErrors(
-        mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
+        np.average([errors.speed_mae for errors in known], axis=0, weights=weights),
+        np.average([errors.gap_mae for errors in known], axis=0, weights=weights),
     )
 
 

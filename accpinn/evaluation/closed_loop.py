@@ -42,15 +42,11 @@ slower backward motion."""
 
 @dataclass(frozen=True, eq=False)
 class TrackingErrors:
-    """Errors of trajectories against the data, per vehicle; nan where they have no meaning."""
+    """Mean absolute errors against the data, per vehicle; nan where they have no meaning."""
 
     speed_mae: FloatArray
     """(M+1,) in m/s, leader first."""
     gap_mae: FloatArray
-    """(M,) in m."""
-    speed_rmse: FloatArray
-    """(M+1,) in m/s."""
-    gap_rmse: FloatArray
     """(M,) in m."""
 
 
@@ -111,13 +107,9 @@ def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErr
         trajectories: nan at all instants for a vehicle without errors, and at single instants
             where nothing is compared.
     """
-    speed = trajectories.speeds - segment.measured_speeds
-    gap = trajectories.gaps - segment.measured_gaps
     return TrackingErrors(
-        known_mean(np.abs(speed)),
-        known_mean(np.abs(gap)),
-        np.sqrt(known_mean(speed**2)),
-        np.sqrt(known_mean(gap**2)),
+        known_mean(np.abs(trajectories.speeds - segment.measured_speeds)),
+        known_mean(np.abs(trajectories.gaps - segment.measured_gaps)),
     )
 
 
