@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from accpinn.findings import Finding, Labelled, Words
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
@@ -84,16 +84,14 @@ class SimulatedDivergence(Finding, frozen=True):
     """A follower's gap leaves ±`DIVERGED` in the closed-loop simulation."""
 
     text = (
-        "In the closed-loop simulation, {vehicle} diverges: its gap leaves ±{limit:.0f} m at"
+        "In the closed-loop simulation, {vehicle} diverges: its gap leaves"
+        f" ±{DIVERGED:.0f} m at"
         " {time:.1f} s, so neither it nor the vehicles behind it have closed-loop errors."
     )
 
     vehicle: int
     time: Seconds
     """First such instant, from the recording's first sample."""
-
-    def _words(self, about: Labelled) -> Words:
-        return {"limit": DIVERGED}
 
 
 ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergence
