@@ -7,7 +7,7 @@ from math import nan
 
 import numpy as np
 
-from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS, PARAMETERS, SPEED
+from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -16,7 +16,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import TERMS, Case, Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, value_of
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -309,8 +309,12 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, ("Spread", *percent, *blank)))
 
 
-def marked_at_least(model: str, name: str, cell: Estimate) -> Cell:
-    """A cell of a model's parameter, with a mark on a lag or delay at the least that is sought."""
+def marked_at_least(model: str, name: str, *parts: Parameters) -> Cell:
+    """A parameter of one vehicle from its value, lower and upper end.
+
+    A lag or delay at the least that is sought has a mark.
+    """
+    cell = Estimate(*(float(value_of(model, part, name)) for part in parts))
     if name not in ("lag", "delay") or not cell.lower < cell.upper:
         return cell
     if model in CTHPS:
@@ -331,19 +335,11 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
     """One row a model, for one follower (0 for the first): estimates and intervals."""
     group = f"Estimate ({100 * LEVEL:.0f} % interval)"
     filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
-    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
-        cells = [
-            marked_at_least(
-                f.form,
-                (*PARAMETER_KEYS, *TERMS)[at],
-                Estimate(
-                    *(float(s.complete[follower, at]) for s in (f.parameters, f.lower, f.upper))
-                ),
-            )
-            if at in dict(columns_of(f.form))
-            else None
-            for f in forms
-        ]
+    parts = [(f.form, [of[follower] for of in (f.parameters, f.lower, f.upper)]) for f in forms]
+    for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS):
+        name = column.key
+        cells = [marked_at_least(form, name, *sets) if name in FOLLOWING[form].names else None
+                 for form, sets in parts]  # fmt: skip
         filled.append((replace(column, group=group), cells))
     filled += [
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
