@@ -124,10 +124,6 @@ def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tupl
 
     A block in which at no instant all vehicles are measured has nothing to compare, so none is
     held out there.
-
-    Args:
-        segment: the data.
-        estimate: a method, from a segment to a fit.
     """
     ends = [round(end) for end in np.linspace(0, segment.samples, BLOCKS + 1)]
     return tuple(
@@ -251,9 +247,7 @@ def validation_findings(
 ) -> tuple[ValidationOverlaps | OtherVehicles, ...]:
     """Why the errors of a validation may say less than they seem to.
 
-    Args:
-        segments: the data that the parameters of M followers were learned from.
-        other: data of M followers in the same order.
+    The other segment has as many followers, in the same order.
 
     Raises:
         SegmentError: if the number of followers differs.

@@ -100,10 +100,7 @@ ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergenc
 def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErrors:
     """Errors of trajectories given on the segment's instants, where a sample was measured.
 
-    Args:
-        segment: the data.
-        trajectories: nan at all instants for a vehicle without errors, and at single instants
-            where nothing is compared.
+    A vehicle without errors has trajectories of nan; single instants of nan are not compared.
     """
     return TrackingErrors(
         known_mean(np.abs(trajectories.speeds - segment.measured_speeds)),
@@ -189,9 +186,7 @@ def closed_loop_findings(
 ) -> tuple[ClosedLoopFinding, ...]:
     """Collisions, reversing and divergence in a closed-loop simulation, follower by follower.
 
-    Args:
-        segment: the data; a collision counts only where the measured gap is positive.
-        simulated: the closed-loop simulation on the segment's instants.
+    A collision counts only where the measured gap is positive.
     """
     touching = collides(simulated.gaps) & (segment.measured_gaps > 0)
     diverged = _diverged(segment, simulated)
@@ -211,14 +206,10 @@ def closed_loop_findings(
 
 
 def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[int]) -> FloatArray:
-    """The time of each follower's first collision.
+    """(M,) the time of each follower's first collision in s, from the recording's first sample.
 
-    Args:
-        findings: all findings of one closed-loop simulation.
-        vehicles: (M+1,) numbers in the file, leader first.
-
-    Returns:
-        (M,) in s from the recording's first sample; nan for a follower that never collides.
+    It is nan for one that never collides. The findings are all those of one closed-loop simulation,
+    the vehicles (M+1,) numbers in the file, leader first.
     """
     collisions = [finding for finding in findings if isinstance(finding, SimulatedCollision)]
     times = {collision.vehicle: collision.time for collision in collisions}

@@ -122,11 +122,8 @@ class Whiteness:
 def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     """Compute the residual of the model with the fit's parameters.
 
-    α = 0 with τ undetermined counts as ατ = 0.
-
-    Args:
-        segment: the data; instants that its mask excludes do not count.
-        fit: the fit of any method.
+    α = 0 with τ undetermined counts as ατ = 0. Instants that the segment's mask excludes are left
+    out.
     """
     residuals, counts, size = residuals_of(segment, fit)
     pairs, second = zip(residuals, counts, strict=True), size * segment.sample_time
@@ -189,13 +186,7 @@ class ResidualCorrelations:
 
 
 def residual_correlations(segment: Segment, fit: Fit, follower: int) -> ResidualCorrelations | None:
-    """The correlations of a follower's residual; None where too little is measured.
-
-    Args:
-        segment: the data.
-        fit: of any method.
-        follower: 0 for the first.
-    """
+    """The correlations of a follower's residual (0 for the first); None with too few seconds."""
     residuals, counts, size = residuals_of(segment, fit)
     residual, mask, second = residuals[follower], counts[follower], size * segment.sample_time
     speeds = segment.speeds[::size, follower][: len(residual) + 1]

@@ -164,10 +164,7 @@ def complete_windows(
 ) -> tuple[Window, ...]:
     """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
 
-    Args:
-        recording: the data.
-        vehicles: consecutive numbers in the file, leader first.
-        outside: windows that are left out of these.
+    They leave out what lies in some others. The vehicles are consecutive numbers, leader first.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
@@ -199,12 +196,8 @@ def disjoint_windows(
 ) -> tuple[Window, ...]:
     """The complete stretches of a recording, cut into windows of equal length.
 
-    A window ends where the next one begins; what remains of a stretch is left out.
-
-    Args:
-        recording: what to cut.
-        duration: of each window, in s.
-        vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
+    A window ends where the next one begins; what remains of a stretch is left out. The vehicles are
+    consecutive numbers, leader first; by default see `default_vehicles`.
 
     Raises:
         SegmentError: when the vehicles are no platoon, or the duration is too short.

@@ -260,12 +260,9 @@ def as_typed(name: str) -> str:
 
 
 def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[str]) -> Segment:
-    """The segment with a mask that excludes the instants of some regimes.
+    """The segment with a mask that excludes the instants of some of its regimes.
 
-    Args:
-        segment: the data; instants that its own mask excludes stay excluded.
-        regimes: of the same segment.
-        names: of the regimes to exclude, as `parse_regimes` takes them.
+    Names are as `parse_regimes` takes them. What its own mask excludes stays excluded.
 
     Raises:
         SegmentError: when a name is not known, or too little of a follower's data remains.

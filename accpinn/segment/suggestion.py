@@ -111,13 +111,8 @@ def suggest_window(
 ) -> Suggestion | None:
     """The most informative window of the usual length about the followers' parameters.
 
-    Args:
-        recording: what to choose from.
-        vehicles: leader first.
-        known: the information of the whole recording's segment of these vehicles.
-
-    Returns:
-        None where no stretch is complete, or a follower never in car-following.
+    It is None where no stretch is complete, or a follower never in car-following. The information
+    is that of the whole recording's segment of these vehicles, leader first.
 
     Raises:
         SegmentError: when the vehicles are no platoon.

@@ -103,11 +103,8 @@ def tracks(
 ) -> go.Figure:
     """α, β and τ over time as online methods estimate them, one standard deviation around each.
 
-    Args:
-        followed: name and track of each method.
-        follower: 0 for the first.
-        truth: the true parameters, dashed.
-        start: the segment's start, in s from the recording's first sample.
+    The truth is dashed. The follower is 0 for the first; the start is the segment's, in s from the
+    recording's first sample.
     """
     chart = style.Chart("compare-tracks", 560, style.stack(1, 1, 1))
     chart.axis("x3", TIME.axis)

@@ -166,10 +166,8 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
 def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     """Each row's α and β, by its L₂ verdict, and where string stability begins.
 
-    Args:
-        rows: of a batch; every point carries its place among them.
-        in_units_of_tau: draw ατ² and βτ, with one boundary for all; else the boundaries are those
-            of the median τ.
+    Every point carries its place among the rows. In units of τ the axes are ατ² and βτ, with one
+    boundary for all; else the boundaries are those of the median τ.
     """
     alpha, beta, tau = (rows[name].to_numpy(float) for name in PARAMETER_KEYS)
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
@@ -203,11 +201,9 @@ def _lower(text: str) -> str:
 
 
 def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
-    """Each row's mean time gap over its mean speed, by groups.
+    """Each row's mean time gap over its mean speed, by the (K,) labels of their groups.
 
-    Args:
-        rows: of a batch; every point carries its place among them.
-        labels: (K,) of each row's group.
+    Every point carries its place among the rows.
     """
     x, y = (rows[name].to_numpy(float) for name in ("mean_speed", "mean_time_gap"))
     group_of, looks = np.array(labels, dtype=str), colours(labels)

@@ -275,11 +275,7 @@ def _draw_tracks(
 ) -> None:
     """Draw lines of one colour each, which browsers draw far faster than a dot for each instant.
 
-    Args:
-        chart: to draw in.
-        time: (K,) in s.
-        places: (K, V) in m; nan where a vehicle drives no more.
-        levels: (K, V) speeds between -1 and 1.
+    Places (K, V) in m are nan where a vehicle drives no more. Levels (K, V) are speeds, -1 to 1.
     """
     between = (levels[:-1] + levels[1:]) / 2  # nan where either end is
     known = np.isfinite(between)

@@ -259,13 +259,8 @@ def methods_table(
 ) -> Table:
     """One row a method, for one follower (0 for the first).
 
-    Args:
-        info: the window.
-        results: of the methods.
-        follower: 0 for the first.
-        answered: the answer's parameters of that follower and the mean absolute error of its
-            space-gap in closed loop, which are the first row.
-        model: key of the answer's.
+    What was answered by a model is the first row: the parameters of that follower, and the mean
+    absolute error of its space-gap in closed loop.
     """
     sets = [result.fit.parameters[follower] for result in results]
     kinds = (SURROGATE, CLOSED_LOOP, *UNSEEN)
@@ -349,12 +344,9 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:
-    """One row an earlier result that has the vehicle as a follower.
+    """One row an earlier result that has the vehicle, by its number in the file, as a follower.
 
-    Args:
-        earlier: in the order of the rows.
-        now: the present result of each method; where there is none, no differences are shown.
-        vehicle: its number in the file.
+    Differences are shown from the present result of the same method, where there is one.
     """
     followers = ((result, result.info.vehicles[1:]) for result in earlier)
     rows = [(row, numbers.index(vehicle)) for row, numbers in followers if vehicle in numbers]
