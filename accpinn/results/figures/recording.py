@@ -76,15 +76,9 @@ def overview(
 ) -> go.Figure:
     """A whole recording over time, the window on it, and what each vehicle does.
 
-    Args:
-        recording: all of it is drawn.
-        vehicles: those chosen, leader first; the others are faint.
-        window: the interval chosen.
-        ribbons: strips of bars, from the top down (see `driver_ribbons` and `regime_ribbons`).
-        view: what is drawn.
-        highlight: number of the one follower that is not faint, nor the vehicle ahead of it; 0 for
-            all chosen ones.
-        several: windows that are chosen together in place of the one.
+    The chosen vehicles, leader first, are not faint; with the number of a follower to highlight,
+    these are only that and the one ahead of it. Ribbons are strips of bars, from the top down (see
+    `driver_ribbons` and `regime_ribbons`); several windows may be chosen in place of the one.
     """
     strips = [traces for traces in ribbons if traces]
     drawn = _curves(recording, vehicles, view)
