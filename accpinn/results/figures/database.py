@@ -69,7 +69,7 @@ def forest(grouped: Groups) -> go.Figure:
     places = np.arange(len(groups))
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
-    chart = style.Chart("forest", height, style.row(3, 0.025), hovermode="closest")
+    chart = style.Chart("forest", height, style.row(3, 0.025))
     chart.axis("y*", range=[-0.7, len(groups) - 0.3], showgrid=True)
     # The groups' names may be long.
     chart.axis("y", tickvals=places, ticktext=names, automargin=True)
@@ -174,7 +174,7 @@ def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)
     idle = alpha == 0  # without gap control string stability means nothing
-    chart = style.Chart(f"plane-{in_units_of_tau}", 430, hovermode="closest")
+    chart = style.Chart(f"plane-{in_units_of_tau}", 430)
     for name, colour, symbol, part in (
         ("L₂ unstable", UNSTABLE, "circle-open", ~stable & ~idle),
         ("L₂ stable", STABLE, "diamond", stable & ~idle),
@@ -207,7 +207,7 @@ def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
     """
     x, y = (rows[name].to_numpy(float) for name in ("mean_speed", "mean_time_gap"))
     group_of, looks = np.array(labels, dtype=str), colours(labels)
-    chart = style.Chart("gap", 430, hovermode="closest")
+    chart = style.Chart("gap", 430)
     for label, (colour, symbol) in looks.items():
         part = group_of == label if label != OTHERS else ~np.isin(group_of, list(looks))
         places = np.flatnonzero(part & np.isfinite(x + y))

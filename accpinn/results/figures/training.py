@@ -50,7 +50,7 @@ class _Course(style.Chart):
     def __init__(self, history: History, title: str, key: str, right: float = 14) -> None:
         head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
         margin = {"l": 62, "r": right, "t": 34, "b": 42}
-        super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin)
+        super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin, hovermode="x unified")
         self.axis("x", "Iteration")
         is_long = history.iteration.max(initial=0) >= LONG
         if is_long:  # some dozens are seen better on another axis
