@@ -22,6 +22,7 @@ Seconds with a missing sample do not count.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import toeplitz
@@ -167,26 +168,24 @@ def _lagged(command: FloatArray, keep: float) -> FloatArray:
     return np.asarray(lfilter([1 - keep], [1, -keep], command, zi=[keep * command[0]])[0])
 
 
-@dataclass(frozen=True, eq=False)
-class ResidualCorrelations:
-    """Correlations of one follower's residual with itself, and with the acceleration ahead."""
+class Correlogram(NamedTuple):
+    """Correlations of one follower's residual over L lags."""
 
     lags: FloatArray
-    """(L,) in s, from 1."""
-    own: FloatArray
+    """(L,) in s."""
+    values: FloatArray
     """(L,)"""
-    own_limit: float
-    """Within ± this 99 % of a white residual's correlations lie."""
-    ahead_lags: FloatArray
-    """(2L+1,) in s; above zero the residual comes after the acceleration ahead."""
-    ahead: FloatArray
-    """(2L+1,)"""
-    ahead_limit: float
-    """The same for a residual that has nothing to do with the acceleration ahead."""
+    limit: float
+    """Within ± this 99 % of them lie by chance."""
 
 
-def residual_correlations(segment: Segment, fit: Fit, follower: int) -> ResidualCorrelations | None:
-    """The correlations of a follower's residual (0 for the first); None with too few seconds."""
+def residual_correlations(
+    segment: Segment, fit: Fit, follower: int
+) -> tuple[Correlogram, Correlogram] | None:
+    """A follower's residual (0 for the first) with itself, and with the acceleration ahead.
+
+    Above a lag of zero it comes after that acceleration. None where too little is measured.
+    """
     residuals, counts, size = residuals_of(segment, fit)
     residual, mask, second = residuals[follower], counts[follower], size * segment.sample_time
     speeds = segment.speeds[::size, follower][: len(residual) + 1]
@@ -204,14 +203,9 @@ def residual_correlations(segment: Segment, fit: Fit, follower: int) -> Residual
     full = np.correlate(e, u, "full")[len(e) - 1 + lags] / scale
     both = 1.0 + 2.0 * float((of_e[1 : longest + 1] * of_u[1 : longest + 1]).sum())
     limit = float(ndtri(0.5 + CONFIDENCE / 2) / np.sqrt(count))
-    return ResidualCorrelations(
-        np.asarray(lags[longest + 1 :] * second, float),
-        of_e[1 : longest + 1],
-        limit,
-        np.asarray(lags * second, float),
-        full,
-        limit * float(np.sqrt(max(both, 1.0))),
-    )
+    after: FloatArray = np.asarray(lags * second, float)
+    own = Correlogram(after[longest + 1 :], of_e[1 : longest + 1], limit)
+    return own, Correlogram(after, full, limit * float(np.sqrt(max(both, 1.0))))
 
 
 def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFinding:

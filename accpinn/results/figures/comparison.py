@@ -15,7 +15,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import PARAMETERS, TIME, Quantity
-from accpinn.evaluation.whiteness import ResidualCorrelations
+from accpinn.evaluation.whiteness import Correlogram
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, Profile
 from accpinn.inference.intervals import LEVEL, interval_ends
@@ -129,17 +129,14 @@ def tracks(
     return style.with_legend(chart.figure())
 
 
-def residual(found: ResidualCorrelations, colour: str) -> go.Figure:
+def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
     """Correlations of a residual with itself and with the acceleration ahead, and their limits."""
     chart = style.Chart("compare-residual", 240, style.row(2, 0.06), dragmode=False)
-    parts = (
-        (found.lags, found.own, found.own_limit, "Residual with itself"),
-        (found.ahead_lags, found.ahead, found.ahead_limit, "Residual after acceleration ahead"),
-    )
-    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most, _ in parts)
+    titles = ("Residual with itself", "Residual after acceleration ahead")
+    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most in found)
     chart.axis("y*", range=[-shown, shown])
     chart.axis("y", "Correlation")
-    for panel, (lags, values, most, title) in enumerate(parts, 1):
+    for panel, ((lags, values, most), title) in enumerate(zip(found, titles, strict=True), 1):
         chart.add(lags, values, panel=panel, type="bar", marker={"color": colour},
                   hovertemplate="%{x:.0f} s: %{y:.2f}<extra></extra>")  # fmt: skip
         chart.axis(f"x{panel}", f"{title}: lag [s]")
