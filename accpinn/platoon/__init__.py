@@ -190,10 +190,7 @@ class PlatoonRun:
 
 
 def simulate_platoon(
-    parameters: Parameters,
-    leader: Leader,
-    sample_time: Seconds | None = None,
-    model: str = PAPER,
+    parameters: Parameters, leader: Leader, sample_time: Seconds | None = None, model: str = PAPER
 ) -> PlatoonRun:
     """Simulate the platoon behind the leader from equilibrium, exactly at every sample.
 

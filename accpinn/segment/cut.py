@@ -295,8 +295,7 @@ def _incomplete(platoon: _Platoon, rows: Stretch, missing: BlocksMissing) -> Inc
         reason = "where no later sample helps"
     middle = float(recording.time[(rows.first + rows.last) // 2])
     nearest = sorted(
-        platoon.complete(),
-        key=lambda window: max(window.start - middle, middle - window.end, 0.0),
+        platoon.complete(), key=lambda window: max(window.start - middle, middle - window.end, 0.0)
     )
     listed = sorted(nearest[:WINDOWS_LISTED], key=lambda window: window.start)
     where = ", ".join(map(str, listed))

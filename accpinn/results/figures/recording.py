@@ -17,13 +17,7 @@ from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
 from accpinn.segment import Segment, SegmentInfo, time_gaps
 from accpinn.segment.cut import longest_in
-from accpinn.segment.quality import (
-    CATCHING_UP,
-    FOLLOWING,
-    MANUAL,
-    STANDSTILL,
-    Regimes,
-)
+from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
 from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"

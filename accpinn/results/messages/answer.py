@@ -5,11 +5,7 @@ from math import ceil, inf, isnan
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, spelled, who
-from accpinn.inference.answer import (
-    SPEEDS,
-    Answer,
-    HeterogeneousFollowers,
-)
+from accpinn.inference.answer import SPEEDS, Answer, HeterogeneousFollowers
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
