@@ -1,6 +1,6 @@
 """Data: open a recording, choose vehicles and a window, preview what it holds."""
 
-from pages.ui.components.frame import guarded
+from pages.ui.components.frame import draw_page
 from pages.ui.data.page import show_page
 
-guarded(show_page)
+draw_page("Data", show_page)

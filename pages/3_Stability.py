@@ -1,6 +1,6 @@
 """Stability: which vehicles amplify the disturbances of the car ahead, how much, and why."""
 
-from pages.ui.components.frame import guarded
+from pages.ui.components.frame import draw_page
 from pages.ui.stability import show_page
 
-guarded(show_page)
+draw_page("Stability", show_page)

@@ -1,6 +1,6 @@
 """Compare: every method on the same window, and what the data identify."""
 
 from pages.ui.compare import show_page
-from pages.ui.components.frame import guarded
+from pages.ui.components.frame import draw_page
 
-guarded(show_page)
+draw_page("Compare", show_page)

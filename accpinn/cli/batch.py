@@ -74,7 +74,7 @@ def run_batch(options: argparse.Namespace) -> int:
             on_progress=show_progress,
             should_stop=stopped.is_set,
         )
-    show_result(options, _describe_batch, _batch_text, summary, options.out)
+    show_result(options, lambda: fields(summary, *KEYS), lambda: _batch_text(summary, options.out))
     if summary.stopped:
         return 130
     return 1 if summary.refused and not summary.recordings else 0
@@ -104,11 +104,6 @@ def _progress_bar() -> Iterator[Any]:
             bar.set_postfix_str(", ".join(parts), refresh=True)
 
         yield show_progress
-
-
-def _describe_batch(summary: BatchProgress, _out: str) -> dict[str, Any]:
-    """The batch as the command-line contract has it."""
-    return fields(summary, *KEYS)
 
 
 def _batch_text(summary: BatchProgress, out: str) -> str:

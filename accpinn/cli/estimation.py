@@ -144,7 +144,11 @@ def run_fit(options: argparse.Namespace) -> int:
             about = {name: getattr(options, name) for name in _KEPT}
             save(named(result, **about), options.out)
     finally:
-        show_result(options, describe_fit, fit_text, result, with_intervals)
+        show_result(
+            options,
+            lambda: describe_fit(result, with_intervals),
+            lambda: fit_text(result, with_intervals),
+        )
     if options.out is not None:
         note(f"Saved as {options.out}.")
     return 130 if result.fit.outcome is Outcome.STOPPED else 0
@@ -246,9 +250,8 @@ def run_compare(options: argparse.Namespace) -> int:
     refused = tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
     if not results:
         raise refused[0].fault
-    show_result(
-        options, describe_comparison, _comparison_text, results, refused, recording.duration
-    )
+    found = results, refused, recording.duration
+    show_result(options, lambda: describe_comparison(*found), lambda: _comparison_text(*found))
     return 0
 
 
@@ -257,10 +260,10 @@ def _comparison_text(
 ) -> str:
     first, info = results[0], results[0].info
     each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(first)
-    subject = known_vehicles(first)
+    subject, models = known_vehicles(first), {r.fit.model: r for r in reversed(results)}
     tables = [
         *(methods_table(info, results, k) for k in each),
-        intervals_table(first),
+        *map(intervals_table, reversed(models.values())),
         *([known_table(subject)] if subject.has_report else ()),
         *(model_form_table(info, forms, k) for k in each if forms),
     ]
@@ -296,12 +299,13 @@ def run_judge(options: argparse.Namespace) -> int:
         bar = tqdm(rounds, total=len(models), unit="model", file=sys.stderr, disable=None)
         *_, judged = ((), *bar)
     if judged:
-        show_result(options, _describe_judged, _judged_text, recording.source, judged)
+        source = recording.source
+        show_result(
+            options,
+            lambda: {"source": source, "vehicles": [*map(judgement_document, judged)]},
+            lambda: _judged_text(source, judged),
+        )
     return 130 if stopped.is_set() else 0
-
-
-def _describe_judged(source: str, judged: tuple[Judgement, ...]) -> dict[str, Any]:
-    return {"source": source, "vehicles": [*map(judgement_document, judged)]}
 
 
 def _judged_text(source: str, judged: tuple[Judgement, ...]) -> str:
@@ -328,7 +332,8 @@ def run_starts(options: argparse.Namespace) -> int:
     context, store = TaskContext(threads=options.threads), chosen_store(options)
     bar = tqdm(asked, unit="training", file=sys.stderr, disable=None)
     results = [run(start, recording, store=store, context=context) for start in bar]
-    show_result(options, describe_starts, _starts_text, results, spread_of(results))
+    found = results, spread_of(results)
+    show_result(options, lambda: describe_starts(*found), lambda: _starts_text(*found))
     return 0
 
 

@@ -95,15 +95,17 @@ def run_verify(options: argparse.Namespace) -> int:
         on_refit=lambda name, seconds: progress(f"Running {name} again, about {seconds:.0f} s …"),
     )
     given = {"--recording"} if options.recording else set[str]()
-    show_result(options, _describe_verification, _verification_text, snapshot, verification, given)
+    show_result(
+        options,
+        lambda: _describe_verification(snapshot, verification),
+        lambda: _verification_text(snapshot, verification, given),
+    )
     if not verification.ok:
         raise SnapshotError(f"{options.file}: {verification.sentence}")
     return 0
 
 
-def _describe_verification(
-    snapshot: Result, verification: Verification, _given: Set[str]
-) -> dict[str, Any]:
+def _describe_verification(snapshot: Result, verification: Verification) -> dict[str, Any]:
     """The verification as the command-line contract has it."""
     return {
         **fields(snapshot, "id", "name", "created"),
@@ -185,7 +187,7 @@ def run_runs(options: argparse.Namespace) -> int:
     """Print the results, the newest first."""
     entries = Store().entries(" ".join(options.words))
     readable = [entry for entry in entries if not entry.fault]
-    show_result(options, _describe_runs, _runs_text, readable)
+    show_result(options, lambda: _describe_runs(readable), lambda: _runs_text(readable))
     return 0
 
 

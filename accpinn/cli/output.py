@@ -6,7 +6,6 @@ direction of writing, is printed as its number.
 
 import argparse
 import json
-import math
 import os
 import signal
 import sys
@@ -48,23 +47,13 @@ def flush() -> None:
 
 
 def show_result(
-    options: argparse.Namespace,
-    describe: Callable[..., dict[str, Any]],
-    text: Callable[..., str],
-    *result: Any,
+    options: argparse.Namespace, document: Callable[[], dict[str, Any]], text: Callable[[], str]
 ) -> None:
-    """Print what a command found, as one document with --json and else as text.
-
-    Args:
-        options: of the command.
-        describe: the result as the command-line contract has it.
-        text: the result for people.
-        result: the arguments of both.
-    """
+    """Print what a command found: with --json the document of the contract, else the text."""
     if options.json:
-        print_json(describe(*result))
+        print_json(document())
     else:
-        show(text(*result))
+        show(text())
 
 
 def show(text: str) -> None:
@@ -96,17 +85,8 @@ def one_line(text: str) -> str:
 
 def print_json(document: dict[str, Any]) -> None:
     """One document on standard output; what is not a number becomes null."""
-    show(json.dumps(_plain(document), ensure_ascii=False, indent=2, allow_nan=False))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value
+    plain = json.loads(json.dumps(document), parse_constant=lambda _: None)
+    show(json.dumps(plain, ensure_ascii=False, indent=2))
 
 
 @contextmanager

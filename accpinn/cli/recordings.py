@@ -60,7 +60,8 @@ def chosen_recording(options: argparse.Namespace) -> Recording:
 
 def run_info(options: argparse.Namespace) -> int:
     """Print what a recording holds, and what to know about it."""
-    show_result(options, _describe_recording, _recording_text, chosen_recording(options))
+    recording = chosen_recording(options)
+    show_result(options, lambda: _describe_recording(recording), lambda: _recording_text(recording))
     return 0
 
 

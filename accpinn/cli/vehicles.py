@@ -1,17 +1,16 @@
 """`stability` and `simulate`: what vehicles with given parameters do to disturbances."""
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 from accpinn.channels import PARAMETER_KEYS, PARAMETERS, fields
 from accpinn.cli.output import show_result
 from accpinn.cli.recordings import JSON, option
-from accpinn.errors import ConfigError
+from accpinn.errors import ConfigError, SnapshotError
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.cthp import TERMS, Parameters
 from accpinn.model.published import ParameterSet
-from accpinn.platoon import PlatoonRun, simulate_platoon
+from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
@@ -66,7 +65,7 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
 
     Raises:
         ConfigError: when they are missing, given twice, or differ in number.
-        SnapshotError: when the snapshot cannot be read.
+        SnapshotError: when the snapshot cannot be read, or determines nothing.
     """
     given = {name: getattr(options, name) for name in (*PARAMETER_KEYS, *TERMS)}
     given = {name: values for name, values in given.items() if values}
@@ -77,7 +76,13 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
             raise ConfigError(f"parameters: give --{name} or --snapshot, not both.")
         from accpinn.study.snapshot import load  # not needed for numbers given by hand
 
-        return known_vehicles(load(path))
+        subject = known_vehicles(load(path))
+        if not subject.has_report:
+            raise SnapshotError(
+                f"{path}: its data determine no parameters, so nothing follows for string"
+                " stability; estimate them from a longer window with more braking."
+            )
+        return subject
     missing = [f"--{name}" for name in PARAMETER_KEYS if name not in given]
     if missing:
         listed = " and ".join(missing)
@@ -96,7 +101,8 @@ def _chosen(options: argparse.Namespace) -> KnownVehicles:
 
 def run_stability(options: argparse.Namespace) -> int:
     """Assess vehicles one by one and together, and print the verdicts."""
-    show_result(options, _describe_report, _report_text, _chosen(options))
+    subject = _chosen(options)
+    show_result(options, lambda: _describe_report(subject), lambda: _report_text(subject))
     return 0
 
 
@@ -190,7 +196,30 @@ def run_simulate(options: argparse.Namespace) -> int:
     are_equal = len(vehicles) == 1 < len(order)
     places = Places(() if are_equal else vehicles.spoken)
     warnings = (*messages(result.findings, places), *against_answer(subject.result))
-    show_result(options, _describe_run, _run_text, result, places, warnings, subject, order)
+
+    def document() -> dict[str, Any]:
+        waves, grows = result.amplitudes, growth_of(subject, order, result)
+        assert waves is not None  # behind a sinusoid there are some
+        measured = waves.measured.tolist()
+        return {
+            # After a collision it means nothing.
+            "amplitude": measured[: result.survivors] + [None] * (len(measured) - result.survivors),
+            "predicted_amplitude": waves.predicted.tolist(),
+            "growth_interval": grows and [grows.lower, grows.upper],
+            "settled": waves.settled.tolist(),
+            **fields(result, "minimum_gap", "minimum_gap_time"),
+            "collisions": [fields(event, "follower", "time") for event in result.collisions],
+            "warnings": warnings,
+        }
+
+    def text() -> str:
+        labels = [places.label(k) for k in range(len(result.largest_deviation))]
+        growth, known = disturbance(result, places), known_growth(subject, order, result)
+        said = filter(None, (growth, known, smallest_gap(result, places)))
+        notes = [f"Note: {warning}" for warning in warnings]
+        return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])
+
+    show_result(options, document, text)
     return 0
 
 
@@ -206,41 +235,3 @@ def _order(count: int, vehicles: int | None) -> list[int]:
             " leave the option out, or give one set."
         )
     return list(range(count))
-
-
-def _describe_run(
-    result: PlatoonRun,
-    places: Places,
-    warnings: tuple[str, ...],
-    subject: KnownVehicles,
-    order: Sequence[int],
-) -> dict[str, Any]:
-    """The run as the command-line contract has it."""
-    waves = result.amplitudes
-    assert waves is not None  # behind a sinusoid there are some
-    measured, grows = waves.measured.tolist(), growth_of(subject, order, result)
-    return {
-        # After a collision it means nothing.
-        "amplitude": measured[: result.survivors] + [None] * (len(measured) - result.survivors),
-        "predicted_amplitude": waves.predicted.tolist(),
-        "growth_interval": grows and [grows.lower, grows.upper],
-        "settled": waves.settled.tolist(),
-        **fields(result, "minimum_gap", "minimum_gap_time"),
-        "collisions": [fields(collision, "follower", "time") for collision in result.collisions],
-        "warnings": warnings,
-    }
-
-
-def _run_text(
-    result: PlatoonRun,
-    places: Places,
-    warnings: tuple[str, ...],
-    subject: KnownVehicles,
-    order: Sequence[int],
-) -> str:
-    labels = [places.label(k) for k in range(len(result.largest_deviation))]
-    notes = [f"Note: {warning}" for warning in warnings]
-    known = known_growth(subject, order, result)
-    growth, gap = disturbance(result, places), smallest_gap(result, places)
-    said = filter(None, (growth, known, gap))
-    return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])

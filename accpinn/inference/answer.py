@@ -46,8 +46,6 @@ from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
 LEFT_OUT, MOST_LEFT_OUT = 5, 150
 """Rounds of a chain that are left out for each window, and at most: many weak ones move it slowly.
 Of 22 windows s₀ was still half a deviation away after 20 rounds."""
-THINNING = 2
-"""One of so many draws of the typical value is kept."""
 SPEEDS: tuple[MetresPerSecond, ...] = (50 / 3.6, 100 / 3.6)
 """Speeds at which the time gap is stated, beside the median speed."""
 SIGNIFICANCE = 0.05
@@ -402,7 +400,7 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
-    size, count = CHAINS * KEPT // THINNING, count_of(model)
+    size, count = CHAINS * KEPT, count_of(model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing, np.full((size, count, count), np.nan), nothing)
@@ -411,9 +409,9 @@ def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     left_out = min(LEFT_OUT * len(drawn), MOST_LEFT_OUT)
     sampled = sampled_population(drawn[..., free], prior, population, left_out=left_out)
     value, further = np.tile(drawn[0, 0], (2, size, 1))
-    value[:, free], further[:, free] = sampled.value[::THINNING], sampled.further[::THINNING]
+    value[:, free], further[:, free] = sampled.value, sampled.further
     covariance = np.zeros((size, count, count))
-    covariance[:, np.outer(free, free)] = sampled.covariance[::THINNING].reshape(size, -1)
+    covariance[:, np.outer(free, free)] = sampled.covariance.reshape(size, -1)
     return Car(value, covariance, further)
 
 

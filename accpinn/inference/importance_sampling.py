@@ -252,7 +252,7 @@ class Sampling:
             normalised(ratios),
             np.append(self.posterior.log_likelihood, log_likelihood),
         )
-        if self._with_factor.effective < ENOUGH <= self.posterior.effective:
+        if self._with_factor.effective < min(ENOUGH, self.posterior.effective):
             ratios = ratios + self._factor
         self.proposal = self.proposal.adapted(self._drawn, _tempered(ratios), densities)
 

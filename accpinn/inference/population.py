@@ -34,8 +34,8 @@ from numpy.typing import NDArray
 from accpinn.model.registry import CTHPS
 from accpinn.units import FloatArray, Mask
 
-CHAINS, BURN, KEPT = 40, 20, 50
-"""Parallel chains, and rounds of each that are left out and kept."""
+CHAINS, BURN, KEPT, THINNING = 40, 20, 25, 4
+"""Parallel chains; rounds of each that are left out, and kept: one in four, as they move slowly."""
 LESS_RELATED, MORE_CARS = 0.6, 2.0
 """Factors on the correlations and the variances between cars that were learned: 16 cars leave up to
 15 numbers of S uncertain, and as learned it drew cars unlike these towards them."""
@@ -148,7 +148,7 @@ def sampled_population(
     values, covariances, further = [], [], []
     away = chosen - mean[:, None]
     left_out += BURN
-    for turn in range(left_out + KEPT):
+    for turn in range(1, left_out + KEPT * THINNING + 1):
         scatter = scale + np.einsum("ck,cki,ckj->cij", weights, away, away)
         root = _wishart_root(np.linalg.inv(scatter), population.freedom + count, rng)
         precision = root @ root.transpose(0, 2, 1)
@@ -163,7 +163,7 @@ def sampled_population(
         away = chosen - mean[:, None]
         distance = np.einsum("cki,cij,ckj->ck", away, precision, away)
         weights = rng.gamma(0.5 * (TAILS + p), 2.0 / (TAILS + distance))
-        if turn >= left_out:
+        if turn > left_out and (turn - left_out) % THINNING == 0:
             values.append(mean + population.centre)
             covariances.append(np.asarray(np.linalg.inv(precision), float))
             stretch = np.sqrt(rng.gamma(0.5 * TAILS, 2.0 / TAILS, (CHAINS, 1)))

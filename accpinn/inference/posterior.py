@@ -50,7 +50,7 @@ LEAST_GAP: Seconds = 0.05
 """Least such time gap; draws below it are none of a car's."""
 STAGES = (150, 150, 150, 450)
 """Number of draws in each stage."""
-FURTHER = 8
+FURTHER = 20
 """Largest number of further stages, as large as the last one."""
 GRID, ROUGH = (0.3, 0.8, 1.4), 1e-2
 """Lags or delays in s of the parts of the first proposal, and the gain in log density that is worth
@@ -101,24 +101,24 @@ def sample(
     series: Series,
     maxima: Sequence[Maximum],
     form: Form = "cthp",
-    seed: int = 0,
+    seeds: Sequence[int] = (0,),
     *,
     held: Held = (),
     others: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[Posterior, ...]:
-    """Sample the posterior of each group.
+    """Sample the posterior of each group, whichever others there are.
 
     Args:
         series: the series of G groups.
         maxima: (G,) the maximum of each group.
         form: the form of the model.
-        seed: the seed of the draws.
+        seeds: (G,) of each group's draws.
         held: terms of the form that keep their values.
         others: the logarithms (n,) of a further factor of the density at draws (n, P), as what
             other cars say; enough draws count with it, too.
     """
     criterion = Criterion(series, form, held)
-    rng = np.random.default_rng(seed)
+    rngs = [np.random.default_rng(seed) for seed in seeds]
     means = (np.nanmean(series.measured[:, 1, series.members(g)]) for g in range(len(maxima)))
     speeds = [max(SLOWEST, float(mean)) for mean in means]
     least = criterion.lower[-1] if FOLLOWING[form].is_late else -np.inf
@@ -132,7 +132,7 @@ def sample(
         samplings.append(Sampling(first_proposal, criterion.size))
     wanted = list(range(len(maxima)))
     for stage, count in enumerate((*STAGES, *[STAGES[-1]] * FURTHER)):
-        drawn = [samplings[g].proposal.draw(count, rng) for g in wanted]
+        drawn = [samplings[g].proposal.draw(count, rngs[g]) for g in wanted]
         for w in drawn:
             w[:, fixed] = criterion.lower[fixed]  # a mean of equal values may round
         pairs = zip(wanted, drawn, strict=True)

@@ -90,7 +90,7 @@ def joint_posterior(
             estimates[row] = maximum.complete
             even = posterior.evenly(draws)
             drawn[row], log_likelihood[row] = features(model, even.coordinates), even.log_likelihood
-            told = posterior.under(_of_others(model, held, posterior.coordinates))
+            told = posterior.under(of_others(model, held, posterior.coordinates))
             likely[row] = features(model, told.evenly(draws).coordinates)
     else:
         law = Law(model, held)
@@ -115,9 +115,10 @@ def sampled(
     if not known:
         return ()
     maxima = joint_maxima(segments, case, model, known, held)
-    others = partial(_of_others, model, held)
-    posteriors = sample(series_of(segments, case, known), maxima, model, held=held, others=others)
+    others = partial(of_others, model, held)
     rows = [list(known)] if case == "I" else [[k] for k in known]
+    series, seeds = series_of(segments, case, known), [segments[0].vehicles[k[0] + 1] for k in rows]
+    posteriors = sample(series, maxima, model, seeds, held=held, others=others)
     return tuple(zip(rows, maxima, posteriors, strict=True))
 
 
@@ -151,7 +152,7 @@ def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
     return sampling.posterior.evenly(DRAWS).coordinates
 
 
-def _of_others(model: str, held: Held, z: FloatArray) -> FloatArray:
+def of_others(model: str, held: Held, z: FloatArray) -> FloatArray:
     """(n,) log of what other cars say of coordinates z (n, P), over the prior of a posterior."""
     phi = features(model, z)
     return log_prior_of_likely(model, phi, held) - log_prior(model, phi)

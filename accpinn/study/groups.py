@@ -27,7 +27,7 @@ from scipy.special import betainc
 from scipy.stats import multivariate_normal
 
 from accpinn.errors import ConfigError
-from accpinn.inference.answer import THINNING, Span, car_of
+from accpinn.inference.answer import Span, car_of
 from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import WITHIN, Car, population_of, sampled_population
 from accpinn.inference.posterior import AT_SPEED
@@ -282,7 +282,7 @@ def _together(cars: Sequence[Car], model: str) -> Car:
         .reshape(values.shape[:2])
     )
     sampled = sampled_population(values, prior, population.of_cars)
-    value, covariance, further = (part[::THINNING] for part in sampled)
+    value, covariance, further = sampled
     each = np.arange(len(value))
     deviations = np.array([car.further - car.value for car in cars])
     further = further + deviations[each % len(cars), each]

@@ -89,8 +89,7 @@ class _Shown:
         return self.answered.answer
 
 
-def show_page() -> None:
-    workspace = frame.begin("Compare")
+def show_page(workspace: Workspace) -> None:
     segment, task, rows = workspace.segment, workspace.comparison, workspace.compared
     if segment:  # that of the rows, also where another window was chosen for a training since
         segment = rows[0].segment if task and rows else workspace.compared_segment
@@ -106,7 +105,7 @@ def show_page() -> None:
     if segments("Compare", VIEWS, "methods", "compare_view", workspace) == "models":
         models.show_models(workspace, about)
         return
-    about.caption(frame.segment_line(segment, workspace.case))
+    about.caption(frame.segment_line(segment, workspace.asked.case))
     _controls(workspace, segment)
     if task:
         monitor(task, lambda running: _show(workspace, task, segment, running))
@@ -349,7 +348,7 @@ def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
     segment, follower, row = shown.segment, shown.follower, shown.row_of(PAPER)
     uncertainty = row.uncertainty
-    case, adequacy = shown.workspace.case, shown.workspace.adequacy
+    case, adequacy = shown.workspace.asked.case, shown.workspace.adequacy
     st.markdown(f"**{escape_markdown(registry.TITLES[row.fit.model])} in this window**")
     quality, duration = row.quality, row.facts.get("duration")
     warnings = identifiability(segment.info, quality, uncertainty, case, duration)

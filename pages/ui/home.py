@@ -22,7 +22,7 @@ from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import escape_markdown, tabs
-from pages.ui.data.sources import OPENING, drop_zone, find_run, open_sample
+from pages.ui.data.sources import OPENING, drop_zone, find_run, open_file
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample_title, samples
 from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
@@ -35,8 +35,7 @@ MARK, NEEDS = ":blue[:material/check_circle:]", ":gray[:material/database:]"
 """Computed here; needs a training."""
 
 
-def show_page() -> None:
-    workspace = frame.begin("")
+def show_page(workspace: Workspace) -> None:
     st.title("Learn a car's cruise control from a recorded drive", anchor=False)
     recent = recent_sessions(workspace.id)
     if workspace.recording or workspace.restored or recent:
@@ -135,10 +134,10 @@ def _ways_in(workspace: Workspace) -> None:
 def _train_sample(
     workspace: Workspace, path: Path, config: PinnConfig, case: Case | None = None
 ) -> None:
-    open_sample(workspace, path)
+    open_file(workspace, path)
     if not workspace.refusal:
         workspace.preset = config.preset
-        workspace.choose(case=case)
+        workspace.choose(case=case or workspace.asked.case)
         workspace.train(config)
 
 
@@ -155,7 +154,7 @@ def _show_samples(workspace: Workspace) -> None:
             st.caption(about.capitalize())
             _button(
                 workspace, "Open", frame.DATA, f"open_{path.stem}", width="stretch",
-                help="Page Data, with this sample.", act=partial(open_sample, workspace, path),
+                help="Page Data, with this sample.", act=partial(open_file, workspace, path),
             )  # fmt: skip
 
 
@@ -288,7 +287,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> No
 
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
-    open_sample(workspace, path)
+    open_file(workspace, path)
     if not workspace.refusal:
         workspace.train_starts(FAST)
 
@@ -300,7 +299,7 @@ def _open_run(
     if opening:
         opening()
         if not workspace.refusal:
-            workspace.choose(run.vehicles, run.window, run.case)
+            workspace.choose(run.window, vehicles=run.vehicles, case=run.case)
 
 
 def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
@@ -317,7 +316,7 @@ def _learned(
         return None  # the other platoon's run is not known
     if item.starts:
         task, recording, run = workspace.starts, workspace.recording, item.run
-        chosen = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        chosen = (workspace.asked.window, workspace.asked.vehicles) == (run.window, run.vehicles)
         is_same = recording is not None and run.is_of(recording) and chosen
         learned = [result.parameters[0] for result in task.results] if task and is_same else []
         return Parameters.stack(learned) if len(learned) == len(printed.vehicles) else None

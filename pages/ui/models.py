@@ -18,7 +18,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
 from pages.ui.components.show import KMH, escape_markdown, kept, pick_follower
-from pages.ui.session.workspace import MODEL, Workspace
+from pages.ui.session.workspace import Workspace
 
 LEAD = (
     "Which model does each car follow? Each is fitted to all windows but one by closed-loop"
@@ -109,7 +109,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
 def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     """Make the model that held-out windows clearly favour that of the answer."""
     best = {one.ranked[0].model.key for one in judged if one.is_clear}
-    if len(best) != 1 or best == {workspace.model} or not workspace.segment:
+    if len(best) != 1 or best == {workspace.asked.model} or not workspace.segment:
         return
     (key,) = best
     with st.container(horizontal=True, vertical_alignment="center"):
@@ -117,7 +117,7 @@ def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
             f"Take the {FOLLOWING[key].title} for the answer", key="models_take",
             icon=":material/swap_horiz:",
         ):  # fmt: skip
-            workspace.choices[MODEL] = key
+            workspace.choose_model(key)
             workspace.train(workspace.config)
             frame.go(frame.TRAIN, workspace)
         st.caption(

@@ -72,8 +72,7 @@ FIRST = {"sinusoid": "frequency", "step": "change", "brake": "drop"}
 """The setting of each disturbance that stands in the row; the others are one click away."""
 
 
-def show_page() -> None:
-    workspace = frame.begin("Platoon")
+def show_page(workspace: Workspace) -> None:
     source = choose_parameters(workspace, "platoon", LEAD)
     if source is None:
         return

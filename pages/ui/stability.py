@@ -46,8 +46,7 @@ NO_DATA = (
 )
 
 
-def show_page() -> None:
-    workspace = frame.begin("Stability")
+def show_page(workspace: Workspace) -> None:
     chosen = choose_parameters(workspace, "stability", LEAD)
     if chosen is None:
         return

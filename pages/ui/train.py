@@ -13,7 +13,7 @@ from accpinn.errors import ConfigError
 from accpinn.methods import least_squares
 from accpinn.methods.pinn.config import PRESETS, STARTS, PinnConfig
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import BEST, CTHPS, PAPER, TITLES, has_terms_of
+from accpinn.model.registry import CTHPS, PAPER, TITLES, has_terms_of
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.segment import Segment
 from accpinn.study.result import Result
@@ -25,7 +25,7 @@ from pages.ui.components.result import BANDS, banner, recording_needed, show_res
 from pages.ui.components.show import bound, escape_markdown, segments, select
 from pages.ui.data.views import show_validation
 from pages.ui.session.resources import segment_of, store
-from pages.ui.session.workspace import MODEL, Workspace
+from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import show_runs
 
 PRESET_LINES = {
@@ -98,8 +98,7 @@ OPTIONS: dict[str, tuple[str, float, str, str]] = {
 place in the setting where it has several numbers."""
 
 
-def show_page() -> None:
-    workspace = frame.begin("Train")
+def show_page(workspace: Workspace) -> None:
     _show_page(workspace)
     with st.container(key="later_3_runs"):
         show_runs(workspace)
@@ -113,7 +112,7 @@ def _show_page(workspace: Workspace) -> None:
     banner(workspace)
     if about := workspace.info:
         windows = result.analysis.windows if result else workspace.several_windows
-        st.caption(frame.segment_line(about, workspace.case, windows))
+        st.caption(frame.segment_line(about, workspace.asked.case, windows))
         show.not_acc(about)
     if segment:
         # On a narrow screen a result comes before what led to it, while a training can be stopped.
@@ -130,7 +129,7 @@ def _show_page(workspace: Workspace) -> None:
 
 def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
     """What is known of a training that runs; folded where the result before it stands below."""
-    training, recording, case = workspace.training, workspace.recording, workspace.case
+    training, recording, case = workspace.training, workspace.recording, workspace.asked.case
     history = training.history() if running and training else None
     if training is None or history is None or history.seconds[-1] <= FIRST_DRAWING:
         return
@@ -267,7 +266,8 @@ def _show_options(workspace: Workspace) -> None:
     changes = workspace.settings.setdefault(preset, {})
     settings = PRESETS[preset].to_json() | changes
     select(
-        "Model of the answer", TITLES, BEST, MODEL, workspace, width=380, help=MODEL_HELP,
+        "Model of the answer", TITLES, workspace.asked.model, "train_model", workspace.choose_model,
+        width=380, help=MODEL_HELP,
     )  # fmt: skip
     fields = {name: field for name, field in OPTIONS.items() if preset in field[2].split()}
     count = len(fields) + 1 + ("initial-0" in fields)

@@ -82,7 +82,7 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     maxima, series = joint_maxima((segment,), "II", "cthp-lag"), series_of([segment], "II")
     ends = []
     for seed in (2, 3):
-        (found,) = sample(series, maxima, "cthp-lag", seed)
+        (found,) = sample(series, maxima, "cthp-lag", (seed,))
         assert found.effective > 100
         ends.append(np.quantile(found.evenly(1000).coordinates[:, [0, -1]], (0.05, 0.95), axis=0))
     assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()

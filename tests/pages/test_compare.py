@@ -95,7 +95,10 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     assert {row.analysis.method for row in session.earlier} == {*methods}
     assert session.earlier[0].parameters == before.parameters
 
-    finished(session, tuple(compare(session.analysis(), session.recording, ("least-squares",))))
+    finished(
+        session,
+        tuple(compare(session.analysis(session.config), session.recording, ("least-squares",))),
+    )
     page = open_page("Compare", session)
     assert "0–60 s → 10–60 s" in page.everything()
     page.open_tab("compare_tabs", "Summary")
@@ -106,7 +109,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
 
 def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) -> None:
     fault = SegmentError("Too little is left of the window; choose a longer one.")
-    row, asked, failing = answer(session), session.analysis(), ("splines", "particle")
+    row, asked, failing = answer(session), session.analysis(session.config), ("splines", "particle")
     finished(session, [
         Refused(asked.with_method(name), fault) if name in failing else row for name in METHODS
     ])  # fmt: skip
@@ -163,7 +166,7 @@ def test_earlier_fits_are_bounded_and_shown_without_a_comparison(session: Worksp
 def test_a_training_with_other_settings_has_a_row_of_its_own(session: Workspace) -> None:
     session.comparison = Task(session.id, "comparison", lambda context: iter(()))
     session.comparison.results = tuple(
-        compare(session.analysis(), session.recording, ("least-squares",))
+        compare(session.analysis(session.config), session.recording, ("least-squares",))
     )
     assert len(session.compared_with_training()) == 1
     session.train(replace(FAST, iterations=60))

@@ -145,7 +145,7 @@ def test_a_row_opens_its_window(study: Path, monkeypatch: pytest.MonkeyPatch) ->
     page.press("database_open")
     assert "Preview of the window" in page.texts(), "this is page Data"
     assert session.recording.source == "mine.csv"
-    assert (session.vehicles, session.window) == ((1, 2, 3), Window(10.0, 70.0))
+    assert (session.asked.vehicles, session.asked.window) == ((1, 2, 3), Window(10.0, 70.0))
     assert session.segment is not None
     # One that the browser still reports is not chosen among others.
     page = opened().open_tab("database_tabs", "All rows")

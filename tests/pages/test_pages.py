@@ -34,7 +34,7 @@ from pages.ui.session.resources import (
     store,
     windows_in_car_following,
 )
-from pages.ui.session.workspace import ALL_WINDOWS, MODEL, WINDOWS_OFF, Workspace
+from pages.ui.session.workspace import ALL_WINDOWS, WINDOWS_OFF, Workspace
 from tests.support.apptest import (
     PAGES,
     WAIT,
@@ -109,7 +109,7 @@ def test_with_a_result_drawn_again_and_with_a_window_that_cannot_be_used(title: 
 def test_one_click_on_home_trains_a_sample() -> None:
     session = open_page("Home").press("Train a sample now").workspace()
     asked, recording = session.training.analysis, files.read(FIRST_SAMPLE)
-    windows = windows_in_car_following(recording, session.vehicles) or (session.window,)
+    windows = windows_in_car_following(recording, session.asked.vehicles) or (session.asked.window,)
     assert (asked.config, asked.windows) == (CALIBRATED, windows)
     assert session.true_parameters == load_truth(truth_path(FIRST_SAMPLE)).parameters
     stop_tasks(session)
@@ -142,7 +142,7 @@ def test_a_run_of_the_paper_is_opened_with_its_window(
     monkeypatch.setenv("ACCPINN_RECORDINGS", str(openacc_dir))
     page = open_page("Home").open_tab("home_tabs", "Reproduce the paper")
     session = page.press("home_TableII_run").workspace()
-    assert (session.window, session.case) == (Window(320.0, 620.0), "I")
+    assert (session.asked.window, session.asked.case) == (Window(320.0, 620.0), "I")
     assert session.recording.source == "ASta_040719_platoon5.csv"
     answer(session, "I")
     page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
@@ -158,7 +158,7 @@ def test_a_file_of_another_campaign_is_no_run_of_the_paper(
     run = replace(recording(frame(3001), "AB"), source="part7.csv")
     for campaign, is_run in (("JRC low speed", False), ("Casale", True)):
         session = with_recording(replace(run, campaign=campaign))
-        session.choose(CASALE_RUN.vehicles, CASALE_RUN.window)
+        session.choose(CASALE_RUN.window, vehicles=CASALE_RUN.vehicles)
         answer(session)
         assert bool(runs_of(session, CASALE_RUN)) is is_run
         assert not runs_of(session, replace(CASALE_RUN, vehicles=(2, 3))), "of other vehicles"
@@ -182,7 +182,8 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
     session.choices[ALL_WINDOWS] = True
     assert session.several_windows
     page.sound().press("data_papers")
-    assert (session.vehicles, session.window) == (CASALE_RUN.vehicles, CASALE_RUN.window)
+    asked = session.asked
+    assert (asked.vehicles, asked.window) == (CASALE_RUN.vehicles, CASALE_RUN.window)
     assert not session.several_windows
     assert page.button(key="data_papers").disabled
     page = open_page("Data").upload("part7.csv", csv(platoon()))
@@ -212,10 +213,10 @@ def test_a_sample_is_opened_its_window_moved_by_slider_field_and_suggestion_and_
         ("data_ends", (50.0, 55.0), Window(60.0, 160.0)),  # too short for a window
     ):
         page.choose(key, value)
-        assert session.window == window
+        assert session.asked.window == window
     assert page.texts() != before
     page.press("data_suggested")
-    assert session.window == Window(30.0, 330.0)
+    assert session.asked.window == Window(30.0, 330.0)
     assert page.figures()[0]["layout"]["shapes"][0]["x0"] == 30.0
     assert page.button(key="data_suggested").disabled
     page.choose("data_view", "relative")
@@ -276,20 +277,20 @@ def test_vehicles_and_case_are_chosen_and_the_button_names_what_it_trains() -> N
     session.preset = "paper"
     page = open_page("Data", session)
     page.segmented_control(key="data_case").set_value("I").run()
-    assert session.case == "I"
+    assert session.asked.case == "I"
     lasts = METHODS["pinn"].expected_seconds(session.segment, preset("paper"))
     label = page.button(key="data_train").label
     assert all(part in label for part in ("paper preset", "Case I", format_duration(lasts)))
     leader, last, *_ = page.selectbox
     leader.set_value(3).run()
-    assert session.vehicles == (3, 4, 5)
+    assert session.asked.vehicles == (3, 4, 5)
     last.set_value(4).run()
-    assert session.vehicles == (3, 4)
+    assert session.asked.vehicles == (3, 4)
     assert not any(box.key == "data_case" for box in page.segmented_control)
     assert session.true_parameters.alpha.tolist() == [0.0766]
     session.choose(case="I")
     session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
-    assert session.case == "II", "a new recording has the default"
+    assert session.asked.case == "II", "a new recording has the default"
 
 
 def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened() -> None:
@@ -369,21 +370,20 @@ def test_the_length_that_is_shown_rounded_is_accepted() -> None:
 
 
 def test_dragging_over_the_chart() -> None:
-    assert window_of({"selection": {"box": []}}, recording()) is None
     for ends, expected in (
         ((10.04, 30.06), Window(10.0, 30.1)),
         ((30.06, 10.04), Window(10.0, 30.1)),
         ((-20.0, 500.0), Window(0.0, 39.9)),
         ((10.0, 12.0), None),
     ):
-        assert window_of({"selection": {"box": [{"x": [*ends]}]}}, recording()) == expected
+        assert window_of(ends, recording()) == expected
 
 
 def test_the_first_window_avoids_holes() -> None:
     frame = platoon(samples=4000)
     frame.loc[500:599, ["Speed2", "IVS1", "IVS2"]] = np.nan
     session = with_recording(recording(frame))
-    assert session.window == Window(60.0, 360.0)
+    assert session.asked.window == Window(60.0, 360.0)
     assert session.segment is not None
 
 
@@ -439,7 +439,8 @@ def test_train_opens_with_the_answer_and_labels_the_papers_estimates() -> None:
 
 def test_a_training_of_another_model_shows_its_own_parameters() -> None:
     session = with_pair()
-    session.choices[MODEL], session.preset = "idm", "fast"
+    session.choose_model("idm")
+    session.preset = "fast"
     session.settings["fast"] = {"iterations": 20}
     page = open_page("Train", session)
     page.press("Start training")
@@ -538,12 +539,12 @@ def test_options_are_refused_reach_the_training_and_survive_a_visit_elsewhere() 
 
 def test_an_answer_by_another_model_needs_no_second_training_holds_at_a_speed_and_is_kept() -> None:
     session = with_pair()
-    assert session.analysis().model == BEST
+    assert session.analysis(session.config).model == BEST
     assert session.preset == "calibrated", "which estimates a CTHP whatever the answer's model"
     open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
     weights = session.result.fit.arrays
-    open_page("Train", session).choose("train_options", True).choose(MODEL, "idm")
+    open_page("Train", session).choose("train_options", True).choose("train_model", "idm")
     open_page("Train", session).press("Start training")
     assert session.training.wait(WAIT)
     result = session.result
@@ -558,7 +559,7 @@ def test_an_answer_by_another_model_needs_no_second_training_holds_at_a_speed_an
         open_page(title, session)
     other = sessions.workspaces().new()
     other.restore(result)
-    assert other.analysis().model == "idm"
+    assert other.analysis(other.config).model == "idm"
 
 
 # What the pages stand on
@@ -596,10 +597,10 @@ def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_thei
     session.open(files.read(PLATOON))
     assert (session.result, session.recording) == (result, recording)
     page = open_page("Data", session).choose("data_start", 100.0)
-    assert (session.window, session.result) == (Window(100.0, 160.0), None)
+    assert (session.asked.window, session.result) == (Window(100.0, 160.0), None)
     page.press("data_undo")
-    assert (session.window, session.result) == (Window(0.0, 60.0), result)
-    assert session.vehicles == (2, 3, 4, 5)
+    assert (session.asked.window, session.result) == (Window(0.0, 60.0), result)
+    assert session.asked.vehicles == (2, 3, 4, 5)
     for _ in range(len(session.steps)):
         page.press("data_undo")
     assert page.button(key="data_undo").disabled
@@ -611,7 +612,7 @@ def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -
     assert session.steps
     session.restore(answer(with_recording(recording())))
     assert session.steps == ()
-    assert session.vehicles == (1, 2, 3), "as the recording was opened"
+    assert session.asked.vehicles == (1, 2, 3), "as the recording was opened"
 
 
 def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(

@@ -117,6 +117,7 @@ class TestDeletion:
         own = page.workspace()
         source = fitted()
         own.recording, own.segment, own.training = source.recording, source.segment, source.training
+        own.asked = source.asked
         page.run().press("Save")
         assert self.delete_key() in open_page("Snapshots", user=ANN).buttons, "in another session"
         assert self.delete_key() not in open_page("Snapshots", user=BOB).buttons
@@ -207,7 +208,7 @@ def test_a_run_survives_another_recording_and_is_restored() -> None:
     page = open_page("Home", session).press(f"home_runs_open_{run.id}")
     assert session.result.parameters == before
     assert session.recording.source == PLATOON.name, "a sample is opened again"
-    assert session.window == Window(0.0, 60.0)
+    assert session.asked.window == Window(0.0, 60.0)
     assert not page.error
     assert f"snapshot={run.id}" not in page.texts()
 
@@ -216,8 +217,8 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     session = open_page("Train", session=fitted().id).workspace()
     sessions.workspaces.clear()
     again = open_page("Stability", session=session.id).workspace()
-    assert (again.recording.source, again.window) == (PLATOON.name, Window(0.0, 60.0))
-    assert again.vehicles == session.vehicles
+    assert (again.recording.source, again.asked.window) == (PLATOON.name, Window(0.0, 60.0))
+    assert again.asked.vehicles == session.asked.vehicles
     assert again.result.parameters == session.result.parameters
     assert again.segment.info == session.segment.info
 
@@ -227,7 +228,7 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
     place.parent.mkdir(parents=True)
     place.write_bytes(raw)
     again.open(read(raw, "mine.csv"))
-    again.choose((2, 3), Window(20.0, 70.0), "I")
+    again.choose(Window(20.0, 70.0), vehicles=(2, 3), case="I")
     open_page("Data", session=session.id)
     for _ in range(2):
         sessions.workspaces.clear()
@@ -236,7 +237,11 @@ def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:
             assert again.awaited.source.name == "mine.csv"
             again.open(read(raw, "mine.csv"))
         assert again.awaited is None
-        assert (again.window, again.vehicles, again.case) == (Window(20.0, 70.0), (2, 3), "I")
+        assert (again.asked.window, again.asked.vehicles, again.asked.case) == (
+            Window(20.0, 70.0),
+            (2, 3),
+            "I",
+        )
         place.unlink(missing_ok=True)
 
 
@@ -248,7 +253,7 @@ def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() 
     windows = session.several_windows
     assert len(windows) > 1
     assert f"Train on {len(windows)} windows" in page.button(key="data_train").label
-    assert session.training_analysis(FAST).windows == (session.window,)
+    assert session.training_analysis(FAST).windows == (session.asked.window,)
     session.train(CALIBRATED)
     assert session.training.wait(WAIT)
     assert session.result.analysis.windows == windows

@@ -200,8 +200,8 @@ def answer(session: Workspace, case: Case = "II", **changes: Any) -> Result:
         changes: of the fit.
     """
     assert session.segment
-    session.case = case
-    asked = session.analysis()
+    session.asked = replace(session.asked, case=case)
+    asked = session.analysis(session.config)
     assert asked
     fit = replace(least_squares.fit(session.segment, case), **changes)
     asked = asked.with_method("least-squares")

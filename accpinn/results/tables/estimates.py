@@ -227,8 +227,9 @@ def intervals_table(result: Result) -> Table:
     kind = "Closed-loop simulation" if centre.own.size else "Maximum likelihood"
     estimates = parameter_cells(centre, kind, known=uncertainty)
     filled = (*estimates, *probability_cells(uncertainty))
+    model = FOLLOWING[result.fit.model].title
     return Table.of(
-        f"Uncertainty, {where(info, windows=result.infos)}",
+        f"Uncertainty under the {model}, {where(info, windows=result.infos)}",
         [
             (Column("Follower"), row_labels(info, numbers)),
             *((column, [*cells][: len(numbers)]) for column, cells in filled),

@@ -62,7 +62,17 @@ _STATUS = {
 }
 
 
-def begin(title: str) -> Workspace:
+def draw_page(title: str, draw: Callable[[Workspace], None]) -> None:
+    """Draw a page; of a fault of the program it says one sentence, and leads back."""
+    try:
+        draw(_begin(title))
+    except Exception:
+        st.html("<style>[data-testid=stException] { display: none; }</style>")
+        _say_failed("on this page", current())
+        raise  # the server's log has it
+
+
+def _begin(title: str) -> Workspace:
     """Set up a page; everything on it comes after this."""
     st.set_page_config(
         page_title=f"{title} · accpinn" if title else "accpinn",
@@ -98,16 +108,6 @@ def begin(title: str) -> Workspace:
     if st.session_state.pop(CALLBACK_FAILED, False):
         _say_failed("at this step", workspace)
     return workspace
-
-
-def guarded(show_page: Callable[[], None]) -> None:
-    """Draw a page; of a fault of the program it says one sentence, and leads back."""
-    try:
-        show_page()
-    except Exception:
-        st.html("<style>[data-testid=stException] { display: none; }</style>")
-        _say_failed("on this page", current())
-        raise  # the server's log has it
 
 
 def _say_failed(where: str, workspace: Workspace) -> None:
@@ -209,7 +209,7 @@ def session_state(workspace: Workspace) -> list[str]:
     if restored and restored.id:
         lines.insert(0, f"**Snapshot** {escape_markdown(restored.name[:60] or restored.id)}")
     if info := workspace.info:
-        case = f", Case {workspace.case}" if info.followers > 1 else ""
+        case = f", Case {workspace.asked.case}" if info.followers > 1 else ""
         vehicles = f"vehicles {info.vehicles[0]}–{info.vehicles[-1]}"
         windows = workspace.several_windows
         if restored and not recording:

@@ -19,9 +19,9 @@ from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, segments, select
 from pages.ui.session.resources import library, opened
-from pages.ui.session.workspace import Source, Workspace
+from pages.ui.session.workspace import ParameterSource, Workspace
 
-SOURCES: dict[Source, str] = {
+SOURCES: dict[ParameterSource, str] = {
     "fit": "Answer",
     "published": "Published",
     "snapshot": "Snapshot",
@@ -52,7 +52,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
         source = "fit"
     choices = workspace.choices
 
-    def turn_to(new: Source) -> None:
+    def turn_to(new: ParameterSource) -> None:
         """The first rows by hand are a copy of what was shown."""
         if new == "hand" and not choices.get(ROWS):
             shown = parameters_from(workspace, source, entries)
@@ -121,7 +121,7 @@ def _empty_state(workspace: Workspace, page: str) -> None:
 
 
 def parameters_from(
-    workspace: Workspace, source: Source, entries: tuple[Entry, ...]
+    workspace: Workspace, source: ParameterSource, entries: tuple[Entry, ...]
 ) -> KnownVehicles | None:
     """The parameters that a source holds now; None for the fit where there is none.
 

@@ -136,7 +136,7 @@ def _choose_windows(workspace: Workspace) -> None:
     """Windows switched off and on; the next training takes those that are on."""
     if not (workspace.recording and workspace.several_windows):
         return
-    every = windows_in_car_following(workspace.recording, workspace.vehicles)
+    every = windows_in_car_following(workspace.recording, workspace.asked.vehicles)
     starts = {window.start: str(window) for window in every}
     off = workspace.choices.get(WINDOWS_OFF, ())
 

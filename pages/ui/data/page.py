@@ -3,7 +3,7 @@
 The parts below the timeline are in `pages.ui.data.views`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import takewhile
 from math import ceil
@@ -59,8 +59,7 @@ _STYLE = f"""<style>
 </style>"""
 
 
-def show_page() -> None:
-    workspace = frame.begin("Data")
+def show_page(workspace: Workspace) -> None:
     st.html(_STYLE)
     recording = workspace.recording
     if recording is None:
@@ -77,7 +76,7 @@ def show_page() -> None:
     with other:
         _choose_another(workspace)
     banner(workspace)
-    whole, regimes, information = whole_drive(recording, workspace.vehicles)
+    whole, regimes, information = whole_drive(recording, workspace.asked.vehicles)
     with st.container(key="later_1_data"):
         _controls(workspace, recording, information)
     _show_overview(workspace, recording, whole, regimes)
@@ -122,14 +121,14 @@ def _describe(recording: Recording) -> str:
 
 
 def _controls(workspace: Workspace, recording: Recording, information: Information) -> None:
-    has_cases = len(workspace.vehicles) > 2
+    has_cases = len(workspace.asked.vehicles) > 2
     widths = (1.3, 1.3, *((1.1,) if has_cases else ()), 1.12, 0.95, 1.4)
     columns = st.columns(widths, gap="small", vertical_alignment="bottom")
     _choose_vehicles(workspace, recording, columns[:2])
     if has_cases:
         with columns[2]:
             segments(
-                "Case", {"I": "I: shared", "II": "II: own"}, workspace.case, "data_case",
+                "Case", {"I": "I: shared", "II": "II: own"}, workspace.asked.case, "data_case",
                 lambda case: workspace.choose(case=case), labelled=True,
                 help="  \n".join(CASES.values()),
             )  # fmt: skip
@@ -145,13 +144,15 @@ def _choose_vehicles(workspace: Workspace, recording: Recording, columns: list[A
         for chain in chains(recording)
         for position, leader in enumerate(chain[:-1])
     }
-    first, *_, end = workspace.vehicles
+    first, *_, end = workspace.asked.vehicles
     # Another recording gets widgets of its own: the same ones would show the former names.
     leader_key, last_key = (f"data_{place}_{recording.sha256[:12]}" for place in ("leader", "last"))
 
     def choose(leader: int, last: int) -> None:
         workspace.choices["data_highlight"] = 0
-        workspace.choose(tuple(takewhile(lambda vehicle: vehicle <= last, possible[leader])))
+        workspace.choose(
+            vehicles=tuple(takewhile(lambda vehicle: vehicle <= last, possible[leader]))
+        )
 
     leaders = {number: recording.label(number) for number in possible}
     select(
@@ -170,16 +171,16 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
         workspace.choose(window=Window(start, start + length))
 
     # The state, not a widget, has the other number: after a change elsewhere keys are new.
-    now = workspace.window
+    now = workspace.asked.window
     labels = ("Window starts at [s]", "and lasts [s]")
     if workspace.several_windows:
         labels = ("Or one window from [s]", "that lasts [s]")
     fields = (
         (labels[0], "data_start", now.start, recording.duration,
-         lambda start: choose(start, workspace.window.duration),
+         lambda start: choose(start, workspace.asked.window.duration),
          "In the recording's time, from its first sample."),
         (labels[1], "data_length", now.duration, float(ceil(recording.duration)),
-         lambda length: choose(workspace.window.start, length),
+         lambda length: choose(workspace.asked.window.start, length),
          "300 s are usual; a longer window narrows the intervals."),
     )  # fmt: skip
     for column, (label, key, value, most, moved, help_text) in zip(columns, fields, strict=True):
@@ -191,14 +192,14 @@ def _choose_window(workspace: Workspace, recording: Recording, columns: list[Any
 
 def _suggest(workspace: Workspace, recording: Recording, information: Information) -> None:
     """The window that tells most, why, and the button that takes it."""
-    suggestion = suggest_window(recording, workspace.vehicles, information)
+    suggestion = suggest_window(recording, workspace.asked.vehicles, information)
     if suggestion is None:
         st.button(
             "Suggest a window", icon=":material/lightbulb:", disabled=True, width="stretch",
             help="No stretch is complete with every follower in car-following.",
         )  # fmt: skip
         return
-    taken = suggestion.window == workspace.window
+    taken = suggestion.window == workspace.asked.window
     name = "Best" if workspace.several_windows else "Suggested"
     label = "As suggested" if taken else f"{name}: {suggestion.window}"
     with st.popover(
@@ -222,7 +223,7 @@ def _show_overview(
     workspace: Workspace, recording: Recording, whole: Segment, regimes: Regimes
 ) -> None:
     """The whole recording over time; dragging over it, or the handles below, set the window."""
-    (leader, *followers), highlight = workspace.vehicles, 0
+    (leader, *followers), highlight = workspace.asked.vehicles, 0
     with st.container(horizontal=True, vertical_alignment="center"):
         view = segments(
             "Drawn", VIEWS, "motion", "data_view", workspace,
@@ -244,17 +245,21 @@ def _show_overview(
         )  # fmt: skip
 
     def dragged() -> None:
-        if window := window_of(st.session_state[CHART], recording):
-            workspace.choose(window=window)
+        for box in st.session_state[CHART]["selection"]["box"][-1:]:
+            take(box["x"])
 
-    drivers = figures.driver_ribbons(recording, workspace.vehicles)
+    def take(ends: Sequence[float]) -> None:
+        if window := window_of(ends, recording):
+            workspace.choose(window)
+
+    drivers = figures.driver_ribbons(recording, workspace.asked.vehicles)
     driving = figures.regime_ribbons(whole, regimes)
     figure = figures.overview(
-        recording, workspace.vehicles, workspace.window, (drivers, driving), view, highlight,
-        workspace.several_windows,
+        recording, workspace.asked.vehicles, workspace.asked.window, (drivers, driving), view,
+        highlight, workspace.several_windows,
     )  # fmt: skip
     show.chart(figure, CHART, TOOLS, on_select=dragged, selection_mode="box")
-    _handles(workspace, recording)
+    _handles(workspace, recording, take)
     with st.container(horizontal=True, vertical_alignment="center", gap="large"):
         if drivers:
             show.key(figures.strip_key(drivers).items(), title="Upper bars, driver:")
@@ -269,11 +274,11 @@ def _offer_papers_window(workspace: Workspace, recording: Recording) -> None:
     """The window and vehicles that the paper took, where the recording is one of the paper's."""
 
     def choose(run: PrintedRun) -> None:
-        workspace.choose(run.vehicles, run.window)
+        workspace.choose(run.window, vehicles=run.vehicles)
         workspace.choices[ALL_WINDOWS] = False
 
     for run in (run for run in RUNS if run.is_of(recording)):
-        same = (workspace.window, workspace.vehicles) == (run.window, run.vehicles)
+        same = (workspace.asked.window, workspace.asked.vehicles) == (run.window, run.vehicles)
         taken = same and not workspace.several_windows
         st.button(
             f"The paper's window: {run.window}", icon=":material/article:", key="data_papers",
@@ -287,37 +292,27 @@ def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> Non
     for vehicle in recording.present:
         role = " (leader)" if vehicle == leader else ""
         entries.append((recording.label(vehicle) + role, vehicle_colour(vehicle, leader)))
-        if vehicle not in workspace.vehicles:
+        if vehicle not in workspace.asked.vehicles:
             faint.add(recording.label(vehicle))
     show.key(entries, faint)
 
 
-def _handles(workspace: Workspace, recording: Recording) -> None:
+def _handles(
+    workspace: Workspace, recording: Recording, take: Callable[[Sequence[float]], None]
+) -> None:
     """The window's two ends, below the axis of time."""
-    most = max(recording.duration, workspace.window.end)
-
-    def moved(ends: tuple[float, float]) -> None:
-        start, end = (round(value, 1) for value in ends)
-        if end - start >= MINIMUM_DURATION:
-            workspace.choose(window=Window(start, end))
-
+    window = workspace.asked.window
     with st.container(key="data_handles"):
         st.slider(
-            "Window [s]; drag an end, or drag over the chart", min_value=0.0, max_value=most,
-            step=0.1, format="%.1f s", label_visibility="collapsed",
-            **bound("data_ends", (workspace.window.start, workspace.window.end), moved),
+            "Window [s]; drag an end, or drag over the chart", min_value=0.0,
+            max_value=max(recording.duration, window.end), step=0.1, format="%.1f s",
+            label_visibility="collapsed", **bound("data_ends", (window.start, window.end), take),
         )  # fmt: skip
 
 
-def window_of(
-    event: Mapping[str, Mapping[str, list[dict[str, list[float]]]]], recording: Recording
-) -> Window | None:
-    """The window that a drag over the chart marks; None for a click or a slip of the hand."""
-    boxes = event["selection"]["box"]
-    if not boxes:
-        return None
-    low, high = (min(max(float(x), 0.0), recording.duration) for x in sorted(boxes[-1]["x"]))
-    start, end = round(low, 1), round(high, 1)
+def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
+    """The window between two instants of a recording; None for a slip of the hand."""
+    start, end = (round(min(max(x, 0.0), recording.duration), 1) for x in sorted(ends))
     return Window(start, end) if end - start >= MINIMUM_DURATION else None
 
 
@@ -330,7 +325,7 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
         show.messages(workspace.fault, "error")
     else:
         several = [
-            segment_of(recording, window, workspace.vehicles, workspace.excluded)
+            segment_of(recording, window, workspace.asked.vehicles, workspace.asked.excluded)
             for window in workspace.several_windows
         ]
         ratings = rated(recording, (*several,) or (segment,))
@@ -354,7 +349,7 @@ def _answer(workspace: Workspace, recording: Recording) -> None:
 
 def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
     """Whether to train on all windows in car-following, where there are several."""
-    count = len(windows_in_car_following(recording, workspace.vehicles))
+    count = len(windows_in_car_following(recording, workspace.asked.vehicles))
     if count and workspace.preset == "calibrated":
         every = "both" if count == 2 else f"all {count}"
         st.toggle(
@@ -373,7 +368,7 @@ def _train_button(workspace: Workspace) -> None:
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:
-        parts.append(f"Case {workspace.case}")
+        parts.append(f"Case {workspace.asked.case}")
     with suppress(ConfigError):  # the Train page shows what is wrong with a setting
         config = workspace.config
     if segment and config:

@@ -44,22 +44,14 @@ def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], Non
     named = [path for path in resources.listed() if path.name == file]
     paths = [path for path in named if others.isdisjoint(path.parts)]
     path = min(paths, key=lambda path: campaign not in path.parts, default=None)
-    return (lambda: open_file(workspace, path, path.name)) if path else None
+    return (lambda: open_file(workspace, path)) if path else None
 
 
-def open_sample(workspace: Workspace, path: Path) -> None:
-    """Open a sample; if that fails, keep what was open and say why."""
-    workspace.pending = None
-    try:
-        workspace.open(files.read(path))
-    except AccpinnError as fault:
-        workspace.refusal = str(fault)
-    else:
-        st.session_state[OPENING] = False
+def open_file(workspace: Workspace, source: bytes | Path, name: str | None = None) -> None:
+    """Open a file, or keep it pending with what it asks for; if that fails, say why.
 
-
-def open_file(workspace: Workspace, source: bytes | Path, name: str) -> None:
-    """Open a file, or keep it pending with what it asks for; if that fails, say why."""
+    What was open before then stays. A path has a name of its own.
+    """
     workspace.pending = None
     try:
         file = files.opened(source, name)
@@ -197,7 +189,7 @@ def _choose_sample(workspace: Workspace) -> None:
     st.caption(escape_markdown(about or ""))
     st.button(
         "Open this sample", type="secondary" if workspace.recording else "primary",
-        on_click=open_sample, args=(workspace, path),
+        on_click=open_file, args=(workspace, path),
     )  # fmt: skip
 
 
@@ -217,9 +209,7 @@ def _choose_file(workspace: Workspace, root: Path) -> None:
         help=f"The folder that `{variable('recordings')}` names, with its subfolders.",
     )  # fmt: skip
     if path:
-        st.button(
-            "Open this recording", on_click=open_file, args=(workspace, path, path.name)
-        )  # fmt: skip
+        st.button("Open this recording", on_click=open_file, args=(workspace, path))
 
 
 def _choose_published(workspace: Workspace, root: Path) -> None:
@@ -239,9 +229,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
         poll(task, lambda _: show_bar(task, _told))
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
-        st.button(
-            "Open this run", on_click=open_file, args=(workspace, run.path(root), run.file)
-        )  # fmt: skip
+        st.button("Open this run", on_click=open_file, args=(workspace, run.path(root)))
     elif run is not None:
         latest = task.status if task and task.names == (run.key,) else None
         if task and latest is Status.FAILED:

@@ -41,7 +41,7 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         st.caption("The window cannot be used yet.")
         return
     quality = assess_quality(segment)
-    estimate = least_squares.fit(segment, workspace.case)
+    estimate = least_squares.fit(segment, workspace.asked.case)
     st.markdown(f"**Preview of the window {segment.window}**")
     if workspace.recording is None:
         show.not_acc(segment)
@@ -96,13 +96,13 @@ def show_about(recording: Recording) -> None:
 
 def show_regimes(workspace: Workspace, recording: Recording) -> None:
     """Shares, the user's choice, and on request the sensitivity of the estimates to it."""
-    window = workspace.window
+    window = workspace.asked.window
     try:  # with all its instants, whatever is left out now
-        segment = cut(recording, window.start, window.duration, workspace.vehicles)
+        segment = cut(recording, window.start, window.duration, workspace.asked.vehicles)
     except SegmentError:
         st.caption("The window cannot be used yet.")
         return
-    regimes, excluded = label_regimes(segment, recording), workspace.excluded
+    regimes, excluded = label_regimes(segment, recording), workspace.asked.excluded
     table = tables.regimes_table(segment.info, regimes)
     show.table(table)
     if not any(regimes.mode_known):
@@ -113,7 +113,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
         for name in EXCLUDABLE:
 
             def ticked(on: bool, name: str = name) -> None:
-                left_out = {*workspace.excluded} - {name} | ({name} if on else set())
+                left_out = {*workspace.asked.excluded} - {name} | ({name} if on else set())
                 workspace.choose(excluded=tuple(n for n in EXCLUDABLE if n in left_out))
 
             shown = bound(f"data_exclude_{name}", name in excluded, ticked)
@@ -134,7 +134,7 @@ def show_regimes(workspace: Workspace, recording: Recording) -> None:
 
 def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recording) -> None:
     with st.spinner("Estimating with and without them …"):
-        results = _sensitivity(segment, recording, workspace.case)
+        results = _sensitivity(segment, recording, workspace.asked.case)
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
@@ -164,7 +164,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         place=columns[0], help="This one, or another that was opened in this session.",
     )  # fmt: skip
     chosen = known[sha256]
-    followers = len(workspace.vehicles) - 1
+    followers = len(workspace.asked.vehicles) - 1
     platoons = {
         chain[k]: chain[k : k + followers + 1]
         for chain in chains(chosen)
@@ -173,7 +173,7 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     if not platoons:
         st.caption(f"{names[sha256]} has no platoon with {followers} followers.")
         return
-    same = workspace.vehicles[0]
+    same = workspace.asked.vehicles[0]
     leader = columns[1].selectbox(
         "Leader there", list(platoons), index=list(platoons).index(same) if same in platoons else 0,
         format_func=chosen.label, key=f"data_validation_leader_{chosen.sha256[:12]}",
@@ -195,8 +195,8 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
                 " Train, tab Windows, or open another recording of these vehicles."
             )
     stretches = complete_windows(chosen, vehicles, learned)
-    first = spare[0] if spare else first_window(chosen, stretches, workspace.window.duration)
-    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.window}"
+    first = spare[0] if spare else first_window(chosen, stretches, workspace.asked.window.duration)
+    key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.asked.window}"
     start = columns[2].number_input(
         "Starts at [s]", 0.0, chosen.duration, first.start, 10.0, format="%.1f",
         key=f"data_validation_start_{key}", help="In that recording's time.",
@@ -226,7 +226,7 @@ def _learned(workspace: Workspace) -> tuple[Window, ...]:
     """The windows that the result was learned from, or the next one will be."""
     if workspace.result:
         return tuple(info.window for info in workspace.result.infos)
-    return workspace.several_windows or (workspace.window,)
+    return workspace.several_windows or (workspace.asked.window,)
 
 
 def _upload(workspace: Workspace) -> None:

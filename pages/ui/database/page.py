@@ -85,8 +85,7 @@ class ShownRows:
     forest: go.Figure
 
 
-def show_page() -> None:
-    workspace = frame.begin("Database")
+def show_page(workspace: Workspace) -> None:
     _follow_link(workspace)
     # Of a batch that waits nothing may be written yet.
     active = batch_queue().active_owners("batch")

@@ -297,7 +297,7 @@ def resume(workspace: Workspace, document: bytes) -> None:
             held = found.analysis.held if asked.model == found.analysis.model else asked.held
             same = replace(found.analysis, model=asked.model, held=held)
             workspace.restore(found.under(same))
-        workspace.take_settings(asked)
+        workspace.take(asked)
         workspace.awaited = asked
         source = asked.source
         workspace.open(find_recording(source.name, source.sha256, source.trajectory))

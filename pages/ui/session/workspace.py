@@ -10,13 +10,13 @@ from accpinn.errors import ConfigError, SegmentError, SnapshotError
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.methods.pinn.config import PRESETS, PinnConfig, PresetName
 from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import BEST, following_model
+from accpinn.model.cthp import Parameters
+from accpinn.model.registry import BEST
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.files import File
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.segment.cut import DURATION, complete_windows, default_vehicles, first_window
-from accpinn.study import Analysis
+from accpinn.study import Analysis, Source
 from accpinn.study.comparison import Refused
 from accpinn.study.judge import Judgement, Subject
 from accpinn.study.result import Result
@@ -31,9 +31,7 @@ from accpinn.tasks import (
 )
 from pages.ui.session import resources
 
-DEFAULT_CASE: Case = "II"
-"""Each follower with parameters of its own, as different cars have."""
-Source = Literal["fit", "published", "snapshot", "hand"]
+ParameterSource = Literal["fit", "published", "snapshot", "hand"]
 """Where the α, β and τ on pages Stability and Platoon are from."""
 OF_VEHICLES = (
     "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
@@ -44,13 +42,13 @@ ALL_WINDOWS = "data_all_windows"
 """The choice to train on all windows in car-following, which a window chosen by hand ends."""
 WINDOWS_OFF = "windows_off"
 """The starts of those that are left out."""
-MODEL = "train_model"
-"""The choice of the answer's model."""
 KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(METHODS)
 """Recordings that a session keeps open; results of three comparisons, and as many changes of the
 segment that can be undone."""
-Step = tuple[tuple[tuple[int, ...], Window, Case, tuple[str, ...]], dict[str, Any], Result | None]
-"""Vehicles, window, Case and excluded regimes, which windows were chosen, and the result."""
+NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
+"""What is asked before anything is open."""
+Step = tuple[Analysis, dict[str, Any], Result | None]
+"""What was asked, which windows were chosen, and the result."""
 
 
 @dataclass(eq=False)
@@ -65,11 +63,8 @@ class Workspace:
     """A file that asks for its columns, or for one of its trajectories, before it can be read."""
     awaited: Analysis | None = None
     """What was on the screen before a restart of the server, until a recording is opened."""
-    vehicles: tuple[int, ...] = ()
-    window: Window = field(default_factory=lambda: Window(0.0, DURATION))
-    case: Case = DEFAULT_CASE
-    excluded: tuple[str, ...] = ()
-    """Regimes that the user leaves out of the model's equations."""
+    asked: Analysis = NOTHING
+    """Vehicles, window, Case, excluded regimes and the answer's model as chosen; see `analysis`."""
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
@@ -92,7 +87,7 @@ class Workspace:
     """Results that are no longer current, as rows of a table, oldest first."""
     viewed: str = ""
     """Short name of the snapshot that page Snapshots shows in full; empty for the list."""
-    chosen_source: Source = "fit"
+    chosen_source: ParameterSource = "fit"
     """As chosen last; see `parameter_source`."""
     source_result: Result | None = None
     """The result when the source was chosen; a newer one is shown in place of the choice."""
@@ -128,40 +123,23 @@ class Workspace:
         preset = PRESETS[self.preset].to_json()
         return PinnConfig.from_json(preset | self.settings.get(self.preset, {}))
 
-    @property
-    def model(self) -> str:
-        """The model of the answer, as chosen on page Train."""
-        return following_model(self.choices.get(MODEL, BEST)).key
-
-    def analysis(
-        self, config: PinnConfig | None = None, windows: tuple[Window, ...] = ()
-    ) -> Analysis | None:
+    def analysis(self, config: PinnConfig, windows: tuple[Window, ...] = ()) -> Analysis | None:
         """What a training with these settings would answer; None where no data are at hand.
 
-        Args:
-            config: by default as chosen on page Train.
-            windows: by default the one chosen.
-
-        Raises:
-            ConfigError: as `config` does.
+        The windows are by default the one chosen.
         """
-        config, windows = config or self.config, windows or (self.window,)
-        if self.recording:
-            return Analysis.of(
-                self.recording, windows, self.vehicles, case=self.case,
-                excluded=self.excluded, model=None if self.model == BEST else self.model,
-                settings=config,
-            )  # fmt: skip
-        if self.segment is None or self.restored is None:
+        now, restored, asked = self.recording, self.restored, self.asked
+        if now:
+            same = replace(asked, source=Source.of(now), held=())
+        elif self.segment and restored:
+            # The key is that of the data at hand: what a file says of its recording is not checked.
+            data = sha256(self.segment.info.digest.encode()).hexdigest()
+            held = restored.analysis.held if restored.analysis.model == asked.model else ()
+            same = replace(asked, source=replace(asked.source, data=data), held=held)
+        else:
             return None
-        asked = self.restored.analysis
-        # The key is that of the data at hand: what a file says of its recording is not checked.
-        source = replace(asked.source, data=sha256(self.segment.info.digest.encode()).hexdigest())
-        held = asked.held if asked.model == self.model else ()
-        same = replace(
-            asked, source=source, windows=windows, model=self.model, held=held,
-            fitted="" if self.model == BEST else self.model,
-        )  # fmt: skip
+        fitted = "" if asked.model == BEST else asked.model
+        same = replace(same, windows=windows or asked.windows, fitted=fitted)
         return same.with_method("pinn", config)
 
     def training_analysis(self, config: PinnConfig) -> Analysis | None:
@@ -172,10 +150,10 @@ class Workspace:
     def several_windows(self) -> tuple[Window, ...]:
         """The windows in car-following, if chosen for a preset that takes several; else empty."""
         chosen = self.preset == "calibrated" and self.choices.get(ALL_WINDOWS, True)
-        if not (self.recording and self.vehicles and chosen):
+        if not (self.recording and chosen):
             return ()
         off = self.choices.get(WINDOWS_OFF, ())
-        every = resources.windows_in_car_following(self.recording, self.vehicles)
+        every = resources.windows_in_car_following(self.recording, self.asked.vehicles)
         return tuple(window for window in every if window.start not in off) or every
 
     @property
@@ -198,7 +176,8 @@ class Workspace:
     def true_parameters(self) -> Parameters | None:
         """One entry a follower of the segment; None where the truth is not known."""
         truth = resources.truth_of(self.recording) if self.recording else None
-        return truth.parameters[[number - 2 for number in self.vehicles[1:]]] if truth else None
+        followers = [number - 2 for number in self.asked.vehicles[1:]]
+        return truth.parameters[followers] if truth else None
 
     @property
     def compared(self) -> tuple[Result, ...]:
@@ -260,18 +239,17 @@ class Workspace:
             self.restore(restored, recording)
             return
         vehicles = default_vehicles(recording)
-        self._leave()
+        if awaited and awaited.source.sha256 == recording.sha256:
+            asked, several = replace(awaited, windows=(awaited.window,)), len(awaited.windows) > 1
+        else:
+            window, several = first_window(recording, complete_windows(recording, vehicles)), True
+            asked = Analysis.of(recording, (window,), vehicles, model=self.asked.model)
         self.choices.pop(WINDOWS_OFF, None)
         self.recording = recording
         self.segment = self.validation = None
         self.remember(recording)
-        if awaited and awaited.source.sha256 == recording.sha256:
-            self.choose(awaited.vehicles, awaited.window, awaited.case, awaited.excluded)
-            self.choices[ALL_WINDOWS] = len(awaited.windows) > 1
-        else:
-            stretches = complete_windows(recording, vehicles)
-            self.choose(vehicles, first_window(recording, stretches), DEFAULT_CASE, ())
-            self.choices[ALL_WINDOWS] = True
+        self._ask(asked)
+        self.choices[ALL_WINDOWS] = several
         self.steps = ()
 
     def remember(self, recording: Recording) -> None:
@@ -291,61 +269,57 @@ class Workspace:
         self.recording = given if result.recording else None
         if self.recording:
             self.remember(self.recording)
-        asked = result.analysis
-        self.segment, self.vehicles, self.case = result.segment, asked.vehicles, asked.case
-        self.window, self.excluded, self.fault, self.refusal = asked.window, asked.excluded, "", ""
+        self.segment, self.fault, self.refusal = result.segment, "", ""
         self.choose_source("fit")
         self.restored, self.steps = result, ()
-        self.take_settings(asked)
+        self.take(result.analysis)
 
-    def take_settings(self, asked: Analysis) -> None:
-        """Choose an analysis' model, preset and settings; another method has no preset."""
-        self.choices[MODEL] = asked.model
+    def take(self, asked: Analysis) -> None:
+        """Choose all that an analysis asks; a method other than the PiNN has no preset."""
+        self.asked = replace(asked, windows=(asked.window,))
         self.choices[ALL_WINDOWS] = len(asked.windows) > 1
         with suppress(ConfigError):
             config = PinnConfig.from_json(asked.settings)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
 
-    def choose(
-        self,
-        vehicles: Sequence[int] | None = None,
-        window: Window | None = None,
-        case: Case | None = None,
-        excluded: tuple[str, ...] | None = None,
-    ) -> None:
-        """Change the segment or the case, if they differ; earlier results become rows.
+    def choose(self, window: Window | None = None, **changes: Any) -> None:
+        """Change the window or other parts of what is asked; earlier results become rows.
 
-        ``vehicles`` are numbers in the file, leader first; ``excluded`` names regimes left out.
+        Args:
+            window: by default the present one.
+            changes: fields of an `Analysis`: vehicles, case or excluded.
         """
-        before = self.vehicles, self.window, self.case, self.excluded
-        chosen = (
-            tuple(vehicles or self.vehicles), window or self.window, case or self.case,
-            self.excluded if excluded is None else excluded,
-        )  # fmt: skip
-        if chosen == before and self.segment:
+        self._ask(replace(self.asked, windows=(window or self.asked.window,), **changes))
+
+    def _ask(self, asked: Analysis) -> None:
+        before, self.asked = self.asked, asked
+        if asked == before and self.segment:
             return
         of_windows = (ALL_WINDOWS, WINDOWS_OFF)
         choices = {key: value for key, value in self.choices.items() if key in of_windows}
         self.steps = (*self.steps, (before, choices, self.result))[-KEPT_EARLIER:]
         self._leave()
-        self.vehicles, self.window, self.case, self.excluded = chosen
-        if self.window != before[1]:
+        if asked.window != before.window:
             self.choices[ALL_WINDOWS] = False
-        if self.vehicles != before[0]:
+        if asked.vehicles != before.vehicles:
             self.choices.pop(WINDOWS_OFF, None)
         try:
             if self.recording:
-                self.segment = self._segment_of(self.recording, self.window)
+                self.segment = self._segment_of(self.recording, asked.window)
             self.fault = ""
         except SegmentError as fault:
             self.segment, self.fault = None, str(fault)
 
     def undo(self) -> None:
         """Take back the last change of the segment; what was learned before it is shown again."""
-        *steps, (chosen, choices, result) = self.steps
-        self.choose(*chosen)
+        *steps, (asked, choices, result) = self.steps
+        self._ask(replace(asked, model=self.asked.model))
         self.choices |= choices
         self.restored, self.steps = result, tuple(steps)
+
+    def choose_model(self, model: str) -> None:
+        """Choose the answer's model, by its key; results stay."""
+        self.asked = replace(self.asked, model=model)
 
     def train(self, config: PinnConfig, anew: bool = False) -> None:
         """Queue a training of the segment; ``anew``: from no checkpoint of an earlier one."""
@@ -369,7 +343,7 @@ class Workspace:
         return self.segment
 
     def _segment_of(self, recording: Recording, window: Window) -> Segment:
-        return resources.segment_of(recording, window, self.vehicles, self.excluded)
+        return resources.segment_of(recording, window, self.asked.vehicles, self.asked.excluded)
 
     def compare(self) -> None:
         """Queue all methods on one window."""
@@ -394,7 +368,7 @@ class Workspace:
             SegmentError: where the chosen window is too short.
         """
         now = self.recording
-        return resources.judged_subjects(now, self.vehicles, self.window) if now else ()
+        return resources.judged_subjects(now, self.asked.vehicles, self.asked.window) if now else ()
 
     def judge_models(self, models: Sequence[str]) -> None:
         """Queue car-following models on the recording."""
@@ -445,12 +419,12 @@ class Workspace:
     # Parameters of pages Stability and Platoon
 
     @property
-    def parameter_source(self) -> Source:
+    def parameter_source(self) -> ParameterSource:
         """Where the parameters on Stability and Platoon are from: as chosen, or a newer result."""
         is_newer = self.result is not None and self.result is not self.source_result
         return "fit" if is_newer else self.chosen_source
 
-    def choose_source(self, source: Source) -> None:
+    def choose_source(self, source: ParameterSource) -> None:
         """Choose where those parameters are from, until there is a newer result."""
         if source != self.parameter_source:
             self.forget_vehicles()

@@ -36,8 +36,7 @@ NOT_AGAIN = (
 """What is said first of a snapshot whose data are at hand."""
 
 
-def show_page() -> None:
-    workspace = frame.begin("Snapshots")
+def show_page(workspace: Workspace) -> None:
     show.flashed()
     _undo_button()
     if workspace.viewed:
