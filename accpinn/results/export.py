@@ -142,9 +142,7 @@ def _type(
 def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
     """The additional file for SUMO of a snapshot: its answer, and draws of the typical value.
 
-    Args:
-        snapshot: a result with its answer.
-        samples: number of draws in a distribution, evenly chosen; 0 for no distribution.
+    The samples are the number of draws in a distribution, evenly chosen; 0 for none.
 
     Raises:
         ParameterError: where a follower's τ is undetermined.
