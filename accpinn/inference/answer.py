@@ -152,7 +152,8 @@ class Answer:
     windows_gap: FloatArray
     """(2, K, M) ends of the windows' own intervals of the time gap at `stated_speed`."""
     differ: FloatArray
-    """(M,) probability that windows differ as much by sampling error alone; nan for one window."""
+    """(M,) probability that windows differ as much by sampling error alone; nan for one window, and
+    under a model that is no CTHP."""
     trust: tuple[Trust, ...]
     """What its own windows say of each follower's answer; one where all share it."""
     findings: tuple[AnswerFinding, ...]
@@ -307,7 +308,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     if model not in CTHPS:
         estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
     cars = [car_of(likely[:, k], model, held) for k in followers]
-    differ = np.array([_heterogeneity(drawn[:, k]) for k in followers])
+    differ = np.array([_heterogeneity(drawn[:, k], model) for k in followers])
     vehicles = (0,) if segments[0].shares(case) else segments[0].vehicles[1:]
 
     def at_speeds(phi: Sequence[FloatArray]) -> Parameters:
@@ -428,17 +429,21 @@ def _unlike_windows(
 
 def _unlike_followers(segment: Segment, model: str, held: Held) -> Iterator[AnswerFinding]:
     """Whether followers of Case I differ, from what each says by itself."""
-    probability = _heterogeneity(window_posterior(segment, "II", model, held).drawn)
+    probability = _heterogeneity(window_posterior(segment, "II", model, held).drawn, model)
     if probability < SIGNIFICANCE:
         yield HeterogeneousFollowers(segment.followers, probability)
 
 
-def _heterogeneity(drawn: FloatArray) -> float:
+def _heterogeneity(drawn: FloatArray, model: str) -> float:
     """Probability of windows that differ as much by sampling error alone; nan for one window.
 
     It is that of Cochran's Q in p coordinates, from draws (K, n, p), which are taken as normal in
-    each window. Followers in place of windows are compared in the same way.
+    each window. Followers in place of windows are compared in the same way. A window alone under a
+    model that is no CTHP has too narrow a distribution for that (docs/validation.md), so of these
+    nothing is said.
     """
+    if model not in CTHPS:
+        return float("nan")
     drawn = drawn[np.isfinite(drawn).all(axis=(1, 2))]
     free = np.ptp(drawn, axis=(0, 1)) > 0 if len(drawn) else np.zeros(drawn.shape[-1], bool)
     if len(drawn) < 2 or not free.any():

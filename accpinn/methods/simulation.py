@@ -13,14 +13,18 @@ data sets and starts at once: all of them are one array, so that the only loop i
 Intervals are those of the Laplace approximation, with Ĵ = ∂e/∂z, w = m / Σ e² and blocks b of
 `BLOCK` seconds, across which errors are taken as independent,
 
-    cov z = H⁻¹ (w² Σ_b g_b g_bᵀ + 1) H⁻¹,    H = w ĴᵀĴ + 1,    g_b = Σ_{t in b} Ĵᵀe
+    cov z = H⁻¹ (w² Σ_b g_b g_bᵀ + 1) H⁻¹,    H = w ĴᵀĴ + 1,
+    g_b = (1 - w Ĵ_bᵀĴ_b H⁻¹)⁻¹ Ĵ_bᵀe_b,
 
+as if each block were left out in turn, since the parameters follow its own errors; and Student's t
+with the number of blocks less that of parameters stands in place of the normal distribution.
 Each stretch between excluded instants starts anew from its measured state. A parameter whose
 deviation is more than `OPEN` of its prior's is not determined by the data.
 
 Sources: Gunter et al., IEEE Transactions on Intelligent Transportation Systems 22 (2021) 6992-7003,
 and Punzo and Montanino, Transportation Research Part B 91 (2016) 21-33, for closed-loop simulation;
-Newey and West, Econometrica 55 (1987) 703-708, for errors that last.
+Newey and West, Econometrica 55 (1987) 703-708, for errors that last; Bell and McCaffrey, Survey
+Methodology 28 (2002) 169-181, for few blocks.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,7 +34,7 @@ from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from accpinn.errors import SegmentError
 from accpinn.methods import PAPERS, Law, best_first, direct, one_thread
@@ -55,6 +59,8 @@ MEMORY: Seconds = 10.0
 """Time that an independent error of a closed loop is worth."""
 BLOCK: Seconds = 30.0
 """Blocks across which errors are taken as independent for the intervals."""
+LEAST_SPARE = 3
+"""Least number of blocks beyond that of parameters for which Student's t is taken."""
 OPEN = 0.8
 """Posterior deviation, as a share of the prior's, from which a parameter is not determined."""
 LEAST_STRETCH = MEMORY
@@ -291,11 +297,17 @@ class _Search:
         scores = np.einsum("kcbw,kcbwn->kbwn", errors, slopes) * weight[:, None, None]
         ends = np.arange(0, len(scores), max(1, round(BLOCK / self._drives.step)))
         blocks = np.add.reduceat(scores, ends, axis=0)
-        meat = np.einsum("kbwi,kbwj->bij", blocks, blocks) + np.eye(z.shape[1])
         inverse = np.zeros_like(curvature)
         free = np.ix_(owner, self._free, self._free)
         inverse[free] = np.linalg.inv(curvature[free])
-        covariance = inverse @ meat @ inverse
+        squares = np.add.reduceat(np.einsum("kcbwi,kcbwj->kbwij", slopes, slopes), ends, axis=0)
+        own = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
+        left_out = np.linalg.solve(np.eye(z.shape[1]) - own, blocks[..., None])[..., 0]
+        meat = np.einsum("kbwi,kbwj->bij", left_out, left_out) + np.eye(z.shape[1])
+        filled = (blocks != 0.0).any(axis=3).sum(axis=(0, 2))
+        spare = np.maximum(filled - self._free.sum(), LEAST_SPARE)
+        wider = stdtrit(spare, 0.5 + LEVEL / 2) / ndtri(0.5 + LEVEL / 2)
+        covariance = inverse @ meat @ inverse * (wider**2)[:, None, None]
         deviation = np.sqrt(np.einsum("bii->bi", covariance))
         shrunk = 1.0 / np.maximum(1.0, deviation)  # the prior's at most
         covariance *= shrunk[:, :, None] * shrunk[:, None, :]
