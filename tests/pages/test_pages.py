@@ -28,12 +28,7 @@ from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
-from pages.ui.session.resources import (
-    FIRST_SAMPLE,
-    SAMPLES,
-    store,
-    windows_in_car_following,
-)
+from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, WINDOWS_OFF, Workspace
 from tests.support.apptest import (
     PAGES,
