@@ -23,6 +23,13 @@ ANOTHER_UNIT = 0.01
 AGREEMENT_LIMIT = 0.5
 """Least correlation between a gap's rate of change and the speed difference that counts as sound;
 the sound recordings of the database reach 0.8 and more."""
+SLOPES = 0.6, 1.6
+"""Slopes of a gap's rate of change over that difference that count as sound; the sound recordings
+of the database have 0.82 to 1.09, and speeds in mph 0.45."""
+UNITS = {0.2778: "speeds in km/h", 0.447: "speeds in mph", 3.281: "gaps in feet"}
+"""Slopes where units are others than m/s and m."""
+NEAR_A_UNIT = 0.2
+"""Distance of the logarithms of a slope and of one of these, within which it is named."""
 AGREEMENT_WINDOW: Seconds = 1.0
 """Time over which rates are taken, so that measurement noise does not hide the agreement."""
 AGREEMENT_MINIMUM = 30
@@ -116,18 +123,33 @@ class GapContradictsSpeeds(Finding, frozen=True):
         " trust results for vehicle {behind}."
     )
 
+    text_units = (
+        "{gap} contradicts the speeds of vehicles {ahead} and {behind}: it changes {slope:.2f}"
+        " times as fast as they demand (correlation {correlation:.2f}){guess}; check the units, and"
+        " do not trust results for vehicle {behind}."
+    )
+
     vehicle: int
     correlation: float
     """Correlation of the gap's rate of change with the speeds' difference."""
+    slope: float = 1.0
+    """By how much the gap's rate of change exceeds that difference, where they correlate."""
 
     @property
     def follower(self) -> int:
         """The vehicle whose gap to the one ahead it is."""
         return self.vehicle + 1
 
+    def sentence(self, about: Labelled) -> str:
+        """Where the two correlate, another unit is the cause."""
+        return self.filled(self.text_units if self.slope != 1.0 else self.text, about)
+
     def _words(self, about: Labelled) -> Words:
+        near = min(UNITS, key=lambda unit: abs(np.log(abs(self.slope) / unit)))
+        is_near = abs(np.log(abs(self.slope) / near)) < NEAR_A_UNIT
+        guess = f", as with {UNITS[near]}" if is_near else ""
         ahead = self.vehicle
-        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": self.follower}
+        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": self.follower, "guess": guess}
 
 
 class ValuesOutOfRange(Finding, frozen=True):
@@ -420,9 +442,8 @@ def check(recording: Recording) -> Iterator[Finding]:
         alone = np.isnan(recording.gap_behind(number)) & np.isfinite(speeds).all(axis=1)
         yield from _missing(recording, GAP, number, alone)
     for number in gaps:
-        value = agreement(recording, number)
-        if value is not None and value < AGREEMENT_LIMIT:
-            yield GapContradictsSpeeds(vehicle=number, correlation=value)
+        if found := contradiction(recording, number):
+            yield found
     for is_below, end in ((True, np.nanmin), (False, np.nanmax)):
         for channel, number, values in channels:
             outside = values < channel.lowest if is_below else values > channel.highest
@@ -445,6 +466,28 @@ def agreement(
     It is 1 for a sound recording; None where the two vehicles hardly move against each other. To
     that of ranks a jump of some seconds, as where another vehicle was ahead, matters little.
     """
+    pair = _relative_motion(recording, number, rows)
+    if pair is None or pair[0].std() < 1e-9:
+        return None if pair is None else 0.0
+    return float(np.corrcoef(pair.argsort().argsort() if of_ranks else pair)[0, 1])
+
+
+def contradiction(
+    recording: Recording, number: int, rows: slice = slice(None)
+) -> GapContradictsSpeeds | None:
+    """What the gap behind vehicle ``number`` has against the two speeds, if anything."""
+    value, pair = agreement(recording, number, rows), _relative_motion(recording, number, rows)
+    if value is None or pair is None:
+        return None
+    if value < AGREEMENT_LIMIT:
+        return GapContradictsSpeeds(number, value)
+    slope = float(np.cov(pair)[0, 1] / pair[1].var(ddof=1))
+    least, most = SLOPES
+    return None if least <= slope <= most else GapContradictsSpeeds(number, value, slope)
+
+
+def _relative_motion(recording: Recording, number: int, rows: slice) -> FloatArray | None:
+    """(2, n) dIVS/dt and the mean speed difference meanwhile; None where there is hardly any."""
     width = 2 * max(1, round(AGREEMENT_WINDOW / recording.sample_time / 2))
     time, gap = recording.time[rows], recording.gap_behind(number)[rows]
     if len(gap) <= width:
@@ -455,10 +498,7 @@ def agreement(
     known = np.isfinite(rate) & np.isfinite(smooth)
     if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
         return None
-    pair: FloatArray = np.array([rate[known], smooth[known]])
-    if pair[0].std() < 1e-9:
-        return 0.0
-    return float(np.corrcoef(pair.argsort().argsort() if of_ranks else pair)[0, 1])
+    return np.array([rate[known], smooth[known]])
 
 
 def _missing(

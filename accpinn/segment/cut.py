@@ -18,7 +18,6 @@ import numpy as np
 from accpinn.channels import GAP, SPEED
 from accpinn.errors import SegmentError
 from accpinn.recordings import (
-    AGREEMENT_LIMIT,
     HUMAN_FLAG,
     GapContradictsSpeeds,
     MappingRemembered,
@@ -26,7 +25,7 @@ from accpinn.recordings import (
     Recording,
     ValuesOutOfRange,
     Window,
-    agreement,
+    contradiction,
 )
 from accpinn.segment import (
     BlocksMissing,
@@ -127,9 +126,8 @@ def _unsound(recording: Recording, chosen: Sequence[int], rows: slice) -> Iterat
         if isinstance(finding, MappingRemembered):
             yield finding
         elif isinstance(finding, GapContradictsSpeeds) and finding.vehicle in chosen[:-1]:
-            here = agreement(recording, finding.vehicle, rows)
-            if here is not None and here < AGREEMENT_LIMIT:
-                yield GapContradictsSpeeds(finding.vehicle, here)
+            if here := contradiction(recording, finding.vehicle, rows):
+                yield here
         elif isinstance(finding, ValuesOutOfRange):
             is_gap = finding.channel == GAP.column
             if finding.vehicle in (chosen[:-1] if is_gap else chosen):

@@ -129,7 +129,11 @@ def left_out(recording: Recording, planned: Sequence[PlannedWindow]) -> Iterator
 def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
     """(N,) where a follower qualifies, without windows in which its gap contradicts the speeds."""
     allowed = qualifies(recording, number)
-    if number in [finding.follower for finding in contradictions(recording)]:
+    for contradiction in contradictions(recording):
+        if contradiction.follower != number:
+            continue
+        if contradiction.slope != 1.0:  # the units of the whole file are others
+            return np.zeros_like(allowed)
         for window in _windows(recording, allowed, longest):
             first, *_, last = np.flatnonzero(_inside(recording.time, window))
             value = agreement(recording, number - 1, slice(first, last + 1), of_ranks=True)

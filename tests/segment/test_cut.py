@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accpinn.errors import AccpinnError, SegmentError
-from accpinn.recordings import Window
+from accpinn.recordings import GapContradictsSpeeds, Window
 from accpinn.segment import BlocksMissing, Bridged, Resampled, Segment, WindowMoved, WindowShortened
 from accpinn.segment.cut import (
     DECIMALS,
@@ -61,7 +61,9 @@ def test_a_step_with_endless_digits_puts_no_window_off_its_samples(rate: int) ->
     frame = platoon(samples=400 * rate)
     frame["Time"] = np.arange(len(frame)) / rate
     segment = cut(recording(frame), start=90.0, duration=300.0)
-    assert (segment.samples, segment.start, segment.findings) == (300 * rate + 1, 90.0, ())
+    assert (segment.samples, segment.start) == (300 * rate + 1, 90.0)
+    # Its gaps change as at 10 Hz, which is too fast for its speeds.
+    assert all(isinstance(found, GapContradictsSpeeds) for found in segment.findings)
     assert segment.speeds[0, 0] == round(frame["Speed1"][90 * rate], DECIMALS)
 
 
