@@ -419,7 +419,9 @@ def _check_fit(fit: Fit, info: SegmentInfo) -> None:
     _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
     _check_shapes(fit, info)
     _check_shape("disturbance", fit.arrays.get("disturbance"), "NM", _lengths(info))
-    _require(not (fit.parameters.values < 0).any(), "a parameter of it is negative")
+    known = ~np.isnan(fit.parameters.values).all(axis=1)  # not of whom nothing is determined
+    if known.any():
+        checked(fit.parameters[known])
     _require(len(fit.active_bounds) in (0, info.followers), "its bounds differ in number")
     if fit.surrogate:
         _check_times(fit.surrogate.time)
