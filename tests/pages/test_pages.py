@@ -610,19 +610,30 @@ def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -
     assert session.asked.vehicles == (1, 2, 3), "as the recording was opened"
 
 
-def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
+def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_recording(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     session = fitted()
+    learned = session.result.parameters
     open_page("Train", session)
-    page = open_page("Home")
-    assert page.workspace() is not session
+    bare = open_page("Home")
+    assert bare.workspace() is not session
     named = escape_markdown(PLATOON.name)
-    (link,) = (one.proto for one in page.get("page_link") if named in one.proto.label)
+    (link,) = (one.proto for one in bare.get("page_link") if named in one.proto.label)
     assert f"session={session.id}" in link.query_string
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    open_page("Data", session)
+    assert session.result is None
     (run,) = session.runs
-    page.press(f"home_runs_open_{run.id}")
-    assert page.workspace().result.parameters == session.result.parameters
+    assert (run.source, run.window) == (PLATOON.name, "0–60 s")
+    for page in (bare, open_page("Home", session)):
+        found = page.press(f"home_runs_open_{run.id}").workspace()
+        assert found.result.parameters == learned
+        assert found.recording.source == PLATOON.name, "a sample is opened again"
+        assert found.asked.window == Window(0.0, 60.0)
+        assert not page.error
+        assert f"snapshot={run.id}" not in page.texts()
+    assert page.workspace() is session
     monkeypatch.setattr(sessions, "is_shared", lambda: True)
     page = open_page("Home")
     assert PLATOON.name not in page.everything(), "others' are nobody else's"
