@@ -90,8 +90,6 @@ DISTURBANCE = Quantity("Disturbance", "r", "m/s²", 2, -5.0, 5.0)
 METADATA = ("Date", "Vehicle_order", "Number_of_vehicles", "ACC", "Distance_setting")
 """First cells of the rows above the column names."""
 
-MODE_NAMES = ("Human", "ACC")
-"""Words of a Driver column."""
 
 MAX_VEHICLES = 99
 """Highest vehicle number in the name of a column."""

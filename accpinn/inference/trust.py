@@ -2,9 +2,9 @@
 
 In how many windows is the time gap of the window alone that of the answer, and does the answer
 reproduce the drive? For the second the vehicle is driven in every window behind the measured
-vehicle ahead, from its first measured state on; the error of its gap is compared with how much the
-gap itself varies. A simulation that is half as far off as a gap that stands still has explained
-three quarters of its variance.
+vehicle ahead, from its first measured state on, and anew after instants that are excluded; the
+error of its gap is compared with how much the gap itself varies. A simulation that is half as far
+off as a gap that stands still has explained three quarters of its variance.
 """
 
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ import numpy as np
 
 from accpinn.evaluation.closed_loop import simulable, simulated
 from accpinn.findings import Finding, Labelled, Words
+from accpinn.methods.simulation import counted_stretches
 from accpinn.model.cthp import Parameters, collides
 from accpinn.model.registry import time_gap
 from accpinn.segment import Segment
@@ -125,10 +126,15 @@ def trust(
         own: (K,) the estimates of each window alone.
         speed: at which time gaps are compared, in m/s.
     """
-    pairs = [segment.pair(follower) for segment in segments for follower in followers]
+    pairs = [
+        stretch
+        for segment in segments
+        for follower in followers
+        for stretch in counted_stretches(segment.pair(follower))
+    ]
     gap, gaps = float(time_gap(model, answer, speed)), time_gap(model, own, speed)
     off = [_errors(pair, model, answer) for pair in pairs]
-    errors = np.concatenate([part for part, _ in off])
+    errors = np.concatenate([part for part, _ in off]) if off else np.empty(0)
     known = np.clip(errors[np.isfinite(errors)], -FAR, FAR)
     measured = [pair.measured_gaps[np.isfinite(pair.measured_gaps)] for pair in pairs]
     counts = [len(gaps) for gaps in measured]

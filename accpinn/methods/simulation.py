@@ -373,7 +373,7 @@ def estimates(
     for segment in segments:
         refuse_short(segment)
     followers = range(segments[0].followers)
-    parts = [[part for s in segments for part in _stretches(s.pair(k))] for k in followers]
+    parts = [[part for s in segments for part in counted_stretches(s.pair(k))] for k in followers]
     if not any(parts):
         raise SegmentError(
             f"{segments[0].source}: without the instants left out, no follower has a stretch of"
@@ -397,7 +397,7 @@ def estimates(
     return tuple(zip(rows, best, strict=True))
 
 
-def _stretches(segment: Segment) -> list[Segment]:
+def counted_stretches(segment: Segment) -> list[Segment]:
     """The parts of one follower's window that are simulated, each from its own first state on.
 
     A window from which instants are excluded has several, or none that is long enough: what was

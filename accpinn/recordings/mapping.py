@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
+from accpinn.findings import Finding
 from accpinn.recordings import MappingRemembered, Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import Columns, TableRun, layout_of, read_columns
@@ -192,10 +193,10 @@ def _recording(
     mapping: CsvMapping,
     rows: NDArray[np.int64],
     trajectory: str | None,
-    findings: tuple[MappingRemembered, ...],
+    remembered: tuple[MappingRemembered, ...],
 ) -> Recording:
     """The recording of the rows of one run, 0 = first below the column names."""
-    columns = columns[rows]
+    columns, findings = columns[rows], list[Finding](remembered)
 
     def channel(column: str, factor: float, quantity: Quantity, less: Metres = 0.0) -> FloatArray:
         values = columns.measured(quantity, column, factor, less)
@@ -211,6 +212,9 @@ def _recording(
     else:
         column = mapping.trajectory or mapping.speeds[0].column
         raise columns.refusal("the trajectory has one row", "choose another trajectory", column)
+    modes = np.full((len(columns), len(speeds)), Mode.UNKNOWN, np.int8)
+    for one in mapping.modes:
+        modes[:, one.vehicle - 1] = columns.modes(one.column, one.acc, one.human, findings)
     source_file = columns.source_file
     return Recording(
         source=source_file.name + (f", trajectory {trajectory}" if mapping.trajectory else ""),
@@ -218,21 +222,11 @@ def _recording(
         time=time,
         speed=np.column_stack(speeds),
         gap=np.column_stack(gaps),
-        mode=_modes(columns, mapping),
+        mode=modes,
         trajectory=trajectory,
         names={k: excerpt(speed.name, 80) for k, speed in enumerate(mapping.speeds, 1)},
-        notes=findings,
+        notes=tuple(findings),
     )
-
-
-def _modes(columns: Columns, mapping: CsvMapping) -> NDArray[np.int8]:
-    """(N, V) values of `Mode`."""
-    modes = np.full((len(columns), len(mapping.speeds)), Mode.UNKNOWN, np.int8)
-    for mode in mapping.modes:
-        words = columns.words[mode.column]
-        modes[[word in mode.acc for word in words], mode.vehicle - 1] = Mode.ACC
-        modes[[word in mode.human for word in words], mode.vehicle - 1] = Mode.HUMAN
-    return modes
 
 
 def remember(mapping: CsvMapping, names: Sequence[str]) -> None:

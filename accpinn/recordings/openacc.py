@@ -18,9 +18,8 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, MODE_NAMES, SPEED, TIME, Quantity
+from accpinn.channels import DRIVER, GAP, MAX_VEHICLES, METADATA, SPEED, TIME, Quantity
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording
@@ -196,19 +195,6 @@ class LineEndMissing(Finding, frozen=True):
     text = "The last row has no line end; if the file was cut short, its last number is wrong."
 
 
-class ModesUnknown(Finding, frozen=True):
-    """Cells of a Driver column hold neither ACC nor Human."""
-
-    text = '{column} holds neither ACC nor Human in {samples} samples (as "{example}").'
-
-    vehicle: int
-    samples: int
-    example: str
-
-    def _words(self, about: Labelled) -> Words:
-        return {"column": DRIVER.of(self.vehicle)}
-
-
 def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     """Read an OpenACC CSV file.
 
@@ -240,7 +226,7 @@ def read(source: Source | SourceFile, name: str | None = None) -> Recording:
     time = columns.time(first)
     if not source_file.is_complete and layout.names[-1] not in drivers.values():
         findings.append(LineEndMissing())
-    modes = {k: _modes(k, columns.words[name], findings) for k, name in drivers.items()}
+    modes = {k: columns.modes(name, ["ACC"], ["Human"], findings) for k, name in drivers.items()}
     unknown = np.full(len(columns), Mode.UNKNOWN, np.int8)
     return Recording(
         source=source_file.name,
@@ -267,17 +253,6 @@ def _measured(columns: Columns, channel: Quantity, count: int) -> FloatArray:
         fault = f"all {channel.name.lower()} columns are empty"
         raise columns.source_file.refusal(fault, "choose another recording")
     return values
-
-
-def _modes(number: int, words: Sequence[str], findings: list[Finding]) -> NDArray[np.int8]:
-    """(N,) values of `Mode`; what is neither ACC nor Human is unknown, and a finding."""
-    known = {name.lower(): Mode[name.upper()] for name in MODE_NAMES}
-    meanings = {word: known.get(word.lower(), Mode.UNKNOWN) for word in set(words)}
-    strange = sorted(word for word, mode in meanings.items() if word and mode is Mode.UNKNOWN)
-    if strange:
-        count = sum(map(words.count, strange))
-        findings.append(ModesUnknown(vehicle=number, samples=count, example=excerpt(strange[0])))
-    return np.array([meanings[word] for word in words], dtype=np.int8)
 
 
 def _check_names(

@@ -5,6 +5,7 @@ is neither empty nor a number is refused with its place, and so is a row of anot
 """
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from accpinn.channels import Quantity
 from accpinn.errors import RecordingError
-from accpinn.findings import joined
-from accpinn.recordings import Recording
+from accpinn.findings import Finding, joined
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.units import FloatArray, Seconds
 
@@ -65,27 +66,28 @@ def layout_of(source_file: SourceFile) -> Layout:
     Raises:
         RecordingError: where no row of column names is found.
     """
-    lines = list(islice(source_file.lines(HEADER_BYTES), HEADER_ROWS + PREVIEWED + 1))
+    lines = list(source_file.lines(HEADER_BYTES))
     for number, line in enumerate(lines[:HEADER_ROWS]):
         for separator in sorted(SEPARATORS, key=line.count, reverse=True):
             names = cells_of(line, separator)
-            below = [cells_of(row, separator) for row in lines[number + 1 :] if row.strip()]
-            is_header = len(names) > 1 and any(names) and not any(map(_is_number, names))
-            if is_header and below and len(below[0]) == len(names):
-                return _layout(names, below[:PREVIEWED], separator, number + 1)
+            if len(names) < 2 or not any(names) or any(map(_is_number, names)):
+                continue
+            below = [row for row in lines[number + 1 :] if row.strip()]
+            if below and len(cells_of(below[0], separator)) == len(names):
+                return _layout(names, below, separator, number + 1)
     fault = "no row of column names above rows of numbers is found"
     raise source_file.refusal(fault, "give each column a name in the first row")
 
 
-def _layout(
-    names: tuple[str, ...], rows: Sequence[tuple[str, ...]], separator: str, header_row: int
-) -> Layout:
-    cells = [cell for row in rows for cell in row]
-    commas = separator != "," and any(_is_number(cell.replace(",", ".")) for cell in cells)
-    points = any("." in cell and _is_number(cell) for cell in cells)
-    decimal = "," if commas and not points and any("," in cell for cell in cells) else "."
-    shown = tuple(tuple(excerpt(cell) for cell in row) for row in rows)
-    return Layout(names, shown, separator, decimal, header_row)
+def _layout(names: tuple[str, ...], rows: Sequence[str], separator: str, header_row: int) -> Layout:
+    decimal = "."
+    if separator != ",":  # a column may begin with whole numbers
+        cells = {cell for row in rows for cell in cells_of(row, separator)}
+        points = sum("." in cell and _is_number(cell) for cell in cells)
+        commas = sum("," in cell and _is_number(cell.replace(",", ".")) for cell in cells)
+        decimal = "," if commas > points else "."
+    shown = [map(excerpt, cells_of(row, separator)) for row in rows[:PREVIEWED]]
+    return Layout(names, tuple(map(tuple, shown)), separator, decimal, header_row)
 
 
 def cells_of(line: str, separator: str = ",") -> tuple[str, ...]:
@@ -99,6 +101,17 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+class ModesUnknown(Finding, frozen=True):
+    """Cells of a column say neither that ACC nor that a driver is in control."""
+
+    text = '{column} holds neither {words} in {samples} samples (as "{example}").'
+
+    column: str
+    words: str
+    samples: int
+    example: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +142,25 @@ class Columns:
         """The error about a column, or about its cell in one of the rows."""
         at = None if row is None else int(self.rows[row])
         return self.source_file.refusal(fault, cure, _place(self.layout, at, column))
+
+    def modes(
+        self, column: str, acc: Sequence[str], human: Sequence[str], findings: list[Finding]
+    ) -> NDArray[np.int8]:
+        """(N,) values of `Mode` by the words for each, in any case and as 1 or 1.0.
+
+        Where a cell holds neither the mode is unknown, and a finding says so.
+        """
+        known = dict.fromkeys(map(_spelled, acc), Mode.ACC)
+        known |= dict.fromkeys(map(_spelled, human), Mode.HUMAN)
+        words = Counter(self.words[column])
+        meanings = {word: known.get(_spelled(word), Mode.UNKNOWN) for word in words}
+        strange = sorted(word for word, mode in meanings.items() if word and mode is Mode.UNKNOWN)
+        if strange:
+            samples, example = sum(words[word] for word in strange), excerpt(strange[0])
+            both = " nor ".join(excerpt(word) for word in (*acc, *human))
+            name = excerpt(column, LONGEST_NAME)
+            findings.append(ModesUnknown(column=name, words=both, samples=samples, example=example))
+        return np.array([meanings[word] for word in self.words[column]], dtype=np.int8)
 
     def require_some(self, column: str, cure: str) -> None:
         """Refuse a column whose cells are all empty."""
@@ -380,3 +412,11 @@ def choose_run(
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     listed = ", ".join(names[:LISTED])
     raise source_file.refusal(fault, f"choose a trajectory (--trajectory): {listed}{more}")
+
+
+def _spelled(word: str) -> str:
+    """A word for a mode, however it is written."""
+    try:
+        return f"{float(word):g}"
+    except ValueError:
+        return word.casefold()

@@ -170,12 +170,12 @@ def paper_margin(parameters: Parameters) -> FloatArray:
 def exact_margin(parameters: Parameters, gain: FloatArray | None = None) -> FloatArray:
     """Relative excess of τ over the smallest exactly L∞ stable one; inf where α = 0.
 
-    With a lag or a delay: 1 - ‖h‖₁, where that is more than can be resolved; ``gain`` is ‖h‖₁
-    where it is known already.
+    With a lag or a delay: 1 - ‖h‖₁, which is never above zero, where that is more than can be
+    resolved, else `RESOLVED`; ``gain`` is ‖h‖₁ where it is known already.
     """
     if is_lagged(parameters):
         excess = (step_metrics(parameters).gain if gain is None else gain) - 1.0
-        return np.where(excess > RESOLVED, -excess, 0.0)
+        return np.where(excess > RESOLVED, -excess, RESOLVED)
     beyond = parameters.tau / smallest_headway_exact(parameters) - 1.0
     return np.where(parameters.alpha > 0, beyond, np.inf)
 

@@ -196,9 +196,10 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
         alike, count = decaying[finer == factor], factor * INSTANTS
         pieces = min(len(alike), len(alike) * factor // AT_ONCE + 1)
         for rows in np.array_split(alike, pieces):
-            p = np.where(np.isnan(poles[rows]), -1.0, poles[rows])
-            residues = _value(upper[rows], p) / _value(_derived(lower[rows]), p)
-            weights = np.where(np.isnan(poles[rows]), 0.0, residues / p)
+            none = np.isnan(poles[rows])
+            p = np.where(none, -1.0, poles[rows])
+            slopes = np.where(none, 1.0, _value(_derived(lower[rows]), p))
+            weights = np.where(none, 0.0, _value(upper[rows], p) / slopes / p)
             overshoots[rows], gains[rows] = _overshoot_and_variation(p, weights, count)
     return overshoots, gains
 

@@ -116,3 +116,20 @@ def test_the_truth_reproduces_the_drive_and_another_car_or_one_that_collides_doe
     assert found.deviation == pytest.approx(
         np.sqrt(np.mean([window.gaps.var() for window in windows])), rel=1e-6
     )
+
+
+def test_what_is_excluded_does_not_count_and_does_not_move_the_rest(
+    windows: list[Segment],
+) -> None:
+    """For 30 s the vehicle is 40 m further behind, as when it catches up."""
+    far = (windows[0].time > 40.0) & (windows[0].time < 70.0)
+    moved = [
+        replace(window, gaps=window.gaps + 40.0 * far[:, None], mask=~far[:, None])
+        for window in windows
+    ]
+    found, whole = held(moved, TRUE, (1.2,) * 4), held(windows, TRUE, (1.2,) * 4)
+    assert found.is_reproduced
+    assert found.rmse < 1.5
+    assert found.deviation < 1.5 * whole.deviation
+    everything = held([replace(window, mask=None) for window in moved], TRUE, (1.2,) * 4)
+    assert everything.rmse > 4 * found.rmse

@@ -13,6 +13,7 @@ from accpinn.errors import RecordingError
 from accpinn.recordings import MappingRemembered, Mode, Recording
 from accpinn.recordings.files import opened, read, read_all
 from accpinn.recordings.mapping import load_mapping, parse_mapping
+from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table
 
@@ -118,6 +119,31 @@ def test_a_mapping_that_cannot_serve_says_where(old: str, new: str, words: str) 
     raw = foreign(platoon(2, 100)).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match=words):
         read(raw, "mine.csv", mapping=parse_mapping(MAPPING.replace(old, new)))
+
+
+def test_decimal_commas_are_seen_behind_rows_of_whole_numbers() -> None:
+    frame = foreign(platoon(2, 300)).round(3)
+    head, rows = frame.head(30), frame.tail(270)
+    head = head.assign(**head.select_dtypes("number").round().astype(int))
+    head["clock"] += 100 * np.arange(30) - head["clock"] + head["clock"][0]
+    raw = head.to_csv(index=False, sep=";")
+    raw += rows.to_csv(index=False, sep=";", decimal=",", header=False)
+    found = read(raw.encode(), "mine.csv", mapping=parse_mapping(MAPPING))
+    np.testing.assert_allclose(found.speed[30:, 1], rows["v2"])
+
+
+def test_words_for_modes_are_found_in_any_spelling_and_what_is_neither_is_told() -> None:
+    frame = foreign(platoon(2, 300))
+    by_word = {0: "human ", 1: "acc"}
+    for written in (frame["engaged"].astype(float), frame["engaged"].map(by_word)):
+        raw = frame.assign(engaged=written).to_csv(index=False).encode()
+        words = MAPPING.replace('["1"]', '["1", "ACC"]').replace('["0"]', '["0", "Human"]')
+        found = read(raw, "mine.csv", mapping=parse_mapping(words))
+        assert found.mode[[0, -1], 1].tolist() == [Mode.HUMAN, Mode.ACC]
+        assert not found.findings
+    found = read(raw, "mine.csv", mapping=parse_mapping(MAPPING))
+    assert (found.mode == Mode.UNKNOWN).all()
+    assert found.findings == (ModesUnknown("engaged", "1 nor 0", 300, "acc"),)
 
 
 @pytest.mark.parametrize(

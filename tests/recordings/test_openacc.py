@@ -13,6 +13,7 @@ from accpinn.errors import RecordingError
 from accpinn.findings import Finding
 from accpinn.recordings import Mode, Recording, Window, agreement, openacc, source
 from accpinn.recordings.openacc import Run, catalogue, read
+from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from accpinn.study.plan import plan
 from tests.support.openacc_files import csv, metadata, platoon
@@ -91,7 +92,7 @@ def test_3_only_driver_columns_give_modes_and_these_change() -> None:
     assert driven == [{"ACC": 0, "Human": 400}, None, {"ACC": 151, "Human": 240}]
     assert recording.mode[[149, 150, 390], 2].tolist() == [Mode.ACC, Mode.HUMAN, Mode.UNKNOWN]
     assert (recording.mode[:, 1] == Mode.UNKNOWN).all()
-    assert recording.findings == (openacc.ModesUnknown(vehicle=3, samples=1, example="Robot"),)
+    assert recording.findings == (ModesUnknown("Driver3", "ACC nor Human", 1, "Robot"),)
 
 
 def test_4_columns_are_chosen_by_name_in_any_order() -> None:

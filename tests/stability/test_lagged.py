@@ -199,3 +199,13 @@ def test_one_that_hardly_decays_takes_many_instants_alone() -> None:
     assert np.isfinite(
         step_gain(Parameters.of([near.everything[0], *drawn(3, 1).everything]))
     ).all()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("lag", [0.1, 0.3])
+def test_what_is_far_from_the_boundary_is_not_called_marginal(lag: float) -> None:
+    """Without the lag these gains are far on the stable side, and 0.3 s change no verdict."""
+    (vehicle,) = stability_report(Parameters([0.05], [1.0], [2.0], lag=[lag])).vehicles
+    assert (vehicle.linf_exact.stable, vehicle.linf_exact.marginal) == (True, False)
+    (vehicle,) = stability_report(Parameters([0.1], [0.1], [1.0], lag=[lag])).vehicles
+    assert (vehicle.linf_exact.stable, vehicle.linf_exact.marginal) == (False, False)
