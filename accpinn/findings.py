@@ -6,7 +6,7 @@ braces: "{vehicle}: α = {alpha:.4f} 1/s²". A finding adds further values by `_
 `sentence` where the template itself depends on its values.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from string import Formatter
 from typing import Any, ClassVar, Protocol
 
@@ -32,6 +32,8 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
 
     text: ClassVar[str]
     """Template of the sentence, filled as `filled` says."""
+    each: ClassVar[str] = ""
+    """Template of what `{listed}` says of each of ``vehicles``, from its own of every tuple."""
 
     def sentence(self, about: Labelled) -> str:
         """The finding as a sentence.
@@ -50,13 +52,16 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
 
         The fields `vehicle`, `vehicles` and `follower` are filled in as labels; vehicle 0 and None
         are "All followers". Tuples are listed as "α, β and τ", and the format "%" sets a space:
-        `{share:.0%}` becomes "35 %". `{source}` is the recording.
+        `{share:.0%}` becomes "35 %"; `{share:percent}` is told as `percent` does. `{source}` is the
+        recording, `{listed}` has `each` vehicle.
 
         Args:
             text: the template.
             about: names the recording and the vehicles.
         """
         values: dict[str, Any] = {"source": about.source, **msgspec.structs.asdict(self)}
+        if self.each:
+            values["listed"] = self._listed(values, about)
         if "{vehicle}" in text:
             values["vehicle"] = who(values["vehicle"], about)
         if "{follower}" in text:
@@ -65,11 +70,21 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
             values["vehicles"] = tuple(map(about.label, values["vehicles"]))
         return _TEMPLATES.vformat(text, (), {**values, **self._words(about)})
 
+    def _listed(self, values: Words, about: Labelled) -> str:
+        parts = {name: part for name, part in values.items() if isinstance(part, tuple)}
+        said = []
+        for k, number in enumerate(parts["vehicles"]):
+            own = {name: part[k] for name, part in parts.items() if k < len(part)}
+            said.append(_TEMPLATES.format(self.each, **own, vehicle=about.label(number)))
+        return ", ".join(said)
+
 
 class _Templates(Formatter):
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, tuple):
             return joined([str(part) for part in value])
+        if format_spec == "percent":
+            return percent(value)
         text = format(value, format_spec)
         return f"{text[:-1]} %" if format_spec.endswith("%") else text
 
@@ -80,14 +95,6 @@ _TEMPLATES = _Templates()
 def who(vehicle: int | None, about: Labelled) -> str:
     """The label of a vehicle; 0 and None stand for all followers."""
     return about.label(vehicle) if vehicle else "All followers"
-
-
-def by_vehicle(
-    vehicles: Iterable[int], details: Iterable[str], about: Labelled, form: str = "{} ({})"
-) -> str:
-    """Each vehicle with a detail: "2 Audi (34 %), 3 BMW (12 %)"."""
-    pairs = zip(map(about.label, vehicles), details, strict=True)
-    return ", ".join(form.format(*pair) for pair in pairs)
 
 
 def joined(parts: Sequence[str]) -> str:

@@ -61,6 +61,7 @@ from accpinn.results.tables.estimates import (
 )
 from accpinn.results.tables.stability import known_table
 from accpinn.results.vehicles import known_vehicles
+from accpinn.segment import SegmentInfo
 from accpinn.segment.cut import DURATION
 from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
 from accpinn.study.judge import Judgement, judge, subjects_of
@@ -219,9 +220,15 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     count = f"{fit.iterations} iterations in " if fit.iterations else ""
     effort = f"{count}{fit.seconds:.1f} s{cached}"
     first = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
+    first = [*_by_hand(info), *first]
     said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
-    said += [f"Note: {note}" for note in notes(result, with_intervals)]
+    said += [f"Note: {note}" for note in notes(result, with_intervals) if note not in first]
     return "\n".join([*first, "", *_answer_texts(result), *_texts(tables), *said])
+
+
+def _by_hand(info: SegmentInfo) -> tuple[str, ...]:
+    """What comes before all else: that a driver controls followers."""
+    return (hand.sentence(info),) if (hand := info.driven_by_hand) else ()
 
 
 def _answer_texts(result: Result) -> tuple[str, ...]:
@@ -279,7 +286,7 @@ def _comparison_text(
         ),
         *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
     ]
-    return "\n".join([*answer, *_texts(tables), *said])
+    return "\n".join([*_by_hand(info), *answer, *_texts(tables), *said])
 
 
 def run_judge(options: argparse.Namespace) -> int:

@@ -124,10 +124,6 @@ def cross_validate(segment: Segment, estimate: Callable[[Segment], Fit]) -> tupl
 
     A block in which at no instant all vehicles are measured has nothing to compare, so none is
     held out there.
-
-    Args:
-        segment: the data.
-        estimate: a method, from a segment to a fit.
     """
     ends = [round(end) for end in np.linspace(0, segment.samples, BLOCKS + 1)]
     return tuple(
@@ -147,13 +143,9 @@ def pooled(parts: Iterable[tuple[float, TrackingErrors | None]]) -> TrackingErro
     if not known or len(known) < len(weighted):
         return None
     weights = [weight for weight, _ in weighted]
-
-    def mean(name: str, power: int) -> FloatArray:
-        values = [getattr(errors, name) ** power for errors in known]
-        return np.asarray(np.average(values, axis=0, weights=weights) ** (1 / power))
-
     return TrackingErrors(
-        mean("speed_mae", 1), mean("gap_mae", 1), mean("speed_rmse", 2), mean("gap_rmse", 2)
+        np.average([errors.speed_mae for errors in known], axis=0, weights=weights),
+        np.average([errors.gap_mae for errors in known], axis=0, weights=weights),
     )
 
 
@@ -255,9 +247,7 @@ def validation_findings(
 ) -> tuple[ValidationOverlaps | OtherVehicles, ...]:
     """Why the errors of a validation may say less than they seem to.
 
-    Args:
-        segments: the data that the parameters of M followers were learned from.
-        other: data of M followers in the same order.
+    The other segment has as many followers, in the same order.
 
     Raises:
         SegmentError: if the number of followers differs.

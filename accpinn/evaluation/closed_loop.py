@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from accpinn.findings import Finding, Labelled, Words
+from accpinn.findings import Finding
 from accpinn.methods.fit import Fit
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories, collides
@@ -42,15 +42,11 @@ slower backward motion."""
 
 @dataclass(frozen=True, eq=False)
 class TrackingErrors:
-    """Errors of trajectories against the data, per vehicle; nan where they have no meaning."""
+    """Mean absolute errors against the data, per vehicle; nan where they have no meaning."""
 
     speed_mae: FloatArray
     """(M+1,) in m/s, leader first."""
     gap_mae: FloatArray
-    """(M,) in m."""
-    speed_rmse: FloatArray
-    """(M+1,) in m/s."""
-    gap_rmse: FloatArray
     """(M,) in m."""
 
 
@@ -88,16 +84,14 @@ class SimulatedDivergence(Finding, frozen=True):
     """A follower's gap leaves ±`DIVERGED` in the closed-loop simulation."""
 
     text = (
-        "In the closed-loop simulation, {vehicle} diverges: its gap leaves ±{limit:.0f} m at"
+        "In the closed-loop simulation, {vehicle} diverges: its gap leaves"
+        f" ±{DIVERGED:.0f} m at"
         " {time:.1f} s, so neither it nor the vehicles behind it have closed-loop errors."
     )
 
     vehicle: int
     time: Seconds
     """First such instant, from the recording's first sample."""
-
-    def _words(self, about: Labelled) -> Words:
-        return {"limit": DIVERGED}
 
 
 ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergence
@@ -106,18 +100,11 @@ ClosedLoopFinding = SimulatedCollision | SimulatedReversing | SimulatedDivergenc
 def tracking_errors(segment: Segment, trajectories: Trajectories) -> TrackingErrors:
     """Errors of trajectories given on the segment's instants, where a sample was measured.
 
-    Args:
-        segment: the data.
-        trajectories: nan at all instants for a vehicle without errors, and at single instants
-            where nothing is compared.
+    A vehicle without errors has trajectories of nan; single instants of nan are not compared.
     """
-    speed = trajectories.speeds - segment.measured_speeds
-    gap = trajectories.gaps - segment.measured_gaps
     return TrackingErrors(
-        known_mean(np.abs(speed)),
-        known_mean(np.abs(gap)),
-        np.sqrt(known_mean(speed**2)),
-        np.sqrt(known_mean(gap**2)),
+        known_mean(np.abs(trajectories.speeds - segment.measured_speeds)),
+        known_mean(np.abs(trajectories.gaps - segment.measured_gaps)),
     )
 
 
@@ -199,9 +186,7 @@ def closed_loop_findings(
 ) -> tuple[ClosedLoopFinding, ...]:
     """Collisions, reversing and divergence in a closed-loop simulation, follower by follower.
 
-    Args:
-        segment: the data; a collision counts only where the measured gap is positive.
-        simulated: the closed-loop simulation on the segment's instants.
+    A collision counts only where the measured gap is positive.
     """
     touching = collides(simulated.gaps) & (segment.measured_gaps > 0)
     diverged = _diverged(segment, simulated)
@@ -221,14 +206,10 @@ def closed_loop_findings(
 
 
 def collision_times(findings: Sequence[ClosedLoopFinding], vehicles: Sequence[int]) -> FloatArray:
-    """The time of each follower's first collision.
+    """(M,) the time of each follower's first collision in s, from the recording's first sample.
 
-    Args:
-        findings: all findings of one closed-loop simulation.
-        vehicles: (M+1,) numbers in the file, leader first.
-
-    Returns:
-        (M,) in s from the recording's first sample; nan for a follower that never collides.
+    It is nan for one that never collides. The findings are all those of one closed-loop simulation,
+    the vehicles (M+1,) numbers in the file, leader first.
     """
     collisions = [finding for finding in findings if isinstance(finding, SimulatedCollision)]
     times = {collision.vehicle: collision.time for collision in collisions}

@@ -22,6 +22,7 @@ Seconds with a missing sample do not count.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import toeplitz
@@ -29,11 +30,12 @@ from scipy.special import ndtr, ndtri
 
 from accpinn.findings import Finding, Labelled
 from accpinn.methods.fit import Fit
-from accpinn.methods.regression import STEP, OneSecondMeans, one_second_means
 from accpinn.model.registry import CTHPS, FOLLOWING, value_of
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds
 
+STEP: Seconds = 1.0
+"""T, the length of a step."""
 LAGS = np.arange(2, 7)
 """Lags in s that the test sums over."""
 FEWEST = 30
@@ -121,25 +123,26 @@ class Whiteness:
 def whiteness(segment: Segment, fit: Fit) -> Whiteness:
     """Compute the residual of the model with the fit's parameters.
 
-    α = 0 with τ undetermined counts as ατ = 0.
-
-    Args:
-        segment: the data; instants that its mask excludes do not count.
-        fit: the fit of any method.
+    α = 0 with τ undetermined counts as ατ = 0. Instants that the segment's mask excludes are left
+    out.
     """
-    steps, residuals = residuals_of(segment, fit)
-    pairs = zip(residuals, steps.mask, strict=True)
-    figures = np.array([_figures(row, mask, steps.length) for row, mask in pairs])
-    samples = steps.mask.sum(axis=1) * steps.samples
+    residuals, counts, size = residuals_of(segment, fit)
+    pairs, second = zip(residuals, counts, strict=True), size * segment.sample_time
+    figures = np.array([_figures(row, mask, second) for row, mask in pairs])
+    samples = counts.sum(axis=1) * size
     rows = zip(segment.vehicles[1:], samples.tolist(), figures.tolist(), strict=True)
     findings = tuple(_finding(*row) for row in rows)
     deviation, correlation, memory, independent, probability = figures.T
     return Whiteness(deviation, correlation, memory, independent, probability, findings)
 
 
-def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray]:
-    """The seconds of a segment, and the residuals (M, K) in m/s² of a fit's model."""
-    steps, model, speeds = one_second_means(segment), FOLLOWING[fit.model], segment.speeds
+def residuals_of(segment: Segment, fit: Fit) -> tuple[FloatArray, Mask, int]:
+    """The residuals (M, K) in m/s² of a fit's model over each second, and which of them count.
+
+    A second with a sample that does not count or is missing does not count, either. The last value
+    is the number of samples in a second; what is left of one at the end is dropped.
+    """
+    model, speeds = FOLLOWING[fit.model], segment.speeds
     theta = np.array([value_of(fit.model, fit.parameters, name) for name in model.names])
     if fit.model in CTHPS:  # τ has no effect where α = 0
         theta = np.nan_to_num(theta)
@@ -148,7 +151,14 @@ def residuals_of(segment: Segment, fit: Fit) -> tuple[OneSecondMeans, FloatArray
     for k, (lag, delay) in enumerate(fit.parameters.complete[:, 4:]):
         late = np.interp(segment.time - delay, segment.time, command[:, k])
         reached[:, k] = _lagged(late, np.exp(-segment.sample_time / lag)) if lag > 0 else late
-    return steps, steps.rates - steps.means(reached)
+    size = max(1, round(STEP / segment.sample_time))
+    count = (segment.samples - 1) // size
+    shape, last = (count, size, segment.followers), count * size
+    rates = np.diff(speeds[: last + 1 : size, 1:], axis=0) / (size * segment.sample_time)
+    between = (reached[1 : last + 1] + reached[:last]) / 2  # straight between samples
+    both = segment.counts[1 : last + 1] & segment.counts[:last]  # a second has both its ends in it
+    means, counts = between.reshape(shape).mean(axis=1), both.reshape(shape).all(axis=1)
+    return (rates - means).T, np.asarray(counts.T), size
 
 
 def _lagged(command: FloatArray, keep: float) -> FloatArray:
@@ -158,36 +168,28 @@ def _lagged(command: FloatArray, keep: float) -> FloatArray:
     return np.asarray(lfilter([1 - keep], [1, -keep], command, zi=[keep * command[0]])[0])
 
 
-@dataclass(frozen=True, eq=False)
-class ResidualCorrelations:
-    """Correlations of one follower's residual with itself, and with the acceleration ahead."""
+class Correlogram(NamedTuple):
+    """Correlations of one follower's residual over L lags."""
 
     lags: FloatArray
-    """(L,) in s, from 1."""
-    own: FloatArray
+    """(L,) in s."""
+    values: FloatArray
     """(L,)"""
-    own_limit: float
-    """Within ± this 99 % of a white residual's correlations lie."""
-    ahead_lags: FloatArray
-    """(2L+1,) in s; above zero the residual comes after the acceleration ahead."""
-    ahead: FloatArray
-    """(2L+1,)"""
-    ahead_limit: float
-    """The same for a residual that has nothing to do with the acceleration ahead."""
+    limit: float
+    """Within ± this 99 % of them lie by chance."""
 
 
-def residual_correlations(segment: Segment, fit: Fit, follower: int) -> ResidualCorrelations | None:
-    """The correlations of a follower's residual; None where too little is measured.
+def residual_correlations(
+    segment: Segment, fit: Fit, follower: int
+) -> tuple[Correlogram, Correlogram] | None:
+    """A follower's residual (0 for the first) with itself, and with the acceleration ahead.
 
-    Args:
-        segment: the data.
-        fit: of any method.
-        follower: 0 for the first.
+    Above a lag of zero it comes after that acceleration. None where too little is measured.
     """
-    steps, residuals = residuals_of(segment, fit)
-    residual, mask = residuals[follower], steps.mask[follower]
-    speeds = segment.speeds[:: steps.samples, follower][: len(residual) + 1]
-    ahead = np.diff(speeds) / steps.length
+    residuals, counts, size = residuals_of(segment, fit)
+    residual, mask, second = residuals[follower], counts[follower], size * segment.sample_time
+    speeds = segment.speeds[::size, follower][: len(residual) + 1]
+    ahead = np.diff(speeds) / second
     count = int(mask.sum())
     if count < FEWEST:
         return None
@@ -201,14 +203,9 @@ def residual_correlations(segment: Segment, fit: Fit, follower: int) -> Residual
     full = np.correlate(e, u, "full")[len(e) - 1 + lags] / scale
     both = 1.0 + 2.0 * float((of_e[1 : longest + 1] * of_u[1 : longest + 1]).sum())
     limit = float(ndtri(0.5 + CONFIDENCE / 2) / np.sqrt(count))
-    return ResidualCorrelations(
-        np.asarray(lags[longest + 1 :] * steps.length, float),
-        of_e[1 : longest + 1],
-        limit,
-        np.asarray(lags * steps.length, float),
-        full,
-        limit * float(np.sqrt(max(both, 1.0))),
-    )
+    after: FloatArray = np.asarray(lags * second, float)
+    own = Correlogram(after[longest + 1 :], of_e[1 : longest + 1], limit)
+    return own, Correlogram(after, full, limit * float(np.sqrt(max(both, 1.0))))
 
 
 def _finding(vehicle: int, samples: int, figures: list[float]) -> WhitenessFinding:

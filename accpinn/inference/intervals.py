@@ -204,10 +204,10 @@ def agree(old: Uncertainty, new: Uncertainty) -> bool:
 
     Processors round differently, and one draw more or less beyond an end moves it.
     """
-    if old.draws.values.shape != new.draws.values.shape or old.level != new.level:
+    if old.draws.everything.shape != new.draws.everything.shape or old.level != new.level:
         return False
-    spread = SLACK * (new.upper.values - new.lower.values)
-    pairs = [(getattr(old, n).values, getattr(new, n).values, spread) for n in ENDS]
+    spread = SLACK * (new.upper.everything - new.lower.everything)
+    pairs = [(getattr(old, n).everything, getattr(new, n).everything, spread) for n in ENDS]
     for name in ("peak_gain", "linf_gain", "crossover"):
         before, after = getattr(old, name), getattr(new, name)
         spread = SLACK * (after.upper - after.lower)

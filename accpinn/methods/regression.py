@@ -2,11 +2,8 @@
 
     dv/dt = X θ + r,    X = (p, -v, Δv),    θ = (α, ατ, β) ≥ 0
 
-The rates dv/dt are central differences, or means over steps of a second, which are less noisy:
-
-    (v(t + T) - v(t)) / T = mean over [t, t + T] of X θ,    T = 1 s
-
-Instants that the segment masks do not count, nor do those at which a sample is missing.
+The rates dv/dt are central differences. Instants that the segment masks do not count, nor do those
+at which a sample is missing.
 """
 
 from collections.abc import Sequence
@@ -18,10 +15,7 @@ import numpy as np
 
 from accpinn.model.cthp import LINEAR_NAMES, Case, Parameters, regressors
 from accpinn.segment import Segment
-from accpinn.units import FloatArray, Mask, Seconds, frozen
-
-STEP: Seconds = 1.0
-"""T, the length of a step."""
+from accpinn.units import FloatArray, Mask, frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,41 +170,3 @@ class Regression:
         alpha = solution.theta[:, 0]
         s0 = np.divide(rest, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
         return solution, s0
-
-
-@dataclass(frozen=True, eq=False)
-class OneSecondMeans:
-    """K steps of M followers."""
-
-    rates: FloatArray
-    """(M, K) mean dv/dt in m/s²."""
-    mask: Mask
-    """(M, K) False where a step contains a sample that does not count or is missing."""
-    samples: int
-    """Samples in a step."""
-    length: Seconds
-    """Length of a step: T, or the sample time if that is longer."""
-
-    def means(self, values: FloatArray) -> FloatArray:
-        """(M, K) means over the steps of values (N, M), straight between samples."""
-        followers, count = self.rates.shape
-        used = values[: count * self.samples + 1]
-        trapezoid = ((used[1:] + used[:-1]) / 2).reshape(count, self.samples, followers)
-        return np.asarray(trapezoid.mean(axis=1).T)
-
-
-def one_second_means(segment: Segment) -> OneSecondMeans:
-    """The steps of a segment; what is left of a second at its end is dropped."""
-    samples = max(1, round(STEP / segment.sample_time))
-    count = (segment.samples - 1) // samples
-    last, length = count * samples, samples * segment.sample_time
-    speeds = segment.speeds[: last + 1 : samples, 1:]
-    kept = segment.counts[: last + 1]
-    pairs = kept[1:] & kept[:-1]  # a step has both its ends in it
-    mask = pairs.reshape(count, samples, segment.followers).all(axis=1)
-    return OneSecondMeans(
-        rates=np.diff(speeds, axis=0).T / length,
-        mask=np.asarray(mask.T),
-        samples=samples,
-        length=length,
-    )

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from accpinn.errors import ParameterError
-from accpinn.findings import Finding, Labelled, Words
+from accpinn.findings import Finding
 from accpinn.model import cthp
 from accpinn.model.cthp import Parameters, Trajectories, collides, motion_matrix, orbit
 from accpinn.model.registry import FOLLOWING, PAPER
@@ -116,16 +116,14 @@ class TransientLeft(Finding, frozen=True):
     """A transient is above `SETTLED` where the amplitude is measured."""
 
     text = (
-        "{follower} is still in its transient, above {settled:.3g} % of its amplitude, where that"
-        " is measured; a duration of {duration:.0f} s is enough."
+        "{follower} is still in its transient, above"
+        f" {100 * SETTLED:.3g} % of its amplitude,"
+        " where that is measured; a duration of {duration:.0f} s is enough."
     )
 
     follower: int
     duration: Seconds
     """That would be enough."""
-
-    def _words(self, about: Labelled) -> Words:
-        return {"settled": 100 * SETTLED}
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,10 +190,7 @@ class PlatoonRun:
 
 
 def simulate_platoon(
-    parameters: Parameters,
-    leader: Leader,
-    sample_time: Seconds | None = None,
-    model: str = PAPER,
+    parameters: Parameters, leader: Leader, sample_time: Seconds | None = None, model: str = PAPER
 ) -> PlatoonRun:
     """Simulate the platoon behind the leader from equilibrium, exactly at every sample.
 

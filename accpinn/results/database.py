@@ -123,10 +123,7 @@ NARROW = {"cthp": {"alpha": 3, "beta": 2}, "idm": {"a": 2, "T": 2, "s0": 1}}
 def group_table(grouped: Groups, is_wide: bool = True) -> Table:
     """One row a group: typical time gap and parameters, and the share of stable vehicles.
 
-    Args:
-        grouped: the groups of a batch.
-        is_wide: whether every interval is shown, and what a further window has; else the table fits
-            100 characters.
+    A wide one shows every interval, and what a further window has; else it fits 100 characters.
     """
     groups, own = grouped.groups, columns_of(grouped.model)
     caption = f"{TITLES[grouped.model]}, typical value ({100 * grouped.level:g} % interval)"

@@ -24,10 +24,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from accpinn.errors import ConfigError, ParameterError
+from accpinn.findings import joined
 from accpinn.inference.posterior import AT_SPEED, SLOWEST
 from accpinn.model.accelerations import IDM
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import PAPER
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
@@ -45,9 +46,13 @@ NOT_BINDING = {
 }
 """Limits beside the CTHP: m/s², m/s; wide enough not to interfere."""
 ABOUT_ACC = (
-    " Car-following model ACC as the CTHP: use it with the ballistic step method and steps of 0.05"
-    " s. minGap is the intercept s0, actionStepLength twice the delay. accel, decel and maxSpeed"
-    " are set so that they do not interfere; choose realistic ones for traffic. "
+    " Car-following model ACC as the {model}: use it with the ballistic step method and steps of"
+    " 0.05 s. minGap is the intercept s0, actionStepLength twice the delay. accel, decel and"
+    " maxSpeed are set so that they do not interfere; choose realistic ones for traffic. "
+)
+BELOW = (
+    "Where s0 is below zero, minGap is 0 and tau is the time gap tau + s0/v at {speeds} m/s, so"
+    " that the response there is not quite that of the model. "
 )
 ABOUT_IDM = (
     " Car-following model IDM: use it with the ballistic step method and steps of 0.05 s. maxSpeed"
@@ -78,8 +83,8 @@ def sumo_types(
         ParameterError: where a follower's τ is undetermined.
     """
     root = ElementTree.Element("additional")
-    root.append(ElementTree.Comment(ABOUT_IDM if _is_idm(model) else ABOUT_ACC))
     speeds = np.full(len(names), AT_SPEED) if speeds is None else speeds.clip(min=SLOWEST)
+    root.append(ElementTree.Comment(_about(model, parameters, draws, speeds)))
     for k, (name, speed) in enumerate(zip(names, speeds.tolist(), strict=True)):
         allowed = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
         label = f"F{k + 1}_{allowed or 'vehicle'}"
@@ -96,6 +101,16 @@ def sumo_types(
             mixture.append(member)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
+
+
+def _about(model: str, parameters: Parameters, draws: Parameters | None, speeds: FloatArray) -> str:
+    """What the file holds, and how it is used."""
+    if _is_idm(model):
+        return ABOUT_IDM
+    listed = joined([f"{speed:.1f}" for speed in speeds])
+    below = any((sets.s0 < 0).any() for sets in (parameters, draws) if sets is not None)
+    kind = "CTHP" if model in CTHPS else f"{FOLLOWING[model].title}, linearised at {listed} m/s"
+    return ABOUT_ACC.format(model=kind) + (BELOW.format(speeds=listed) if below else "")
 
 
 def _is_idm(model: str) -> bool:
@@ -127,9 +142,7 @@ def _type(
 def snapshot_types(snapshot: Result, samples: int = SAMPLES) -> str:
     """The additional file for SUMO of a snapshot: its answer, and draws of the typical value.
 
-    Args:
-        snapshot: a result with its answer.
-        samples: number of draws in a distribution, evenly chosen; 0 for no distribution.
+    The samples are the number of draws in a distribution, evenly chosen; 0 for none.
 
     Raises:
         ParameterError: where a follower's τ is undetermined.

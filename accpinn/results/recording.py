@@ -13,11 +13,7 @@ from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
 from accpinn.recordings import FLAGS, Recording, Vehicle, Window, agreement
 from accpinn.results.tables import Cell, Column, Filled, Table, percent_cells
-from accpinn.results.tables.estimates import (
-    TITLES,
-    driver_cells,
-    parameter_cells,
-)
+from accpinn.results.tables.estimates import TITLES, driver_cells, parameter_cells
 from accpinn.results.vehicles import by_hand, where
 from accpinn.segment import LONGEST_TIME_GAP, USUAL, SegmentInfo
 from accpinn.segment.cut import DURATION

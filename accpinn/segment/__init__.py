@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accpinn.errors import SegmentError
-from accpinn.findings import Finding, Labelled, Words, by_vehicle, percent
+from accpinn.findings import Finding, Labelled, Words
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings import (
     MOVING,
@@ -101,8 +101,8 @@ class BlocksMissing(Finding, frozen=True):
     """Samples are missing for longer than a straight line may bridge."""
 
     text = (
-        "{columns} {are} missing in {part} of the window, at {where}; the likelihood leaves these"
-        " samples out."
+        "{columns} {are} missing in {share:percent} of the window, at {where}; the likelihood"
+        " leaves these samples out."
     )
 
     columns: tuple[str, ...]
@@ -113,25 +113,22 @@ class BlocksMissing(Finding, frozen=True):
     """Where, in the recording's time."""
 
     def _words(self, about: Labelled) -> Words:
-        part, shown = percent(self.share), longest(self.windows)
+        shown = longest(self.windows)
         where = listed(shown, len(self.windows) - len(shown))
-        return {"are": "is" if len(self.columns) == 1 else "are", "part": part, "where": where}
+        return {"are": "is" if len(self.columns) == 1 else "are", "where": where}
 
 
 class RegimesExcluded(Finding, frozen=True):
     """Instants of some regimes do not count in the equations of the model."""
 
     text = "Excluded from the equations of the model: {regimes} ({listed} of the instants)."
+    each = "{vehicle}: {shares:percent}"
 
     regimes: tuple[str, ...]
     vehicles: tuple[int, ...]
     """The followers."""
     shares: tuple[float, ...]
     """The share of each one's instants that is excluded, 0 to 1."""
-
-    def _words(self, about: Labelled) -> Words:
-        listed = by_vehicle(self.vehicles, map(percent, self.shares), about, "{}: {}")
-        return {"listed": listed}
 
 
 class NothingToExclude(Finding, frozen=True):
@@ -156,6 +153,7 @@ class DrivenByHand(Finding, frozen=True):
         "By the file's {evidence}, a driver, not ACC, controls {listed}. α, β and τ rest on that"
         " time as well."
     )
+    each = "{vehicle} ({shares:percent} of the time)"
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
@@ -168,10 +166,8 @@ class DrivenByHand(Finding, frozen=True):
         return self.filled(self.text if max(self.shares) > 0.5 else self.partly, about)
 
     def _words(self, about: Labelled) -> Words:
-        evidence = "flag (it gives no driver modes)" if self.by_flag else "driver modes"
-        shares = map(percent, self.shares)
-        listed = by_vehicle(self.vehicles, shares, about, "{} ({} of the time)")
-        return {"evidence": evidence, "listed": listed}
+        modes = "flag (it gives no driver modes)" if self.by_flag else "driver modes"
+        return {"evidence": modes}
 
 
 SegmentFinding = (

@@ -162,10 +162,7 @@ def complete_windows(
 ) -> tuple[Window, ...]:
     """The windows of at least `MINIMUM_DURATION` in which nothing is missing once bridged.
 
-    Args:
-        recording: the data.
-        vehicles: consecutive numbers in the file, leader first.
-        outside: windows that are left out of these.
+    They leave out what lies in some others. The vehicles are consecutive numbers, leader first.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
@@ -197,12 +194,8 @@ def disjoint_windows(
 ) -> tuple[Window, ...]:
     """The complete stretches of a recording, cut into windows of equal length.
 
-    A window ends where the next one begins; what remains of a stretch is left out.
-
-    Args:
-        recording: what to cut.
-        duration: of each window, in s.
-        vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
+    A window ends where the next one begins; what remains of a stretch is left out. The vehicles are
+    consecutive numbers, leader first; by default see `default_vehicles`.
 
     Raises:
         SegmentError: when the vehicles are no platoon, or the duration is too short.
@@ -300,8 +293,7 @@ def _incomplete(platoon: _Platoon, rows: Stretch, missing: BlocksMissing) -> Inc
         reason = "where no later sample helps"
     middle = float(recording.time[(rows.first + rows.last) // 2])
     nearest = sorted(
-        platoon.complete(),
-        key=lambda window: max(window.start - middle, middle - window.end, 0.0),
+        platoon.complete(), key=lambda window: max(window.start - middle, middle - window.end, 0.0)
     )
     listed = sorted(nearest[:WINDOWS_LISTED], key=lambda window: window.start)
     where = ", ".join(map(str, listed))

@@ -45,7 +45,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accpinn.errors import SegmentError
-from accpinn.findings import Finding, Labelled, Words, by_vehicle
+from accpinn.findings import Finding
 from accpinn.model.cthp import regressors
 from accpinn.recordings import (
     LITTLE_LEADER_MOTION,
@@ -95,6 +95,7 @@ class NearEquilibrium(Finding, frozen=True):
     """Followers whose regressors are nearly collinear, so that α, β and τ are poorly identified."""
 
     text = "Near equilibrium, where α, β and τ are poorly identified: {listed}."
+    each = "{vehicle} (Δv varies by {deviations:.2f} m/s, condition number {conditions:.0f})"
 
     vehicles: tuple[int, ...]
     deviations: tuple[MetresPerSecond, ...]
@@ -102,43 +103,30 @@ class NearEquilibrium(Finding, frozen=True):
     conditions: tuple[float, ...]
     """Condition number of each one's regressors."""
 
-    def _words(self, about: Labelled) -> Words:
-        figures = (
-            f"Δv varies by {deviation:.2f} m/s, condition number {condition:.0f}"
-            for deviation, condition in zip(self.deviations, self.conditions, strict=True)
-        )
-        return {"listed": by_vehicle(self.vehicles, figures, about)}
-
 
 class LittleCarFollowing(Finding, frozen=True):
     """Followers that are in car-following for a small part of the window."""
 
     text = (
-        "In car-following for less than {least:.0%} of the time, and elsewhere the model does not"
-        " hold: {listed}."
+        f"In car-following for less than {100 * LITTLE_CAR_FOLLOWING:.0f} % of the time, and"
+        " elsewhere the model does not hold: {listed}."
     )
+    each = "{vehicle} ({shares:.1%})"
 
     vehicles: tuple[int, ...]
     shares: tuple[float, ...]
     """The share of instants in car-following of each, 0 to 1."""
-
-    def _words(self, about: Labelled) -> Words:
-        shares = (f"{100 * share:.1f} %" for share in self.shares)
-        return {"listed": by_vehicle(self.vehicles, shares, about), "least": LITTLE_CAR_FOLLOWING}
 
 
 class GapsNegative(Finding, frozen=True):
     """Followers with negative space-gaps."""
 
     text = "The space-gap is negative, which is impossible: {listed}."
+    each = "{vehicle} (at {instants} instants)"
 
     vehicles: tuple[int, ...]
     instants: tuple[int, ...]
     """How many instants of each."""
-
-    def _words(self, about: Labelled) -> Words:
-        counts = (f"at {count} instants" for count in self.instants)
-        return {"listed": by_vehicle(self.vehicles, counts, about)}
 
 
 QualityFinding = LittleLeaderMotion | NearEquilibrium | LittleCarFollowing | GapsNegative
@@ -272,12 +260,9 @@ def as_typed(name: str) -> str:
 
 
 def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[str]) -> Segment:
-    """The segment with a mask that excludes the instants of some regimes.
+    """The segment with a mask that excludes the instants of some of its regimes.
 
-    Args:
-        segment: the data; instants that its own mask excludes stay excluded.
-        regimes: of the same segment.
-        names: of the regimes to exclude, as `parse_regimes` takes them.
+    Names are as `parse_regimes` takes them. What its own mask excludes stays excluded.
 
     Raises:
         SegmentError: when a name is not known, or too little of a follower's data remains.

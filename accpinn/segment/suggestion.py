@@ -21,7 +21,7 @@ from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, SLACK, complete_windows
 from accpinn.segment.quality import FOLLOWING, MANUAL, Regimes
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import FloatArray, Mask, Seconds
 
 GRID: Seconds = 5.0
 """Step between the starts of windows."""
@@ -55,12 +55,12 @@ class Information:
     start: Seconds
     """First instant, in the recording's time."""
     step: Seconds
-    following: FloatArray
-    """(N+1, M) instants in car-following before each instant."""
-    manual: FloatArray
-    """(N+1, M) instants driven by hand before each instant."""
-    products: FloatArray
-    """(N+1, M, 3, 3) Σ x xᵀ over the instants in car-following before each instant."""
+    following: Mask
+    """(N, M) True where a follower is in car-following."""
+    manual: Mask
+    """(N, M) True where it is driven by hand."""
+    terms: FloatArray
+    """(M, N, 3) x in car-following, else zero."""
     mode_known: bool
     """Whether the file has driver modes of every follower."""
 
@@ -68,24 +68,22 @@ class Information:
     def of(cls, segment: Segment, regimes: Regimes) -> "Information":
         """The information of a segment, which may be a whole recording with samples missing."""
         counts = (regimes.codes == FOLLOWING) & segment.counts
-        scaled = np.where(counts.T[..., None], regressors(segment.speeds, segment.gaps), 0.0)
-        outer = scaled[..., :, None] * scaled[..., None, :]
         return cls(
             start=segment.start,
             step=segment.sample_time,
-            following=_before(counts),
-            manual=_before(regimes.codes == MANUAL),
-            products=_before(outer.transpose(1, 0, 2, 3)),
+            following=counts,
+            manual=regimes.codes == MANUAL,
+            terms=np.where(counts.T[..., None], regressors(segment.speeds, segment.gaps), 0.0),
             mode_known=all(regimes.mode_known),
         )
 
-    def _within(self, sums: FloatArray, window: Window) -> FloatArray:
+    def _rows(self, window: Window) -> slice:
         first, last = (round((t - self.start) / self.step) for t in (window.start, window.end))
-        first, after = max(first, 0), min(last + 1, len(sums) - 1)
-        return np.asarray(sums[after] - sums[first])
+        return slice(max(first, 0), last + 1)
 
-    def _share(self, sums: FloatArray, window: Window) -> FloatArray:
-        return self._within(sums, window) / (round(window.duration / self.step) + 1)
+    def _share(self, holds: Mask, window: Window) -> FloatArray:
+        share = holds[self._rows(window)].sum(axis=0) / (round(window.duration / self.step) + 1)
+        return np.asarray(share)
 
     def car_following(self, window: Window) -> float:
         """The smallest share of any follower in car-following, 0 to 1."""
@@ -98,7 +96,8 @@ class Information:
 
     def log_det(self, window: Window) -> float:
         """Σ_i log det I_i; minus infinity where some follower is never in car-following."""
-        signs, logs = np.linalg.slogdet(self._within(self.products, window))
+        terms = self.terms[:, self._rows(window)]
+        signs, logs = np.linalg.slogdet(terms.transpose(0, 2, 1) @ terms)
         return float(logs.sum()) if (signs > 0).all() else -np.inf
 
     def efficiency(self, window: Window, best: Window) -> float:
@@ -112,13 +111,8 @@ def suggest_window(
 ) -> Suggestion | None:
     """The most informative window of the usual length about the followers' parameters.
 
-    Args:
-        recording: what to choose from.
-        vehicles: leader first.
-        known: the information of the whole recording's segment of these vehicles.
-
-    Returns:
-        None where no stretch is complete, or a follower never in car-following.
+    It is None where no stretch is complete, or a follower never in car-following. The information
+    is that of the whole recording's segment of these vehicles, leader first.
 
     Raises:
         SegmentError: when the vehicles are no platoon.
@@ -146,8 +140,3 @@ def _candidates(complete: tuple[Window, ...]) -> list[Window]:
         windows += [Window(start, round(start + DURATION, 9)) for start in starts]
     longest = max(complete, key=lambda stretch: stretch.duration, default=None)
     return windows or ([longest] if longest else [])
-
-
-def _before(values: FloatArray) -> FloatArray:
-    """(N+1, ...) the sum of what lies before each of N instants."""
-    return np.cumulative_sum(values, axis=0, dtype=np.float64, include_initial=True)

@@ -167,10 +167,7 @@ class StabilityReport:
 
 @lru_cache(maxsize=64)  # pages ask for the same again and again
 def stability_report(parameters: Parameters) -> StabilityReport:
-    """Numbers and verdicts for each vehicle and for the platoon they form in this order.
-
-    Args:
-        parameters: one entry a follower, first follower first.
+    """Numbers and verdicts for each follower and for the platoon they form in this order.
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.

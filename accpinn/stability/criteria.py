@@ -84,10 +84,7 @@ Far below what any estimate can resolve and far above what rounding does.
 
 
 def checked(parameters: Parameters) -> Parameters:
-    """The parameters with τ = 0 where α = 0, as it has no effect there.
-
-    Args:
-        parameters: (..) of any number of vehicles.
+    """The parameters (..) of any vehicles, with τ = 0 where α = 0, as it has no effect there.
 
     Raises:
         ParameterError: for values that are missing, negative or beyond all bounds.
@@ -311,14 +308,10 @@ def onset(vehicle: Parameters) -> RadiansPerSecond:
 
 
 def response(parameters: Parameters, omega: FloatArray) -> "NDArray[np.complex128]":
-    """H(jω) of each vehicle; the product over vehicles is the head-to-tail response.
+    """(V, K) H(jω) of V vehicles at (K,) ω in rad/s, zero or more.
 
-    Args:
-        parameters: V of them.
-        omega: (K,) in rad/s, zero or more.
-
-    Returns:
-        (V, K), infinite where an undamped vehicle is in resonance.
+    It is infinite where an undamped vehicle is in resonance. The product over vehicles is the
+    head-to-tail response.
     """
     return frequency_response(checked(parameters), omega)
 

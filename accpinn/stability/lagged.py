@@ -54,11 +54,7 @@ def is_lagged(parameters: Parameters) -> bool:
 
 
 def polynomials(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
-    """Coefficients (V, 6) of N(s) and D(s), constant term first; a common factor s is divided out.
-
-    Args:
-        parameters: V vehicles.
-    """
+    """Coefficients (V, 6) of N(s) and D(s), constant term first, without a common factor s."""
     alpha, alpha_tau, beta = parameters.theta.T
     lag, delay = parameters.complete[:, 4:].T
     zeros, ones = np.zeros_like(alpha), np.ones_like(alpha)
@@ -183,8 +179,7 @@ def _positive(roots: NDArray[np.complex128]) -> FloatArray:
 def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
     """Overshoot of the step response (V,), and ‖h‖₁ (V,), the exact L∞ gain.
 
-    Args:
-        parameters: V vehicles. The gain of one that is unstable, or not damped, is infinite.
+    The gain of a vehicle that is unstable, or not damped, is infinite.
     """
     upper, lower = polynomials(parameters)
     poles = _roots(lower)

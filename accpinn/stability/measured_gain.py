@@ -84,12 +84,8 @@ def measured_gain(
     """The gain |V_i / V_{i-1}| of one follower by Welch's method.
 
     Where samples are missing for longer than a straight line may bridge, or are excluded, the
-    complete stretches between them are averaged, as are those of several windows.
-
-    Args:
-        segment: the recorded speeds; several segments are windows of the same vehicles.
-        follower: 0 for the first one.
-        level: how often the band is to cover the gain, above 0 and below 1.
+    complete stretches between them are averaged, as are those of several windows. The follower is
+    0 for the first; the level, between 0 and 1, is how often the band is to cover the gain.
 
     Raises:
         SegmentError: where the complete stretches are too short for an average.

@@ -143,7 +143,7 @@ SHAPES: dict[type, dict[str, str]] = {
     Uncertainty: {"centre": "M3", "lower": "M3", "upper": "M3", "inside": "M3", "draws": "DM3",
                   "probability_l2": "M", "probability_linf": "M"},
     Interval: {"lower": "M", "upper": "M"},
-    TrackingErrors: {"gap_mae": "M", "gap_rmse": "M", "speed_mae": "V", "speed_rmse": "V"},
+    TrackingErrors: {"gap_mae": "M", "speed_mae": "V"},
     Whiteness: dict.fromkeys(
         ("deviation", "correlation", "memory", "independent", "probability"), "M"),
     Answer: {"parameters": "M3", "typical": "DM3", "further": "DM3", "windows": "KM3",

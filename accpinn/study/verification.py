@@ -57,7 +57,7 @@ CURVES = 1e-4
 TOLERANCES = {
     "fit": (SOLVED, ABSOLUTE), "curves": (RELATIVE, CURVES), "uncertainty": (SOLVED, ABSOLUTE),
     "adequacy": (SLACK, DRAWN), "answer": (SLACK, DRAWN), "gain_checks": (SLACK, DRAWN),
-    "judgements": (SLACK, DRAWN),
+    "judgements": (SLACK, DRAWN), "disturbances": (SLACK, DRAWN),
 }  # fmt: skip
 """Relative and absolute, of parts that need others than `RELATIVE` and `ABSOLUTE`."""
 PARTS = ("answer", "gain_checks", "qualities", "uncertainty", "evaluation", "adequacy")
@@ -68,8 +68,10 @@ FAULTS = (AccpinnError, ValueError, ArithmeticError)
 """What computing with numbers that no snapshot has can raise."""
 VARYING = {"seconds", "cached"}
 """Fields that differ from run to run."""
-EVERYWHERE = ("parameters", "method", "case", "config")
+EVERYWHERE = ("parameters", "unconstrained", "method", "case", "config")
 """What an iterative training gives on every processor."""
+LIKELY = ("log_likelihood", "evidence", "unknowns", "disturbance")
+"""What the likelihood says, among losses and arrays: there up to `SLACK`."""
 FEATURED = {
     "0.parameters.0.2": "τ {} s", "centre.0.2": "τ {} s", "0.mean_time_gap.0": "mean time gap {} s",
     "closed_loop.gap_mae.0": "gap MAE {} m", "0.errors.gap_mae.0": "gap MAE {} m",
@@ -77,7 +79,8 @@ FEATURED = {
 }  # fmt: skip
 """Values that differ, in words by their places."""
 TITLES = {
-    "fit": "Estimate", "curves": "Network's curves", "qualities": "Data quality",
+    "fit": "Estimate", "disturbances": "Disturbances", "curves": "Network's curves",
+    "qualities": "Data quality",
     "answer": "Answer", "gain_checks": "Measured gain",
     "uncertainty": "Intervals", "evaluation": "Errors", "holdout": "Hold-out",
     "adequacy": "Forms of the model", "judgements": "Models in windows left out",
@@ -316,15 +319,22 @@ def _refit(subject: Result, name: str) -> list[Check]:
     before, after = (
         [replace(fit, findings=()) for fit in result.fits] for result in (subject, new)
     )
-    check = _compare("fit", before, after, name, state="reproduced")
-    is_exact = check.ok
+    checks = [_compare("fit", before, after, name, state="reproduced")]
+    is_exact = checks[0].ok
     if not is_exact and method.tolerance > SOLVED:
         stored, anew = (
             [{field: getattr(fit, field) for field in EVERYWHERE} for fit in fits]
             for fits in (before, after)
         )
-        check = _compare("fit", stored, anew, name, state="reproduced", relative=method.tolerance)
-    checks, evaluation = [check], subject.parts.evaluation
+        told, found = (
+            [{key: (fit.loss | fit.arrays).get(key) for key in LIKELY} for fit in fits]
+            for fits in (before, after)
+        )
+        checks = [
+            _compare("fit", stored, anew, name, state="reproduced", relative=method.tolerance),
+            _compare("disturbances", told, found, name, state="reproduced"),
+        ]
+    evaluation = subject.parts.evaluation
     if evaluation and evaluation.blocks:
         blocks = again.with_holdout().evaluation.blocks
         checks.append(

@@ -96,11 +96,10 @@ def test_a_response_that_the_model_lacks_comes_after_the_acceleration_ahead() ->
     without = replace(fit, parameters=Parameters(*theta[:, :3].T, s0=theta[:, 3]), model="cthp-s0")
     deviations = [whiteness(run, one).deviation[0] for one in (fit, without)]
     assert deviations[0] < 0.3 * deviations[1]
-    lacking = residual_correlations(run, without, 0)
-    late = np.abs(lacking.ahead[(lacking.ahead_lags >= 0) & (lacking.ahead_lags <= 3)]).max()
-    assert late > lacking.ahead_limit
-    assert (lacking.lags[0], lacking.ahead_lags[0]) == (1.0, -lacking.lags[-1])
-    np.testing.assert_allclose(lacking.own[0], whiteness(run, without).correlation[0])
+    own, ahead = residual_correlations(run, without, 0)
+    assert np.abs(ahead.values[(ahead.lags >= 0) & (ahead.lags <= 3)]).max() > ahead.limit
+    assert (own.lags[0], ahead.lags[0]) == (1.0, -own.lags[-1])
+    np.testing.assert_allclose(own.values[0], whiteness(run, without).correlation[0])
     assert residual_correlations(run.part(0, 200), without, 0) is None
 
 
@@ -109,5 +108,5 @@ def test_the_residual_is_that_of_the_fits_own_model(key: str) -> None:
     model = FOLLOWING[key]
     (run,) = followed(model, model.typical[None], 4, noise=0.0)
     near = model.linearisations(model.typical[:, None], 25.0)
-    _, residuals = residuals_of(run, replace(least_squares.fit(run), parameters=near, model=key))
+    residuals, *_ = residuals_of(run, replace(least_squares.fit(run), parameters=near, model=key))
     assert np.sqrt((residuals[:, 2:] ** 2).mean()) < 0.01

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from accpinn.segment import WindowShortened
 from accpinn.serial import flatten
 from accpinn.study.run import estimate
 from accpinn.study.snapshot import DOCUMENT, named, to_bytes
-from accpinn.study.verification import HOWEVER_LONG, QUICK, Check, Verification, verify
+from accpinn.study.verification import HOWEVER_LONG, QUICK, SOLVED, Check, Verification, verify
 from tests.support.driving import driven
 from tests.support.samples import FOLDER, NOISY
 from tests.support.snapshots import (
@@ -195,6 +196,27 @@ class TestForged:
         assert found.stored != found.computed
         assert found.stored.startswith(f"τ {forged.parameters.tau[0]:.4g}"[:6])
 
+    @pytest.mark.parametrize(
+        ("name", "factor", "part"),
+        [("unknowns", 3.0, "disturbances"), ("disturbance", 10.0, "disturbances")],
+    )
+    def test_disturbances_that_no_likelihood_has(self, name: str, factor: float, part: str) -> None:
+        method = "maximum-likelihood"
+        fit = (said := likely()).fit
+        arrays = fit.arrays | {name: factor * fit.arrays[name]}
+        forged = replace(said, fits=(replace(fit, arrays=arrays),))
+        assert METHODS[method].tolerance > SOLVED, (
+            "another processor gives others in the last digits"
+        )
+        assert verify(said).ok
+        assert fault(verify(forged)).part == part
+
+    def test_a_term_of_the_estimate_that_its_intervals_do_not_have(self) -> None:
+        uncertainty = (said := likely()).uncertainty
+        centre = Parameters.of(uncertainty.centre.complete * [1, 1, 1, 10, 1, 3])
+        forged = with_parts(said, uncertainty=replace(uncertainty, centre=centre))
+        assert fault(verify(forged, refit_within=QUICK)).part == "uncertainty"
+
     def test_every_number_that_is_changed_is_found(self) -> None:
         """One field of the whole tree after the other, of a list one member, sealed anew."""
         forms = result_for(driven(duration=20.0, step=0.5)).adequacy
@@ -219,6 +241,13 @@ class TestForged:
         assert missed == []
         assert met["found"] >= 40
         assert met["refused"] >= 5
+
+
+@cache
+def likely() -> Result:
+    """Of maximum likelihood, with its data."""
+    made = driven(duration=60.0, step=0.5)
+    return named(result_for(made, "maximum-likelihood"), "likely", with_data=True)
 
 
 def other_than(leaf: Any) -> Any:

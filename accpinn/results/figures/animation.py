@@ -38,7 +38,7 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     low, high = float(np.nanmin(speeds)), float(np.nanmax(speeds))
     rim = 0.1 * (high - low) + 0.05
     chart = style.Chart(
-        "platoon-wave", 490, style.stack(0.2, 0.8, spacing=0.04), hovermode="closest",
+        "platoon-wave", 490, style.stack(0.2, 0.8, spacing=0.04),
         updatemenus=[_buttons()], sliders=[_slider(moments)],
         margin={"l": 62, "r": 14, "t": 10, "b": 156},
     )  # fmt: skip

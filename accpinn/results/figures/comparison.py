@@ -15,7 +15,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from accpinn.channels import PARAMETERS, TIME, Quantity
-from accpinn.evaluation.whiteness import ResidualCorrelations
+from accpinn.evaluation.whiteness import Correlogram
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import INCREASE, Profile
 from accpinn.inference.intervals import LEVEL, interval_ends
@@ -103,13 +103,10 @@ def tracks(
 ) -> go.Figure:
     """α, β and τ over time as online methods estimate them, one standard deviation around each.
 
-    Args:
-        followed: name and track of each method.
-        follower: 0 for the first.
-        truth: the true parameters, dashed.
-        start: the segment's start, in s from the recording's first sample.
+    The truth is dashed. The follower is 0 for the first; the start is the segment's, in s from the
+    recording's first sample.
     """
-    chart = style.Chart("compare-tracks", 560, style.stack(1, 1, 1))
+    chart = style.Chart("compare-tracks", 560, style.stack(1, 1, 1), hovermode="x unified")
     chart.axis("x3", TIME.axis)
     for which, quantity in enumerate(PARAMETERS):
         panel, true = which + 1, truth.values[[which]].tolist() if truth else []
@@ -132,19 +129,14 @@ def tracks(
     return style.with_legend(chart.figure())
 
 
-def residual(found: ResidualCorrelations, colour: str) -> go.Figure:
+def residual(found: tuple[Correlogram, Correlogram], colour: str) -> go.Figure:
     """Correlations of a residual with itself and with the acceleration ahead, and their limits."""
-    chart = style.Chart(
-        "compare-residual", 240, style.row(2, 0.06), hovermode="closest", dragmode=False
-    )
-    parts = (
-        (found.lags, found.own, found.own_limit, "Residual with itself"),
-        (found.ahead_lags, found.ahead, found.ahead_limit, "Residual after acceleration ahead"),
-    )
-    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most, _ in parts)
+    chart = style.Chart("compare-residual", 240, style.row(2, 0.06), dragmode=False)
+    titles = ("Residual with itself", "Residual after acceleration ahead")
+    shown = 1.1 * max(np.abs([*values, 2 * most]).max() for _, values, most in found)
     chart.axis("y*", range=[-shown, shown])
     chart.axis("y", "Correlation")
-    for panel, (lags, values, most, title) in enumerate(parts, 1):
+    for panel, ((lags, values, most), title) in enumerate(zip(found, titles, strict=True), 1):
         chart.add(lags, values, panel=panel, type="bar", marker={"color": colour},
                   hovertemplate="%{x:.0f} s: %{y:.2f}<extra></extra>")  # fmt: skip
         chart.axis(f"x{panel}", f"{title}: lag [s]")
@@ -180,9 +172,7 @@ def _value(quantity: Quantity, axis: str) -> str:
 
 def _beside_each_other(key: str, height: int, **layout: Any) -> style.Chart:
     """A panel for each of α, β, τ."""
-    chart = style.Chart(
-        key, height, style.row(3, 0.03), hovermode="closest", dragmode=False, **layout
-    )
+    chart = style.Chart(key, height, style.row(3, 0.03), dragmode=False, **layout)
     chart.axis("x*", tickangle=0)
     return chart
 
@@ -221,7 +211,7 @@ def followers_of(judged: Judgement) -> list[Follower]:
 
 def errors_by_window(judged: Judgement) -> go.Figure:
     """The RMSE of the gap in each window left out, a line a model."""
-    chart = style.Chart("models-errors", 330)
+    chart = style.Chart("models-errors", 330, hovermode="x unified")
     starts = np.array([f"{window.start:.0f}" for window in judged.windows])
     for one, score in zip(followers_of(judged), judged.scores, strict=True):
         chart.line(starts, score.rmse, one.name, one.colour, 1.5, hover="%{y:.2f} m",
@@ -241,7 +231,7 @@ def peak_over_speed(
 
     The range of ``recorded`` speeds is shaded, and one ``speed`` is marked.
     """
-    chart = style.Chart("models-peak", 330)
+    chart = style.Chart("models-peak", 330, hovermode="x unified")
     low, high = recorded
     margin = BEYOND * max(high - low, 5.0)
     speeds = np.linspace(max(1.0, low - margin), high + margin, SPEEDS)
@@ -273,7 +263,7 @@ def forest(infos: Sequence[SegmentInfo], answer: Answer, follower: int, colour: 
 
     The windows ``infos`` are those of the answer; the follower is 0 for the first.
     """
-    chart = style.Chart(f"forest-{follower}", 300, hovermode="closest")
+    chart = style.Chart(f"forest-{follower}", 300)
     speed = answer.stated_speed
     span = answer.time_gap(speed, follower)
     gaps = time_gap(answer.model, answer.windows, speed)[:, follower]
@@ -309,9 +299,7 @@ def joint(answer: Answer, follower: int, colour: str) -> go.Figure:
     columns = columns_of(answer.model)
     names = [name for name in JOINT if name in columns] if "alpha" in columns else [*columns]
     count = len(names) - 1
-    chart = style.Chart(
-        f"joint-{follower}", 60 + 150 * count, style.matrix(count), hovermode="closest"
-    )
+    chart = style.Chart(f"joint-{follower}", 60 + 150 * count, style.matrix(count))
     rows = np.linspace(0, len(answer.typical.alpha) - 1, JOINT_DRAWN).astype(int)
     drawn = {name: answer.values(answer.typical, name)[rows, follower] for name in names}
     values = {name: answer.span(name, follower).value for name in names}

@@ -69,7 +69,7 @@ def forest(grouped: Groups) -> go.Figure:
     places = np.arange(len(groups))
     line = LINE if len(groups) <= FEW else NARROW_LINE
     height = max(300, RIM + line * len(groups))
-    chart = style.Chart("forest", height, style.row(3, 0.025), hovermode="closest")
+    chart = style.Chart("forest", height, style.row(3, 0.025))
     chart.axis("y*", range=[-0.7, len(groups) - 0.3], showgrid=True)
     # The groups' names may be long.
     chart.axis("y", tickvals=places, ticktext=names, automargin=True)
@@ -166,17 +166,15 @@ def colours(labels: Sequence[str]) -> Mapping[str, tuple[str, str]]:
 def plane(rows: pd.DataFrame, in_units_of_tau: bool = False) -> go.Figure:
     """Each row's α and β, by its L₂ verdict, and where string stability begins.
 
-    Args:
-        rows: of a batch; every point carries its place among them.
-        in_units_of_tau: draw ατ² and βτ, with one boundary for all; else the boundaries are those
-            of the median τ.
+    Every point carries its place among the rows. In units of τ the axes are ατ² and βτ, with one
+    boundary for all; else the boundaries are those of the median τ.
     """
     alpha, beta, tau = (rows[name].to_numpy(float) for name in PARAMETER_KEYS)
     at = 1.0 if in_units_of_tau else float(np.nanmedian(tau)) if np.isfinite(tau).any() else 1.0
     x, y = (alpha * tau**2, beta * tau) if in_units_of_tau else (alpha, beta)
     stable = rows["l2_stable"].astype("boolean").fillna(False).to_numpy(bool)
     idle = alpha == 0  # without gap control string stability means nothing
-    chart = style.Chart(f"plane-{in_units_of_tau}", 430, hovermode="closest")
+    chart = style.Chart(f"plane-{in_units_of_tau}", 430)
     for name, colour, symbol, part in (
         ("L₂ unstable", UNSTABLE, "circle-open", ~stable & ~idle),
         ("L₂ stable", STABLE, "diamond", stable & ~idle),
@@ -203,15 +201,13 @@ def _lower(text: str) -> str:
 
 
 def gap_against_speed(rows: pd.DataFrame, labels: Sequence[str]) -> go.Figure:
-    """Each row's mean time gap over its mean speed, by groups.
+    """Each row's mean time gap over its mean speed, by the (K,) labels of their groups.
 
-    Args:
-        rows: of a batch; every point carries its place among them.
-        labels: (K,) of each row's group.
+    Every point carries its place among the rows.
     """
     x, y = (rows[name].to_numpy(float) for name in ("mean_speed", "mean_time_gap"))
     group_of, looks = np.array(labels, dtype=str), colours(labels)
-    chart = style.Chart("gap", 430, hovermode="closest")
+    chart = style.Chart("gap", 430)
     for label, (colour, symbol) in looks.items():
         part = group_of == label if label != OTHERS else ~np.isin(group_of, list(looks))
         places = np.flatnonzero(part & np.isfinite(x + y))

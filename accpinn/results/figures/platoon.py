@@ -235,7 +235,7 @@ def time_space(
     final = [places[at, k] for k, at in enumerate(last)]
     collided = [k for k in _colliding(run) if last[k] < len(rows) - 1]
     chart = style.Chart(
-        f"platoon-time-space-{view}", height, hovermode="closest",
+        f"platoon-time-space-{view}", height,
         coloraxis={
             "colorscale": TRACK_SCALE, "cmin": middle - limit, "cmax": middle + limit,
             "colorbar": {"title": {"text": SPEED.axis, "side": "right"}, "thickness": 12,
@@ -275,11 +275,7 @@ def _draw_tracks(
 ) -> None:
     """Draw lines of one colour each, which browsers draw far faster than a dot for each instant.
 
-    Args:
-        chart: to draw in.
-        time: (K,) in s.
-        places: (K, V) in m; nan where a vehicle drives no more.
-        levels: (K, V) speeds between -1 and 1.
+    Places (K, V) in m are nan where a vehicle drives no more. Levels (K, V) are speeds, -1 to 1.
     """
     between = (levels[:-1] + levels[1:]) / 2  # nan where either end is
     known = np.isfinite(between)
@@ -308,8 +304,7 @@ def amplitude_by_vehicle(
     places, collided = np.arange(len(cast.labels)), driving < len(cast.labels)
     unit, scaled = ("dB", _decibels) if in_db else ("m/s", np.asarray)
     chart = style.Chart(
-        "platoon-amplitude", 380, hovermode="closest",
-        showlegend=bool(wave or recorded) or collided,
+        "platoon-amplitude", 380, showlegend=bool(wave or recorded) or collided,
         legend=style.LEGEND | {"y": 1.0}, margin={"l": 62, "r": 14, "t": 40, "b": 42},
     )  # fmt: skip
     if wave:
@@ -353,7 +348,7 @@ def _decibels(values: FloatArray) -> FloatArray:
 
 def speed_map(run: PlatoonRun, cast: Cast) -> go.Figure:
     """Speeds relative to the first one, over time and along the platoon."""
-    chart = style.Chart("platoon-map", 380, hovermode="closest")
+    chart = style.Chart("platoon-map", 380)
     driven, rows = run.valid, stretch(run)
     deviation = (driven.speeds[rows] - run.leader.speed).T
     limit = float(np.nanmax(np.abs(deviation))) or 1.0

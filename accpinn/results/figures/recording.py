@@ -17,13 +17,7 @@ from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
 from accpinn.segment import Segment, SegmentInfo, time_gaps
 from accpinn.segment.cut import longest_in
-from accpinn.segment.quality import (
-    CATCHING_UP,
-    FOLLOWING,
-    MANUAL,
-    STANDSTILL,
-    Regimes,
-)
+from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
 from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
@@ -76,15 +70,9 @@ def overview(
 ) -> go.Figure:
     """A whole recording over time, the window on it, and what each vehicle does.
 
-    Args:
-        recording: all of it is drawn.
-        vehicles: those chosen, leader first; the others are faint.
-        window: the interval chosen.
-        ribbons: strips of bars, from the top down (see `driver_ribbons` and `regime_ribbons`).
-        view: what is drawn.
-        highlight: number of the one follower that is not faint, nor the vehicle ahead of it; 0 for
-            all chosen ones.
-        several: windows that are chosen together in place of the one.
+    The chosen vehicles, leader first, are not faint; with the number of a follower to highlight,
+    these are only that and the one ahead of it. Ribbons are strips of bars, from the top down (see
+    `driver_ribbons` and `regime_ribbons`); several windows may be chosen in place of the one.
     """
     strips = [traces for traces in ribbons if traces]
     drawn = _curves(recording, vehicles, view)

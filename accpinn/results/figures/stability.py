@@ -114,9 +114,7 @@ def bode(subject: KnownVehicles, height: int = 400) -> go.Figure:
     tops += [float(decibels(g.upper[compared(g)]).max(initial=1.0)) for _, _, g in measured]
     tops += [float(upper.max()) for _, upper in bands.values()]
     top = min(max(tops) * 1.12 + 0.4, CEILING)
-    chart = style.Chart(
-        "bode", height, hovermode="closest", hoverdistance=200, clickmode="event+select"
-    )
+    chart = style.Chart("bode", height, hoverdistance=200, clickmode="event+select")
     chart.area("y", 0, top, L2_UNSTABLE)
     chart.level("y", 0, LIMIT, "below")
     chart.words("amplified", 0.995, 0.995)
@@ -228,7 +226,7 @@ def _draw_peaks(chart: style.Chart, vehicles: ParameterSet, report: StabilityRep
 
 def criteria_by_vehicle(subject: KnownVehicles) -> go.Figure:
     """Criteria and gains along the platoon: the paper's figure, with the exact gains below it."""
-    chart = style.Chart("criteria", 400, style.stack(1, 1, spacing=0.1))
+    chart = style.Chart("criteria", 400, style.stack(1, 1, spacing=0.1), hovermode="x unified")
     vehicles, rows, platoon = subject.vehicles, subject.report.vehicles, subject.report.platoon
     places = [*range(1, len(vehicles) + 1)]
     for panel, name, values, colour, symbol in (
@@ -265,7 +263,7 @@ def stability_map(subject: KnownVehicles, held: int, plane: Plane) -> go.Figure:
     no time headway, hence no place on the map.
     """
     vehicles, report, uncertainty = subject.vehicles, subject.report, subject.uncertainty
-    chart = style.Chart(f"map-{plane}-{held}", 400, hovermode="closest")
+    chart = style.Chart(f"map-{plane}-{held}", 400)
     kept, along_beta = vehicles.parameters[held], plane == "beta"
     across_map = (vehicles.parameters.beta if along_beta else vehicles.parameters.alpha).tolist()
     right = max(1.35 * max(across_map), 0.6 if along_beta else 0.15)
@@ -371,9 +369,7 @@ def measured_bode(
 
     The model is that of the ``k``-th of some vehicles, with a band where its posterior is known.
     """
-    chart = style.Chart(
-        "measured-gain", 440, style.stack(0.7, 0.3, spacing=0.07), hovermode="closest"
-    )
+    chart = style.Chart("measured-gain", 440, style.stack(0.7, 0.3, spacing=0.07))
     low, high = min(SPAN[0], float(measured.omega[0])), max(SPAN[1], float(measured.omega[-1]))
     if model:
         if model.uncertainty and np.isfinite(model.uncertainty.draws.alpha[:, k]).all():

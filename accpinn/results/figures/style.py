@@ -137,7 +137,8 @@ class Chart:
             key: the user's zoom is kept while figures have the same.
             height: in pixels.
             grid: a `stack`, `row` or `matrix` of panels; by default there is one.
-            channels: of a stack's panels, from the top down: titles of their axes, above time.
+            channels: of a stack's panels, from the top down: titles of their axes, above time; the
+                pointer then tells all lines' values at one instant.
             layout: further properties, in plotly's terms.
         """
         self._traces, self._shapes, self._words = list[Part](), list[Part](), list[Part]()
@@ -147,8 +148,9 @@ class Chart:
             self.axis(f"y{panel}", quantity.axis)
         if channels:
             self.axis([name for name in self._axes if name[0] == "x"][-1], TIME.axis)
+        hovermode = "x unified" if channels else "closest"
         self._layout = {
-            "height": height, "showlegend": False, "hovermode": "x unified", "uirevision": key,
+            "height": height, "showlegend": False, "hovermode": hovermode, "uirevision": key,
             "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR,
             "margin": {"l": 62, "r": 14, "t": 10, "b": 42}, **layout,
         }  # fmt: skip

@@ -50,7 +50,7 @@ class _Course(style.Chart):
     def __init__(self, history: History, title: str, key: str, right: float = 14) -> None:
         head = {"text": title, "font": {"size": 13}, "x": 0, "y": 0.97}
         margin = {"l": 62, "r": right, "t": 34, "b": 42}
-        super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin)
+        super().__init__(key, HISTORY_HEIGHT, title=head, margin=margin, hovermode="x unified")
         self.axis("x", "Iteration")
         is_long = history.iteration.max(initial=0) >= LONG
         if is_long:  # some dozens are seen better on another axis
@@ -121,13 +121,9 @@ def parameter_history(
 ) -> go.Figure:
     """One parameter over iterations, with lines at the values to compare it with.
 
-    Args:
-        history: parameters (K, P), P = 1 in Case I.
-        which: 0 for α, 1 for β, 2 for τ of a CTHP; the place among another model's own parameters.
-        segment: names the vehicles that the parameters belong to.
-        truth: the true parameters, one entry a follower, dashed; None where they are unknown.
-        solved: those of least squares, one entry a follower, dotted; None draws none.
-        model: key of the model that is estimated; only parameters of its kind are compared.
+    ``which`` is 0 for α, 1 for β, 2 for τ of a CTHP, and the place among another model's own
+    parameters. The true parameters, one entry a follower, are dashed, those of least squares
+    dotted; only those of the model's kind are compared.
     """
     at, column = _curves(model)[which]
     values = history.parameters.everything[:, :, at]
@@ -193,17 +189,10 @@ def tracking(
 ) -> go.Figure:
     """Gap and speed of one follower: data, the method's curve, and the closed-loop simulation.
 
-    Args:
-        segment: the data, or only what they are about.
-        follower: 0 for the first.
-        surrogate: the method's own trajectories.
-        closed_loop: the simulation behind the measured leader.
-        own: the name of the method's trajectories, as plain text.
-        with_error: adds a panel with the error of the gap; needs the data.
-        predicted: the band of the gap, drawn under its curves.
-        disturbance: (N, M) in m/s²; adds a panel.
-        height: in pixels; by default that of its panels.
-        answered: the simulation of this follower alone by the answer.
+    The follower is 0 for the first. That simulation is behind the measured leader, while
+    ``answered`` is the follower alone by the answer, one column; ``own`` names the method's curve.
+    The error of the gap, which needs the data, and a disturbance (N, M) in m/s² have panels of
+    their own. The height is in pixels, by default that of the panels.
     """
     data = segment if isinstance(segment, Segment) else None
     measured = data.measured if data else None

@@ -5,11 +5,7 @@ from math import ceil, inf, isnan
 from typing import NamedTuple
 
 from accpinn.findings import joined, percent, spelled, who
-from accpinn.inference.answer import (
-    SPEEDS,
-    Answer,
-    HeterogeneousFollowers,
-)
+from accpinn.inference.answer import SPEEDS, Answer, HeterogeneousFollowers
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
 from accpinn.model.cthp import Parameters
@@ -34,9 +30,7 @@ PAPERS_LOSS = "the paper's loss with another model, biased if disturbances last"
 def assumption(answer: Answer, speed: MetresPerSecond | None = None) -> str:
     """The model and the windows that a verdict on the answer rests on.
 
-    Args:
-        answer: that is judged.
-        speed: at which a model that is no CTHP is linearised; by default each vehicle's median.
+    Another model than a CTHP is linearised at the speed, by default at each vehicle's median.
     """
     at = "the vehicle's median speed" if speed is None else f"{3.6 * speed:.0f} km/h"
     at = "" if answer.model in CTHPS else f", linearised at {at}"
@@ -64,11 +58,7 @@ def cards(
 ) -> tuple[Card, ...]:
     """The answer of each follower in sentences; one card for all that share it.
 
-    Args:
-        info: names the followers.
-        answer: that is told.
-        subject: the answer's string stability.
-        together: whether followers of one verdict, which nothing is against, have one card.
+    Followers of one verdict, which nothing is against, may also be told together.
     """
     groups: dict[Assessment | int, list[int]] = {}
     for k in range(len(answer.trust)):

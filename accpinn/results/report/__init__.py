@@ -93,12 +93,9 @@ class Picture:
 
 
 def render_report(snapshot: Result, verification: Verification | None = None) -> str:
-    """The whole page.
+    """The whole page on a snapshot.
 
-    Args:
-        snapshot: what it is about.
-        verification: what was checked; by default done now, from the snapshot's own contents,
-            without running its methods again.
+    By default it is verified now, from its own contents, without running its methods again.
     """
     verification = verification or verify(snapshot, refit_within=QUICK)
     script = (HERE / "page.js").read_text(encoding="utf-8")

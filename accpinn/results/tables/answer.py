@@ -102,10 +102,9 @@ def own_windows_table(infos: Sequence[SegmentInfo], answer: Answer, follower: in
     parts = (answer.windows, answer.windows_lower, answer.windows_upper)
     group = f"Estimate ({100 * answer.level:.0f} % interval)"
     for name, column in columns_of(answer.model).items():
-        alone = estimate_cells(*(answer.values(part, name)[:, follower] for part in parts))
-        marked = [marked_at_least(answer.model, name, cell) for cell in alone]
-        cells = [*marked, answer.span(name, follower)]
-        filled.append((replace(column, group=group), cells))
+        sets = zip(*(part[:, follower] for part in parts), strict=True)
+        cells = [marked_at_least(answer.model, name, *ends) for ends in sets]
+        filled.append((replace(column, group=group), [*cells, answer.span(name, follower)]))
     is_shared = infos[0].followers > len(answer.trust)
     label = EVERY_FOLLOWER if is_shared else infos[0].labels[follower + 1]
     title = f"{label}: {registry.TITLES[answer.model]}, each window alone, and the answer"

@@ -7,7 +7,7 @@ from math import nan
 
 import numpy as np
 
-from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETER_KEYS, PARAMETERS, SPEED
+from accpinn.channels import GAP, LINF_GAIN, MAGNITUDE, PARAMETERS, SPEED
 from accpinn.evaluation.closed_loop import TrackingErrors
 from accpinn.findings import joined
 from accpinn.inference.intervals import LEVEL, Uncertainty
@@ -16,7 +16,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import TERMS, Case, Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, value_of
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -260,13 +260,8 @@ def methods_table(
 ) -> Table:
     """One row a method, for one follower (0 for the first).
 
-    Args:
-        info: the window.
-        results: of the methods.
-        follower: 0 for the first.
-        answered: the answer's parameters of that follower and the mean absolute error of its
-            space-gap in closed loop, which are the first row.
-        model: key of the answer's.
+    What was answered by a model is the first row: the parameters of that follower, and the mean
+    absolute error of its space-gap in closed loop.
     """
     sets = [result.fit.parameters[follower] for result in results]
     kinds = (SURROGATE, CLOSED_LOOP, *UNSEEN)
@@ -310,8 +305,12 @@ def starts_table(results: Sequence[Result], spread: Spread, follower: int) -> Ta
     return replace(table, rows=(*table.rows, ("Spread", *percent, *blank)))
 
 
-def marked_at_least(model: str, name: str, cell: Estimate) -> Cell:
-    """A cell of a model's parameter, with a mark on a lag or delay at the least that is sought."""
+def marked_at_least(model: str, name: str, *parts: Parameters) -> Cell:
+    """A parameter of one vehicle from its value, lower and upper end.
+
+    A lag or delay at the least that is sought has a mark.
+    """
+    cell = Estimate(*(float(value_of(model, part, name)) for part in parts))
     if name not in ("lag", "delay") or not cell.lower < cell.upper:
         return cell
     if model in CTHPS:
@@ -332,19 +331,11 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
     """One row a model, for one follower (0 for the first): estimates and intervals."""
     group = f"Estimate ({100 * LEVEL:.0f} % interval)"
     filled: list[Filled] = [(Column("Model"), [FOLLOWING[form.form].title for form in forms])]
-    for at, column in enumerate((*PARAMETER_COLUMNS, *TERM_COLUMNS)):
-        cells = [
-            marked_at_least(
-                f.form,
-                (*PARAMETER_KEYS, *TERMS)[at],
-                Estimate(
-                    *(float(s.complete[follower, at]) for s in (f.parameters, f.lower, f.upper))
-                ),
-            )
-            if at in dict(columns_of(f.form))
-            else None
-            for f in forms
-        ]
+    parts = [(f.form, [of[follower] for of in (f.parameters, f.lower, f.upper)]) for f in forms]
+    for column in (*PARAMETER_COLUMNS, *TERM_COLUMNS):
+        name = column.key
+        cells = [marked_at_least(form, name, *sets) if name in FOLLOWING[form].names else None
+                 for form, sets in parts]  # fmt: skip
         filled.append((replace(column, group=group), cells))
     filled += [
         (Column("Log-likelihood", "", 1, AGAINST), [f.likelihood_ratio[follower] for f in forms]),
@@ -354,12 +345,9 @@ def model_form_table(info: SegmentInfo, forms: Sequence[ModelForm], follower: in
 
 
 def earlier_table(earlier: Sequence[Result], now: Mapping[str, Result], vehicle: int) -> Table:
-    """One row an earlier result that has the vehicle as a follower.
+    """One row an earlier result that has the vehicle, by its number in the file, as a follower.
 
-    Args:
-        earlier: in the order of the rows.
-        now: the present result of each method; where there is none, no differences are shown.
-        vehicle: its number in the file.
+    Differences are shown from the present result of the same method, where there is one.
     """
     followers = ((result, result.info.vehicles[1:]) for result in earlier)
     rows = [(row, numbers.index(vehicle)) for row, numbers in followers if vehicle in numbers]

@@ -138,12 +138,8 @@ def amplitude_table(
     """One row a vehicle, leader first: behind a sinusoid amplitudes, and else largest deviations.
 
     A vehicle that collides, and each one behind it, has no amplitude and no smallest gap; where it
-    collides, it says when.
-
-    Args:
-        run: a simulated platoon.
-        labels: (M+1,) of the vehicles; by default their places.
-        recorded: the window in which the vehicles themselves drove behind the run's leader.
+    collides, it says when. Labels (M+1,) are by default the places. Where the run's leader was
+    recorded, the window in which the vehicles themselves drove behind it stands beside.
     """
     waves, driving, followers = run.amplitudes, run.survivors, len(run.minimum_gap)
     labels = labels or ["Leader", *(f"Follower {k + 1}" for k in range(followers))]

@@ -69,7 +69,7 @@ FIT = Fit("pinn", "II", LEARNED, None, Outcome.FINISHED, 1.0, FAST.to_json())
 
 def errors(scale: float) -> TrackingErrors:
     speeds, gaps = scale * np.array([1.0, 2.0, 3.0]), scale * np.array([4.0, 5.0])
-    return TrackingErrors(speeds, gaps, 10 * speeds, 10 * gaps)
+    return TrackingErrors(speeds, gaps)
 
 
 def column(table: Table, title: str, group: str = "") -> list[Any]:
