@@ -385,6 +385,7 @@ def test_the_first_window_avoids_holes() -> None:
 # Train
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     session = with_sample()
     session.choose(window=Window(0.0, 60.0), vehicles=(1, 2, 3))
@@ -402,6 +403,9 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     page.open_tab("train_tabs", "Comparison")
     assert "0.0612" in page.texts(), "the truth of the first follower"
     assert conditional(session.result, None) in page.plain()
+    page.press("train_forms")
+    assert conditional(session.result, session.adequacy) in page.plain()
+    assert "train_forms" not in page.buttons
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
     page.open_tab("train_tabs", "Fit")
