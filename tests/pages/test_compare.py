@@ -17,7 +17,7 @@ from accpinn.results.messages.summary import agreement
 from accpinn.study.comparison import Refused, compare
 from accpinn.study.judge import Judgement
 from accpinn.tasks import Status, Task
-from pages.ui.session.resources import task_queue
+from pages.ui.session.resources import store, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
 from tests.support.apptest import WAIT, answer, open_page, stop_tasks, with_pair, with_sample
 from tests.support.command import PLATOON
@@ -136,7 +136,9 @@ def test_which_model_this_car_follows(session: Workspace, monkeypatch: pytest.Mo
     page.choose(f"models_speed_{judged.info.vehicles[1]}", 90.0)
     assert "At 90 km/h" in page.everything()
 
-    answer(session)
+    result = answer(session)
+    open_page("Compare", session)
+    assert store().find(result.analysis).parts.judgements, "a result is kept with it"
     session.restore(session.as_snapshot())
     assert session.judgement is None
     page = open_page("Compare", session).choose("compare_view", "models")

@@ -14,8 +14,10 @@ from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.model.registry import BEST
 from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.results.glossary import MEANINGS
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import conditional
+from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.vehicles import known_vehicles
@@ -37,6 +39,7 @@ from tests.support.apptest import (
     answer,
     fitted,
     open_page,
+    read,
     stop_tasks,
     until,
     with_pair,
@@ -118,6 +121,8 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert session.choices[EXAMPLE] == ASTAZERO_ALIKE.title
     page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
     assert "14 of 14 printed verdicts agree" in page.texts()
+    glossary = open_page("Home").press("frame_glossary").plain()
+    assert all(read(escape_markdown(meaning)) in glossary for meaning in MEANINGS.values())
     assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
     page.press("home_TableI_starts")
     assert len(session.segment.vehicles) == 2
@@ -257,6 +262,8 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
     for title in ("Data", "Train"):
         assert any("not ACC" in error for error in open_page(title, session).boxes("error"))
+    page = open_page("Data", session).open_tab("data_tabs", "About the recording")
+    assert page.shows(recording_table(session.recording), 3)
     session.choose(vehicles=(2, 3))
     answer(session)
     for title in ("Train", "Stability"):
@@ -327,6 +334,8 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     session = fitted(Window(0.0, 200.0))
+    page = open_page("Train", session).open_tab("train_tabs", "Validation")
+    assert "a window that was not trained on" in page.plain()
     page = open_page("Data", session).open_tab("data_tabs", "Validation")
     assert "Validation: error" not in page.texts()
     page.press("data_validate")
