@@ -134,7 +134,7 @@ def check_texts(name: str, note: str) -> None:
 
 SHAPES: dict[type, dict[str, str]] = {
     Fit: {"parameters": "M3", "unconstrained": "M3"},
-    Trajectories: {"time": "N!", "speeds": "NV!", "gaps": "NM!"},
+    Trajectories: {"time": "N!", "speeds": "NV", "gaps": "NM"},  # nan: not simulated
     History: {"parameters": "KP3", "deviations": "KP3"} | dict.fromkeys(
         ("iteration", "seconds", "total", "data", "physics", "initial", "evidence"), "K!"),
     ParameterTrack: {"time": "K!", "parameters": "KM3", "deviation": "KM3"},
@@ -419,9 +419,8 @@ def _check_fit(fit: Fit, info: SegmentInfo) -> None:
     _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
     _check_shapes(fit, info)
     _check_shape("disturbance", fit.arrays.get("disturbance"), "NM", _lengths(info))
-    known = ~np.isnan(fit.parameters.values).all(axis=1)  # not of whom nothing is determined
-    if known.any():
-        checked(fit.parameters[known])
+    values = fit.parameters.values  # nan where nothing is determined
+    _require(not ((values < 0) | np.isinf(values)).any(), "a parameter of it is out of range")
     _require(len(fit.active_bounds) in (0, info.followers), "its bounds differ in number")
     if fit.surrogate:
         _check_times(fit.surrogate.time)

@@ -18,16 +18,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from accpinn.errors import SnapshotError
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
+from accpinn.model.registry import BEST
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.quality import exclude_regimes, label_regimes
 from accpinn.serial import Arrays
 from accpinn.study import Analysis
 from accpinn.study.result import Result
-from accpinn.study.run import run
+from accpinn.study.run import estimate, run
 from accpinn.study.snapshot import (
     ARRAYS,
     ATTRIBUTION,
@@ -50,6 +52,7 @@ from tests.support.driving import MIXED, driven, standing_still
 from tests.support.holes import with_holes
 from tests.support.snapshots import (
     arrays_of,
+    asked_of,
     bits,
     members,
     put,
@@ -282,7 +285,7 @@ FORGED: list[tuple[str, Any]] = [
     ("fits.0.parameters", [[0.1], [0.1, 0.2]]),
     ("fits.0.outcome", "__class__"),
     *((f"fits.0.parameters.0.{k}", bad) for k in range(3)
-      for bad in ("inf", -0.1, None, "x", [], 1e300)),
+      for bad in ("inf", -0.1, "x", [], 1e300)),
     ("fits.0.arrays", {"disturbance": [[0.0]] * 3}),
     ("fits.0.track", {"time": [0.0], "parameters": [[[1, 1, 1]] * 2], "deviation": None}),
     ("parts.uncertainty.level", 1.5),
@@ -296,6 +299,24 @@ FORGED: list[tuple[str, Any]] = [
     ("segments.0.speeds", [[20.0, 20.0]] * 3),
     ("recording", {}),
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "model"),
+    [
+        ("pinn", preset("calibrated"), BEST),
+        ("simulation", None, "fvdm"),
+        ("simulation", None, "idm"),
+    ],
+)
+def test_what_determines_nothing_opens_again(method: str, settings: Any, model: str) -> None:
+    still = standing_still(samples=601)
+    asked = replace(asked_of(still, method, settings), model=model, fitted=model)
+    made = named(estimate(asked, (still,), context=TaskContext(threads=1)), "still", with_data=True)
+    opened = load(to_bytes(made))
+    np.testing.assert_array_equal(opened.parameters.everything, made.parameters.everything)
+    answers = opened.answer.parameters, made.answer.parameters
+    np.testing.assert_array_equal(*(answer.everything for answer in answers))
 
 
 class TestContents:
