@@ -1,24 +1,11 @@
 """What is wrong with data, files or usage: one line, the right exit status, nothing printed."""
 
-from pathlib import Path
-
 import pytest
 
 from accpinn import __version__
 from accpinn.cli import COMMANDS, main
 from accpinn.methods.registry import METHODS
 from tests.support.command import PLATOON, STUDY, Capture, refused
-
-
-@pytest.mark.parametrize("content", [None, b"", b"\0" * 5000, b"a,b\n1,2\n", bytes(range(256))])
-def test_a_file_that_is_missing_or_no_recording(
-    capsys: Capture, tmp_path: Path, content: bytes | None
-) -> None:
-    path = tmp_path / "odd.csv"
-    if content is not None:
-        path.write_bytes(content)
-    assert "odd.csv" in refused(capsys, 1, "fit", path, "--json")
-
 
 OF_PLATOON = (
     ("--start", 5000), ("--start", -1), ("--start", "inf"), ("--duration", 1),

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from accpinn import METHODS, Fit, Parameters, Recording, Segment, cut, evaluate
+from accpinn import METHODS, Fit, Recording, Segment, cut, evaluate
 from accpinn.errors import SegmentError
 from accpinn.evaluation import (
     OtherVehicles,
@@ -21,7 +21,7 @@ from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
 from accpinn.methods import Law, least_squares, splines
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from tests.support.driving import LAW, MIXED, driven
+from tests.support.driving import MIXED, driven
 from tests.support.methods import RIVALS
 from tests.support.samples import FOLDER, PLATOON
 
@@ -118,20 +118,6 @@ def test_the_idm_starts_outside_its_window_from_no_queue(astazero: Recording) ->
     assert found.out_of_window_seconds > 800.0
 
 
-def test_the_truth_has_no_error_on_either_window_and_another_law_has_some() -> None:
-    one = driven(MIXED)
-    other = replace(driven(MIXED, duration=90.0), source="other")
-    truth = replace(least_squares.fit(one), parameters=Parameters.of(MIXED))
-    assert evaluate(one, truth).closed_loop.gap_mae.max() < 0.01
-    found = ClosedLoop.of(other, truth)
-    assert found.errors.gap_mae.max() < 0.01
-    assert validation_findings([one], other) == found.findings == ()
-    wrong = replace(truth, parameters=Parameters.of([LAW] * 3))
-    errors = ClosedLoop.of(other, wrong).errors
-    assert errors.gap_mae[0] < 0.01, "the first obeys that law"
-    assert errors.gap_mae[1] > 1.0
-
-
 def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused() -> None:
     recording = read(FOLDER / f"{PLATOON}.csv")
     segment = cut(recording, 0.0, 200.0, (1, 2, 3))
@@ -139,6 +125,8 @@ def test_overlap_and_other_vehicles_are_findings_and_another_number_is_refused()
     assert validation_findings([segment], cut(recording, 200.0, 200.0, (1, 2, 3))) == ()
     overlapping = cut(recording, 150.0, 100.0, (1, 2, 3))
     assert validation_findings([segment], overlapping) == (ValidationOverlaps(50.0),)
+    elsewhere = replace(overlapping, source="another run")
+    assert validation_findings([segment], elsewhere) == ()
     halves = [cut(recording, start, 100.0, (1, 2, 3)) for start in (0.0, 250.0)]
     both = cut(recording, 50.0, 250.0, (1, 2, 3))
     assert validation_findings(halves, both) == (ValidationOverlaps(100.0),)

@@ -7,13 +7,7 @@ from statsmodels.tsa.statespace.kalman_smoother import KalmanSmoother
 
 from accpinn.methods.kalman import Pairs, innovations, log_likelihood, smooth
 from accpinn.methods.series import series_of
-from accpinn.methods.state_space import (
-    OBSERVED,
-    StateSpace,
-    coordinates,
-    discretise,
-    state_space,
-)
+from accpinn.methods.state_space import OBSERVED, StateSpace, coordinates, discretise, state_space
 from accpinn.model.registry import CTHPS
 from bench.coverage import SETS
 from bench.disturbed import Disturbance, disturbed

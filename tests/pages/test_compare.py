@@ -15,8 +15,9 @@ from accpinn.recordings import Window, files
 from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.messages.summary import agreement
 from accpinn.study.comparison import Refused, compare
+from accpinn.study.judge import Judgement
 from accpinn.tasks import Status, Task
-from pages.ui.session.resources import task_queue
+from pages.ui.session.resources import store, task_queue
 from pages.ui.session.workspace import KEPT_EARLIER, Workspace
 from tests.support.apptest import WAIT, answer, open_page, stop_tasks, with_pair, with_sample
 from tests.support.command import PLATOON
@@ -120,7 +121,7 @@ def test_methods_that_fail_are_named_and_the_others_shown(session: Workspace) ->
     assert len(session.compared) == len(METHODS) - len(failing)
 
 
-def test_which_model_this_car_follows(session: Workspace) -> None:
+def test_which_model_this_car_follows(session: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     page = open_page("Compare", session).choose("compare_view", "models")
     assert page.button(key="models_run").label.startswith("Judge 4 models (about ")
     page.choose("models_chosen", ["cthp", "cthp-s0"]).press("models_run")
@@ -135,12 +136,18 @@ def test_which_model_this_car_follows(session: Workspace) -> None:
     page.choose(f"models_speed_{judged.info.vehicles[1]}", 90.0)
     assert "At 90 km/h" in page.everything()
 
-    answer(session)
+    result = answer(session)
+    open_page("Compare", session)
+    assert store().find(result.analysis).parts.judgements, "a result is kept with it"
     session.restore(session.as_snapshot())
     assert session.judgement is None
     page = open_page("Compare", session).choose("compare_view", "models")
     assert all(sentence in page.plain() for sentence in said), "it comes back with a result"
 
+    assert "models_take" not in page.buttons, "one is hardly better than the other"
+    monkeypatch.setattr(Judgement, "is_clear", True)
+    page.run().press("models_take")
+    assert session.training.analysis.model == judged.ranked[0].model.key
     session.judge_models(["cthp"])
     session.choose(vehicles=(2, 3))
     assert session.judgement is None, "it was of other vehicles"

@@ -14,8 +14,10 @@ from accpinn.model.published import ASTAZERO_ALIKE
 from accpinn.model.registry import BEST
 from accpinn.recordings import Window, files
 from accpinn.recordings.synthetic import load_truth, truth_path
+from accpinn.results.glossary import MEANINGS
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.summary import conditional
+from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.vehicles import known_vehicles
@@ -28,12 +30,7 @@ from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import sessions
-from pages.ui.session.resources import (
-    FIRST_SAMPLE,
-    SAMPLES,
-    store,
-    windows_in_car_following,
-)
+from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
 from pages.ui.session.workspace import ALL_WINDOWS, WINDOWS_OFF, Workspace
 from tests.support.apptest import (
     PAGES,
@@ -42,6 +39,7 @@ from tests.support.apptest import (
     answer,
     fitted,
     open_page,
+    read,
     stop_tasks,
     until,
     with_pair,
@@ -123,6 +121,8 @@ def test_published_parameters_and_the_papers_items_from_home() -> None:
     assert session.choices[EXAMPLE] == ASTAZERO_ALIKE.title
     page = open_page("Home", session).open_tab("home_tabs", "Reproduce the paper")
     assert "14 of 14 printed verdicts agree" in page.texts()
+    glossary = open_page("Home").press("frame_glossary").plain()
+    assert all(read(escape_markdown(meaning)) in glossary for meaning in MEANINGS.values())
     assert page.button(key="home_TableI_run").disabled, "no such recording is at hand"
     page.press("home_TableI_starts")
     assert len(session.segment.vehicles) == 2
@@ -262,6 +262,8 @@ def test_human_drivers_are_no_acc_before_and_after_training() -> None:
     assert (hand.vehicles, hand.shares, hand.by_flag) == ((3,), (1.0,), False)
     for title in ("Data", "Train"):
         assert any("not ACC" in error for error in open_page(title, session).boxes("error"))
+    page = open_page("Data", session).open_tab("data_tabs", "About the recording")
+    assert page.shows(recording_table(session.recording), 3)
     session.choose(vehicles=(2, 3))
     answer(session)
     for title in ("Train", "Stability"):
@@ -332,6 +334,8 @@ def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     session = fitted(Window(0.0, 200.0))
+    page = open_page("Train", session).open_tab("train_tabs", "Validation")
+    assert "a window that was not trained on" in page.plain()
     page = open_page("Data", session).open_tab("data_tabs", "Validation")
     assert "Validation: error" not in page.texts()
     page.press("data_validate")
@@ -390,6 +394,7 @@ def test_the_first_window_avoids_holes() -> None:
 # Train
 
 
+@pytest.mark.usefixtures("cthp_alone")
 def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     session = with_sample()
     session.choose(window=Window(0.0, 60.0), vehicles=(1, 2, 3))
@@ -407,6 +412,9 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     page.open_tab("train_tabs", "Comparison")
     assert "0.0612" in page.texts(), "the truth of the first follower"
     assert conditional(session.result, None) in page.plain()
+    page.press("train_forms")
+    assert conditional(session.result, session.adequacy) in page.plain()
+    assert "train_forms" not in page.buttons
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4
     page.open_tab("train_tabs", "Fit")
@@ -615,19 +623,30 @@ def test_a_change_in_another_recording_is_not_undone_in_a_result_of_this_one() -
     assert session.asked.vehicles == (1, 2, 3), "as the recording was opened"
 
 
-def test_the_computer_s_sessions_and_runs_are_found_from_the_bare_address(
+def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_recording(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     session = fitted()
+    learned = session.result.parameters
     open_page("Train", session)
-    page = open_page("Home")
-    assert page.workspace() is not session
+    bare = open_page("Home")
+    assert bare.workspace() is not session
     named = escape_markdown(PLATOON.name)
-    (link,) = (one.proto for one in page.get("page_link") if named in one.proto.label)
+    (link,) = (one.proto for one in bare.get("page_link") if named in one.proto.label)
     assert f"session={session.id}" in link.query_string
+    session.open(files.read(SAMPLES / "synthetic_vicolungo_like.csv"))
+    open_page("Data", session)
+    assert session.result is None
     (run,) = session.runs
-    page.press(f"home_runs_open_{run.id}")
-    assert page.workspace().result.parameters == session.result.parameters
+    assert (run.source, run.window) == (PLATOON.name, "0–60 s")
+    for page in (bare, open_page("Home", session)):
+        found = page.press(f"home_runs_open_{run.id}").workspace()
+        assert found.result.parameters == learned
+        assert found.recording.source == PLATOON.name, "a sample is opened again"
+        assert found.asked.window == Window(0.0, 60.0)
+        assert not page.error
+        assert f"snapshot={run.id}" not in page.texts()
+    assert page.workspace() is session
     monkeypatch.setattr(sessions, "is_shared", lambda: True)
     page = open_page("Home")
     assert PLATOON.name not in page.everything(), "others' are nobody else's"

@@ -14,7 +14,7 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.recordings import Window
 from accpinn.recordings.files import read
 from pages.ui.session import sessions
-from pages.ui.session.resources import SAMPLES, library
+from pages.ui.session.resources import library
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
 from pages.ui.session.workspace import ALL_WINDOWS
 from pages.ui.snapshots.listing import restore_run
@@ -194,23 +194,6 @@ def test_no_page_waits_for_a_full_garbage_collection() -> None:
 
 
 # Finished trainings: none vanishes with a new recording, a reload or a restart
-
-
-def test_a_run_survives_another_recording_and_is_restored() -> None:
-    session = fitted()
-    before = session.result.parameters
-    session.open(read(SAMPLES / "synthetic_vicolungo_like.csv"))
-    open_page("Data", session)
-    assert session.result is None
-    (run,) = session.runs
-    assert (run.source, run.window) == (PLATOON.name, "0–60 s")
-
-    page = open_page("Home", session).press(f"home_runs_open_{run.id}")
-    assert session.result.parameters == before
-    assert session.recording.source == PLATOON.name, "a sample is opened again"
-    assert session.asked.window == Window(0.0, 60.0)
-    assert not page.error
-    assert f"snapshot={run.id}" not in page.texts()
 
 
 def test_after_a_restart_its_address_shows_what_a_session_had_open() -> None:

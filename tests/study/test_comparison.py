@@ -15,13 +15,7 @@ from accpinn.methods.pinn.config import STARTS
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from accpinn.results.recording import regimes_table, sensitivity_table
-from accpinn.study.comparison import (
-    CHOICES,
-    COMPARED,
-    SensitivityResult,
-    compare,
-    sensitivity,
-)
+from accpinn.study.comparison import CHOICES, COMPARED, SensitivityResult, compare, sensitivity
 from accpinn.study.result import Result
 from tests.support.command import STUDY, THREE, Capture, document
 from tests.support.driving import MIXED, driven

@@ -78,7 +78,7 @@ def free_port() -> int:
 
 
 def _await_health(process: "subprocess.Popen[bytes]", address: str, log: Path) -> None:
-    for _ in range(300):
+    for _ in range(1200):
         with suppress(OSError), urllib.request.urlopen(f"{address}/_stcore/health", timeout=5):
             return
         if process.poll() is not None:

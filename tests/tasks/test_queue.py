@@ -22,7 +22,7 @@ from accpinn.study.result import result_of
 from accpinn.tasks import Status, Task, TaskQueue, training_task
 from tests.support.openacc_files import recording
 
-WAIT = 20.0
+WAIT = 90.0
 """Longest wait of a test, in s; a sound queue needs none of it."""
 END = None
 """Given to a puppet: its steps are over."""
