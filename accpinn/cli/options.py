@@ -1,6 +1,7 @@
 """The options of commands that estimate, and the analysis that they choose."""
 
 import argparse
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -100,6 +101,9 @@ def chosen_analysis(
     for name, default in idle if several else ():
         if getattr(options, name) != default:
             raise ConfigError(f"{name}: --windows says where windows lie; leave --{name} out.")
+    held = getattr(options, "hold", ())
+    if twice := [name for name, count in Counter(name for name, _ in held).items() if count > 1]:
+        raise ConfigError(f"hold: {twice[0]} is given twice; give it once.")
     recording = chosen_recording(options)
     asked = Analysis.of(
         recording,
@@ -108,7 +112,7 @@ def chosen_analysis(
         case=options.case,
         excluded=options.leave_out,
         model=getattr(options, "model", None),
-        held=dict(getattr(options, "hold", ())),
+        held=dict(held),
         method=method,
         settings=settings,
     )

@@ -212,14 +212,14 @@ def simulate_platoon(
                 " choose a lower speed."
             )
     parameters = _with_equilibrium(parameters)
+    about = Parameters.of(parameters.complete * [1, 1, 1, 0, 1, 1])  # deviations have no s₀
     if isinstance(leader, Recorded):
         still, time = np.zeros(len(parameters)), leader.time
         deviations = leader.speeds - leader.speed
-        about = Parameters.of(parameters.complete * [1, 1, 1, 0, 1, 1])  # deviations have no s₀
         moved = cthp.simulate(about, time - time[0], deviations, still, still)
     else:
         time = _instants(leader, sample_time)
-        moved = _deviations(parameters, leader, time)
+        moved = _deviations(about, leader, time)
     driven = Trajectories(
         frozen(time),
         frozen(moved.speeds + leader.speed),
@@ -233,7 +233,7 @@ def simulate_platoon(
             driven = FOLLOWING[model].simulate(
                 own.T, driven.time, driven.speeds[:, 0], *start, substeps
             )
-    wave = _amplitudes(parameters, leader, driven) if isinstance(leader, Sinusoid) else None
+    wave = _amplitudes(about, leader, driven) if isinstance(leader, Sinusoid) else None
     collisions = _collisions(driven)
     meaningful = _meaningful(driven, collisions)
     counts = np.arange(len(driven.time))[:, None] < meaningful

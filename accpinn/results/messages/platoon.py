@@ -46,6 +46,7 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
     wave, moved = run.amplitudes, run.largest_deviation
     measured = wave.measured if wave and wave.periods else None
     what = "largest speed deviation" if measured is None else "oscillation"
+    what += " so far" if wave and not wave.periods else ""
     if run.collisions:
         first, *others = run.collisions
         hit = f"{places.label(first.follower)} collides at {first.time:.0f} s"
@@ -81,11 +82,13 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
 def growth_of(subject: KnownVehicles, order: Sequence[int], run: PlatoonRun) -> Estimate | None:
     """The last follower's amplitude by the leader's, with its interval.
 
-    None where no uncertainty is known, behind a leader that is no sinusoid, and of a nonlinear
-    model, whose response depends on the amplitude.
+    None where no uncertainty is known, behind a leader that is no sinusoid or of which no period
+    was measured, and of a nonlinear model, whose response depends on the amplitude.
     """
     leader = run.leader
     if not isinstance(leader, Sinusoid) or run.collisions or run.linear:
+        return None
+    if run.amplitudes and not run.amplitudes.periods:
         return None
     return subject.growth(order, leader.frequency)
 
