@@ -24,7 +24,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
-from accpinn.channels import GAP, PARAMETERS, SPEED, TIME
+from accpinn.channels import GAP, SPEED, TIME
 from accpinn.errors import ParameterError
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
@@ -317,7 +317,7 @@ def _files(snapshot: Result) -> Iterator[tuple[str, str | bytes]]:
         yield f"tables/{name}.tex", table.to_latex()
     fit, info = snapshot.fit, snapshot.info
     if fit.history:
-        yield "training.csv", _history(fit.history, info)
+        yield "training.csv", _history(fit.history, info, fit.model)
     for name, source in (
         ("measured", snapshot.segment and snapshot.segment.measured),
         ("closed_loop", snapshot.simulated),
@@ -337,16 +337,17 @@ def _motion(info: SegmentInfo, source: Trajectories) -> str:
     return _csv(columns)
 
 
-def _history(history: History, info: SegmentInfo) -> str:
-    """Iteration, seconds, terms of the loss, and the parameters of each follower."""
-    names = ("iteration", "seconds", "total", "data", "physics", "initial")
-    columns: dict[str, FloatArray] = {name: getattr(history, name) for name in names}
+def _history(history: History, info: SegmentInfo, model: str) -> str:
+    """Iteration, seconds, terms of the loss, and the model's parameters of each follower."""
+    names = ("iteration", "seconds", "total", "data", "physics", "initial", "evidence")
+    every = ((name, getattr(history, name)) for name in names)
+    columns: dict[str, FloatArray] = {name: values for name, values in every if values is not None}
     sets = history.parameters.values.shape[1]
     followers = ("all",) if sets == 1 and info.followers > 1 else info.vehicles[1:]
     for k, follower in enumerate(followers):
-        for which, quantity in enumerate(PARAMETERS):
-            values = history.parameters.values[:, k, which]
-            columns[Column(f"{quantity.key} {follower}", quantity.unit).csv_name] = values
+        for at, column in tables.columns_of(model):
+            name = Column(f"{column.key} {follower}", column.unit).csv_name
+            columns[name] = history.parameters.everything[:, k, at]
     return _csv(columns)
 
 
