@@ -7,7 +7,7 @@ read on light and on dark pages alike; texts take the page's colour.
 
 import html
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -96,16 +96,27 @@ class Figure(go.Figure):  # type: ignore[misc]  # plotly has no types
         parts = self.__dict__.get("_parts")
         if parts is None:
             return dict(super().to_dict())
-        sent: Part = _sent(parts)
-        sent["data"] = [_sent({"type": "scatter"} | trace) for trace in sent["data"]]
+        sent: Part = _copied(parts, _packed)
+        sent["data"] = [{"type": "scatter"} | trace for trace in sent["data"]]
         sent["layout"].setdefault("template", _template(templates.default))
         return sent
 
 
-def _sent(part: Any) -> Any:
-    """A part with dictionaries of its own, and numbers in base 64 as plotly sends them."""
+def parts_of(figure: go.Figure) -> Part:
+    """Traces and layout of a figure, to be changed; arrays are those of the figure."""
+    parts = figure.__dict__.get("_parts")
+    return dict(figure.to_dict()) if parts is None else dict(_copied(parts))
+
+
+def _copied(part: Any, leaf: Callable[[Any], Any] = lambda value: value) -> Any:
+    """Dictionaries and lists anew, and of all else what becomes of it."""
     if isinstance(part, dict):
-        return {name: _sent(value) for name, value in part.items()}
+        return {name: _copied(value, leaf) for name, value in part.items()}
+    return [_copied(value, leaf) for value in part] if isinstance(part, list) else leaf(part)
+
+
+def _packed(part: Any) -> Any:
+    """Numbers of an array in base 64, as plotly sends them."""
     if not (isinstance(part, np.ndarray) and part.dtype.kind in "fi"):
         return part
     numbers = part.astype(np.int32) if part.dtype.kind == "i" else part  # none is larger
@@ -335,36 +346,42 @@ def ticks(ends: Sequence[float]) -> dict[str, Any]:
     return {"tickvals": values, "ticktext": [f"{v + 0.0:.{digits}f}" for v in values]}
 
 
-def with_legend(figure: go.Figure) -> go.Figure:
+def with_legend(figure: go.Figure) -> Figure:
     """The figure with a legend, for where no key stands beside it, as in a file of its own.
 
     Every figure knows which of its traces a legend names: those that have a name and do not refuse.
     It stands above the figure, or below where a title is in the way.
     """
-    for trace in figure.data:
-        if not trace.name:
-            trace.showlegend = False
-    entries = sum(trace.showlegend is not False for trace in figure.data)
-    if not entries:
-        return figure
-    layout, margin = figure.layout, figure.layout.margin
-    layout.showlegend = True
-    if layout.title.text:
-        layout.legend = LEGEND | {"y": 0, "yref": "container"}
-        layout.height += LINE * entries
-    else:
-        layout.legend, margin.t = LEGEND, max(margin.t or 0, 34)
-    return figure
+    parts = parts_of(figure)
+    layout = parts["layout"]
+    for trace in parts["data"]:
+        if not trace.get("name"):
+            trace["showlegend"] = False
+    if entries := sum(trace.get("showlegend") is not False for trace in parts["data"]):
+        layout["showlegend"] = True
+        if layout.get("title", {}).get("text"):
+            layout["legend"] = LEGEND | {"y": 0, "yref": "container"}
+            layout["height"] += LINE * entries
+        else:
+            layout["legend"] = dict(LEGEND)
+            layout["margin"]["t"] = max(layout["margin"].get("t", 0), 34)
+    return Figure(parts)
 
 
 def on_paper(figure: go.Figure, paper: str, ink: str) -> Figure:
     """The figure on a ground of a colour, with texts in another."""
-    parts = figure.to_dict()
+    parts = parts_of(figure)
     layout = parts["layout"]
-    axes = [part for name, part in layout.items() if name[1:5] == "axis"]
-    titles = [axis.setdefault("title", {}) for axis in axes]
-    fonts = [part.setdefault("font", {}) for part in (layout, *titles)]
-    for font in (*fonts, *(axis.setdefault("tickfont", {}) for axis in axes)):
+    titles, fonts = [layout], []
+    for axis in axes_of(parts):
+        titles.append(axis.setdefault("title", {}))
+        fonts.append(axis.setdefault("tickfont", {}))
+    for font in (*fonts, *(part.setdefault("font", {}) for part in titles)):
         font["color"] = ink
     layout["paper_bgcolor"] = paper
     return Figure(parts)
+
+
+def axes_of(parts: Part) -> list[Part]:
+    """The axes in the layout of `parts_of` a figure."""
+    return [part for name, part in parts["layout"].items() if name[1:5] == "axis"]

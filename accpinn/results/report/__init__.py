@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 from markupsafe import Markup
+from plotly.io import to_json
 from plotly.offline import get_plotlyjs
 
 from accpinn import __version__
@@ -33,7 +34,14 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.results.figures import platoon as platoon_figures
 from accpinn.results.figures import stability as stability_figures
 from accpinn.results.figures.recording import motion
-from accpinn.results.figures.style import thinned, vehicle_colours, with_legend
+from accpinn.results.figures.style import (
+    Figure,
+    axes_of,
+    parts_of,
+    thinned,
+    vehicle_colours,
+    with_legend,
+)
 from accpinn.results.figures.training import tracking, training_figures
 from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import messages
@@ -77,19 +85,18 @@ class Picture:
 
     def drawn(self) -> dict[str, Any]:
         """Name, data and layout for the page's script; numbers in single precision."""
-        figure = go.Figure(self.figure)
-        for trace in figure.data:
-            x, y = map(np.asarray, (trace.x, trace.y))
+        parts = parts_of(self.figure)
+        for trace in parts["data"]:
+            x, y = np.asarray(trace["x"]), np.asarray(trace["y"])
             if x.dtype.kind in "fiu" and y.dtype.kind in "fiu":
-                if trace.mode != "markers" and not trace.fill:
+                if trace.get("mode") != "markers" and not trace.get("fill"):
                     x, y = thinned(x.astype(float), y.astype(float), POINTS)
-                    trace.customdata = None  # one value a point; only pages ask for it
-                trace.update(x=x.astype(np.float32), y=y.astype(np.float32))
-        # Titles keep clear of the numbers.
-        figure.update_xaxes(automargin=True, title_standoff=8)
-        figure.update_yaxes(automargin=True, title_standoff=8)
-        figure.layout.template = None
-        return {"name": self.name, **json.loads(figure.to_json())}
+                    trace.pop("customdata", None)  # one value a point; only pages ask for it
+                trace |= {"x": x.astype(np.float32), "y": y.astype(np.float32)}
+        for axis in axes_of(parts):  # titles keep clear of the numbers
+            axis["automargin"], axis["title"] = True, axis.get("title", {}) | {"standoff": 8}
+        parts["layout"]["template"] = None
+        return {"name": self.name, **json.loads(to_json(Figure(parts).to_dict(), validate=False))}
 
 
 def render_report(snapshot: Result, verification: Verification | None = None) -> str:

@@ -192,7 +192,7 @@ def chart(figure: go.Figure, key: str, tools: Sequence[str] = (), **options: Any
     """
     chosen, has_legend = st.session_state.get(PICTURES, (FORMATS[0], False))
     if has_legend:
-        figure = with_legend(go.Figure(figure))
+        figure = with_legend(figure)
     side = st.context.theme.type
     if side and (text := st.get_option(f"theme.{side}.textColor")):
         paper = st.get_option(f"theme.{side}.backgroundColor")
