@@ -28,7 +28,7 @@ from accpinn.study.studies import FAILURES
 
 KEYS = (
     "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds",
-    "stopped", "unknown_names",
+    "stopped", "namesakes", "unknown_names",
 )  # fmt: skip
 
 FORMATS = {"text": Table.to_text, "csv": Table.to_csv, "latex": Table.to_latex}

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import astuple, replace
 from math import isnan
 
-from accpinn.findings import percent, probability
+from accpinn.findings import joined, percent, probability
 from accpinn.inference.answer import SPEEDS
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
 from accpinn.results.tables import ABSENT, Cell, Column, Filled, Range, Table, between
@@ -95,7 +95,13 @@ def summary_line(summary: BatchProgress) -> str:
         f" {counted(summary.rows, 'row')} (one a follower window and method)"
     )
     reused = f", {summary.reused:,} of them known before" if summary.reused else ""
-    return f"Done: {counts}{reused}."
+    said = f"Done: {counts}{reused}."
+    if summary.namesakes:
+        said += (
+            f" Other contents of {joined(summary.namesakes)} stay in the study beside these; if a"
+            " file was changed, take another folder."
+        )
+    return said
 
 
 def estimate_line(estimate: BatchEstimate) -> str:

@@ -86,6 +86,8 @@ class BatchProgress:
     """Share of all the work that is done, 0 to 1."""
     stopped: bool = False
     """Whether it ended early because the caller said so."""
+    namesakes: tuple[str, ...] = ()
+    """Files of whose name the study has answers from other contents, too."""
     unknown_names: tuple[str, ...] = ()
     """Names of followers whose make and model the package does not know in one spelling."""
 
@@ -338,6 +340,8 @@ class _Batch:
             known, jobs = self._read(file, mapping)
             self._study.add_file(digest, known)
             rows = self._rows(known)
+        if self._study.has_namesake(file.name, known):
+            self._now.namesakes = tuple(sorted({*self._now.namesakes, file.name}))
         self._count(known, rows)
         left = list[WindowJob]()
         for job, numbers in zip(jobs, rows, strict=False):

@@ -167,6 +167,13 @@ class Study:
             database.execute("delete from refused where path = ?", (str(path),))
             database.executemany("insert into refused values (?, ?, ?)", values)
 
+    def has_namesake(self, name: str, known: KnownFile) -> bool:
+        """Whether there are answers from other contents of a file with that name."""
+        own = {window.source.sha256 for window in known.windows}
+        with self._writing() as database:
+            asked = "select distinct sha256 from answers where file = ?"
+            return any(sha256 not in own for (sha256,) in database.execute(asked, (name,)))
+
     def rows_of(self, analysis: Analysis) -> int | None:
         """How many rows the answer to an analysis has.
 

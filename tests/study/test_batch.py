@@ -146,6 +146,15 @@ def test_every_window_is_a_row_and_the_rest_a_failure(
     assert "1 file could not be read" in shown
 
 
+def test_other_contents_under_a_name_are_told(cluster: str, folder: Path, study: Path) -> None:
+    options: dict[str, Any] = {"methods": METHODS_USED[:1], "window": 70, "scheduler": cluster}
+    first = batch(folder / "run1.csv", study, **options)
+    (folder / "run1.csv").write_bytes(csv(frame(7), metadata(NAMES)))
+    again = batch(folder / "run1.csv", study, **options)
+    assert (first.namesakes, again.namesakes) == ((), ("run1.csv",))
+    assert table(study)["sha256"].nunique() == 2
+
+
 def test_what_is_known_needs_neither_workers_nor_the_files_contents(
     cluster: str, folder: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
