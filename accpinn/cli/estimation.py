@@ -219,8 +219,8 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     cached = ", answered from the cache" if fit.cached else ""
     count = f"{fit.iterations} iterations in " if fit.iterations else ""
     effort = f"{count}{fit.seconds:.1f} s{cached}"
-    first = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
-    first = [*_by_hand(info), *first]
+    told = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
+    first = [*_by_hand(info), *told]
     said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
     said += [f"Note: {note}" for note in notes(result, with_intervals) if note not in first]
     return "\n".join([*first, "", *_answer_texts(result), *_texts(tables), *said])

@@ -26,10 +26,6 @@ the sound recordings of the database reach 0.8 and more."""
 SLOPES = 0.6, 1.6
 """Slopes of a gap's rate of change over that difference that count as sound; the sound recordings
 of the database have 0.82 to 1.09, and speeds in mph 0.45."""
-UNITS = {0.2778: "speeds in km/h", 0.447: "speeds in mph", 3.281: "gaps in feet"}
-"""Slopes where units are others than m/s and m."""
-NEAR_A_UNIT = 0.2
-"""Distance of the logarithms of a slope and of one of these, within which it is named."""
 AGREEMENT_WINDOW: Seconds = 1.0
 """Time over which rates are taken, so that measurement noise does not hide the agreement."""
 AGREEMENT_MINIMUM = 30
@@ -125,31 +121,34 @@ class GapContradictsSpeeds(Finding, frozen=True):
 
     text_units = (
         "{gap} contradicts the speeds of vehicles {ahead} and {behind}: it changes {slope:.2f}"
-        " times as fast as they demand (correlation {correlation:.2f}){guess}; check the units, and"
-        " do not trust results for vehicle {behind}."
+        " times as fast as they demand (correlation {correlation:.2f}), where speeds in km/h have"
+        " 0.28, in mph 0.45, and gaps in feet 3.28; check the units, and do not trust results for"
+        " vehicle {behind}."
     )
 
     vehicle: int
     correlation: float
     """Correlation of the gap's rate of change with the speeds' difference."""
-    slope: float = 1.0
-    """By how much the gap's rate of change exceeds that difference, where they correlate."""
+    slope: float | None = None
+    """The gap's rate of change over that difference, where they correlate: units are others."""
 
     @property
     def follower(self) -> int:
         """The vehicle whose gap to the one ahead it is."""
         return self.vehicle + 1
 
+    @property
+    def is_in_another_unit(self) -> bool:
+        """Whether the gap follows the speeds, but in another unit than they."""
+        return self.slope is not None
+
     def sentence(self, about: Labelled) -> str:
-        """Where the two correlate, another unit is the cause."""
-        return self.filled(self.text_units if self.slope != 1.0 else self.text, about)
+        """The cause is another unit, or that they do not correlate."""
+        return self.filled(self.text_units if self.is_in_another_unit else self.text, about)
 
     def _words(self, about: Labelled) -> Words:
-        near = min(UNITS, key=lambda unit: abs(np.log(abs(self.slope) / unit)))
-        is_near = abs(np.log(abs(self.slope) / near)) < NEAR_A_UNIT
-        guess = f", as with {UNITS[near]}" if is_near else ""
         ahead = self.vehicle
-        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": self.follower, "guess": guess}
+        return {"gap": GAP.of(ahead), "ahead": ahead, "behind": self.follower}
 
 
 class ValuesOutOfRange(Finding, frozen=True):
@@ -215,15 +214,6 @@ class ValuesFrozen(Finding, frozen=True):
     def _words(self, about: Labelled) -> Words:
         name = RECORDED[self.channel].name.lower()
         return {"name": name, "seconds": self.window.duration}
-
-
-class MappingRemembered(Finding, frozen=True):
-    """The columns were read as a mapping says that an earlier file with the same columns had."""
-
-    text = (
-        "Columns and units were read as those of an earlier file with the same header; map the"
-        " columns again if they are others."
-    )
 
 
 class LittleLeaderMotion(Finding, frozen=True):

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from accpinn.channels import GAP, MAX_VEHICLES, SPEED, Quantity
 from accpinn.errors import RecordingError
 from accpinn.findings import Finding
-from accpinn.recordings import MappingRemembered, Mode, Recording
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import SourceFile, excerpt
 from accpinn.recordings.tables import Columns, TableRun, layout_of, read_columns
 from accpinn.storage import folder, reported, write_whole
@@ -62,6 +62,15 @@ class GapColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A key of `GAP_UNITS`."""
     subtract: Metres = 0.0
     """Length of the vehicle ahead in m, where the column holds a distance of positions."""
+
+
+class MappingRemembered(Finding, frozen=True):
+    """The columns were read as a mapping says that an earlier file with the same columns had."""
+
+    text = (
+        "Columns and units were read as those of an earlier file with the same header; map the"
+        " columns again if they are others."
+    )
 
 
 class ModeColumn(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

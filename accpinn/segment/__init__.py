@@ -22,13 +22,13 @@ from accpinn.model.cthp import Case, Trajectories
 from accpinn.recordings import (
     MOVING,
     GapContradictsSpeeds,
-    MappingRemembered,
     ValuesOutOfRange,
     Window,
     listed,
     longest,
     vehicle_label,
 )
+from accpinn.recordings.mapping import MappingRemembered
 from accpinn.units import FloatArray, Mask, Seconds, frozen
 
 USUAL = 1.3

@@ -20,13 +20,13 @@ from accpinn.errors import SegmentError
 from accpinn.recordings import (
     HUMAN_FLAG,
     GapContradictsSpeeds,
-    MappingRemembered,
     Mode,
     Recording,
     ValuesOutOfRange,
     Window,
     contradiction,
 )
+from accpinn.recordings.mapping import MappingRemembered
 from accpinn.segment import (
     BlocksMissing,
     Bridged,

@@ -132,7 +132,7 @@ def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
     for contradiction in contradictions(recording):
         if contradiction.follower != number:
             continue
-        if contradiction.slope != 1.0:  # the units of the whole file are others
+        if contradiction.is_in_another_unit:  # the units of the whole file are others
             return np.zeros_like(allowed)
         for window in _windows(recording, allowed, longest):
             first, *_, last = np.flatnonzero(_inside(recording.time, window))

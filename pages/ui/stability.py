@@ -97,7 +97,7 @@ def _show_answer(source: KnownVehicles) -> None:
             for name, *both in verdicts:
                 l2, linf = (verdict.word for verdict in both)
                 lines.append(f"{name}: L₂ **{l2}**, L∞ **{linf}**.")
-            why = escape_markdown(dict(words.reasons(source)[-1][1])[platoon.l2_weak])
+            why = escape_markdown(words.along_platoon(source))
             of = "estimates" if result else "parameters"
             st.markdown(
                 f"The {of} as a platoon in this order. {' '.join(lines)} {why}",

@@ -10,9 +10,9 @@ import pytest
 
 import accpinn
 from accpinn.errors import RecordingError
-from accpinn.recordings import MappingRemembered, Mode, Recording
+from accpinn.recordings import Mode, Recording
 from accpinn.recordings.files import opened, read, read_all
-from accpinn.recordings.mapping import load_mapping, parse_mapping
+from accpinn.recordings.mapping import MappingRemembered, load_mapping, parse_mapping
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
 from tests.support.openacc_files import csv, metadata, pair, platoon, table

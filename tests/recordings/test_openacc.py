@@ -198,11 +198,11 @@ def contradicts(recording: Recording, start: float, vehicles: tuple[int, ...]) -
 
 
 @pytest.mark.parametrize(
-    ("column", "factor", "slope", "unit"),
-    [("Speed", 3.6, 0.278, "km/h"), ("Speed", 2.237, 0.447, "mph"), ("IVS", 3.281, 3.281, "feet")],
+    ("column", "factor", "slope"),
+    [("Speed", 3.6, 0.278), ("Speed", 2.237, 0.447), ("IVS", 3.281, 3.281)],
 )
 def test_units_that_differ_are_seen_by_how_fast_the_gap_changes(
-    column: str, factor: float, slope: float, unit: str
+    column: str, factor: float, slope: float
 ) -> None:
     frame = platoon(2)
     frame[[name for name in frame if name.startswith(column)]] *= factor
@@ -210,7 +210,6 @@ def test_units_that_differ_are_seen_by_how_fast_the_gap_changes(
     first = found(data.GapContradictsSpeeds, recording)
     assert first.vehicle == 1
     assert first.slope == pytest.approx(slope, rel=0.02)
-    assert unit in first.sentence(recording)
     assert contradicts(recording, 0.0, (1, 2))
     assert not plan(recording, 30.0)
 
@@ -224,7 +223,7 @@ def test_9_a_gap_that_contradicts_the_speeds() -> None:
     assert abs(agreement(recording, 2)) < 0.5
     contradiction = found(data.GapContradictsSpeeds, recording)
     assert contradiction.vehicle == 2
-    assert (contradiction.correlation, contradiction.slope) == (agreement(recording, 2), 1.0)
+    assert (contradiction.correlation, contradiction.slope) == (agreement(recording, 2), None)
     # It goes with the windows of the vehicle in which it is so, and a batch leaves them out.
     assert contradicts(recording, 0.0, (2, 3))
     assert not contradicts(recording, 0.0, (1, 2))

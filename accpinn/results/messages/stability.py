@@ -85,17 +85,23 @@ def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]
         platoon = report.platoon
         verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
         said = [
-            (verdict, reason(verdict, report, vehicles.spoken, growth_of(subject)))
+            (verdict, reason(verdict, report, vehicles.spoken, _growth_of(subject)))
             for verdict in verdicts
         ]
         found.append(("The platoon", said))
     return found
 
 
-def growth_of(subject: KnownVehicles) -> Estimate | None:
+def _growth_of(subject: KnownVehicles) -> Estimate | None:
     """The platoon's largest growth with its interval, where that is known."""
     last = subject.report.platoon.peaks[-1]
     return subject.growth(range(len(subject.vehicles)), last.omega) if last.omega else None
+
+
+def along_platoon(subject: KnownVehicles) -> str:
+    """How much a disturbance grows from the leader to the last of several vehicles, and why."""
+    report = subject.report
+    return reason(report.platoon.l2_weak, report, grows=_growth_of(subject))
 
 
 def reason(

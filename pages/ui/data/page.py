@@ -14,7 +14,8 @@ import streamlit as st
 from accpinn.errors import ConfigError
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Case
-from accpinn.recordings import MappingRemembered, Recording, Window
+from accpinn.recordings import Recording, Window
+from accpinn.recordings.mapping import MappingRemembered
 from accpinn.results import recording as words
 from accpinn.results.figures import recording as figures
 from accpinn.results.figures.style import vehicle_colour
