@@ -419,8 +419,10 @@ def _check_fit(fit: Fit, info: SegmentInfo) -> None:
     _require(min(fit.iterations, fit.network_weights) >= 0, "a count is negative")
     _check_shapes(fit, info)
     _check_shape("disturbance", fit.arrays.get("disturbance"), "NM", _lengths(info))
-    values = fit.parameters.values  # nan where nothing is determined
-    _require(not ((values < 0) | np.isinf(values)).any(), "a parameter of it is out of range")
+    values = fit.parameters.values
+    known = values[~np.isnan(values).all(axis=1)]  # of the others nothing is determined
+    known[known[:, 0] == 0, 2] = 0.0  # τ has no effect without α
+    _require(bool(((known >= 0) & (known < np.inf)).all()), "a parameter of it is out of range")
     _require(len(fit.active_bounds) in (0, info.followers), "its bounds differ in number")
     if fit.surrogate:
         _check_times(fit.surrogate.time)

@@ -285,7 +285,7 @@ FORGED: list[tuple[str, Any]] = [
     ("fits.0.parameters", [[0.1], [0.1, 0.2]]),
     ("fits.0.outcome", "__class__"),
     *((f"fits.0.parameters.0.{k}", bad) for k in range(3)
-      for bad in ("inf", -0.1, "x", [], 1e300)),
+      for bad in ("inf", -0.1, None, "x", [], 1e300)),
     ("fits.0.arrays", {"disturbance": [[0.0]] * 3}),
     ("fits.0.track", {"time": [0.0], "parameters": [[[1, 1, 1]] * 2], "deviation": None}),
     ("parts.uncertainty.level", 1.5),
