@@ -195,7 +195,7 @@ def closed_loop_findings(
     events: list[ClosedLoopFinding] = []
     for k, vehicle in enumerate(segment.vehicles[1:]):
         if touching[:, k].any():
-            smallest = float(np.nanmin(simulated.gaps[:, k]))
+            smallest = max(float(np.nanmin(simulated.gaps[:, k])), -DIVERGED)
             events.append(SimulatedCollision(vehicle, _first(segment, touching[:, k]), smallest))
         if backwards[:, k].any():
             speed = -float(simulated.speeds[backwards[:, k], k + 1].min())
