@@ -73,15 +73,11 @@ class Window:
         return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
 
 
-def longest(windows: Sequence[Window]) -> tuple[Window, ...]:
-    """The longest windows in order of time."""
-    listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
-    return tuple(sorted(listed, key=lambda window: window.start))
-
-
-def listed(windows: Sequence[Window], others: int) -> str:
-    """Windows, and how many shorter ones there are."""
-    text = ", ".join(map(str, windows))
+def listed(windows: Sequence[Window]) -> str:
+    """The longest windows in order of time, and how many shorter ones there are."""
+    longest = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
+    text = ", ".join(str(window) for window in sorted(longest, key=lambda window: window.start))
+    others = len(windows) - len(longest)
     return text + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
 
 
@@ -96,9 +92,7 @@ class SamplesMissing(Finding, frozen=True):
     share: float
     """Share of all samples, 0 to 1."""
     windows: tuple[Window, ...]
-    """The longest blocks, in order of time."""
-    shorter: int
-    """How many blocks there are besides."""
+    """Its blocks."""
 
     def _words(self, about: Labelled) -> Words:
         column, is_gap = RECORDED[self.channel].of(self.vehicle), self.channel == GAP.column
@@ -106,7 +100,7 @@ class SamplesMissing(Finding, frozen=True):
             "column": column if is_gap else f"{column} ({about.label(self.vehicle)})",
             "part": percent(self.share),
             "note": " although both speeds are known" if is_gap else "",
-            "where": listed(self.windows, self.shorter),
+            "where": listed(self.windows),
         }
 
 
@@ -495,8 +489,7 @@ def _missing(
     recording: Recording, channel: Quantity, number: int, mask: Mask
 ) -> Iterator[SamplesMissing]:
     if blocks := tuple(map(recording.window, stretches(mask))):
-        share, shown = float(mask.mean()), longest(blocks)
-        yield SamplesMissing(channel.column, number, share, shown, len(blocks) - len(shown))
+        yield SamplesMissing(channel.column, number, float(mask.mean()), blocks)
 
 
 def _frozen(

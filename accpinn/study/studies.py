@@ -218,10 +218,10 @@ class Study:
     def publish(self) -> None:
         """Make the Parquet file, the list of failures and the schema from what is known so far."""
         with _told(self.folder):
-            _write_parquet(self.folder / RESULTS, _rows(self._database))
+            _write_parquet(self.folder / RESULTS, read_rows(self.folder))
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
-            writer.writerows([Failure._fields, *_failures(self._database)])
+            writer.writerows([Failure._fields, *read_failures(self.folder)])
             write_whole(self.folder / FAILURES, text.getvalue().encode())
             schema = {
                 "format": FORMAT,
@@ -253,7 +253,7 @@ def written(folder: Path, request: Request) -> Iterator[Study]:
             database = stack.enter_context(_connected(folder))
             database.execute("pragma journal_mode = wal")
             database.execute("pragma synchronous = normal")
-            kept = _request(database)
+        kept = read_request(folder)
         if kept and _shared(kept) != _shared(request):
             window, case, model = _shared(kept)
             raise ConfigError(
@@ -323,8 +323,10 @@ def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
     Raises:
         StudyError: where there is no study, or it is damaged.
     """
+    asked = "select rows from answers order by file, sha256, start, leader, method"
     with _read(folder) as database:
-        yield from _rows(database)
+        for (document,) in database.execute(asked):
+            yield from map(msgspec.structs.asdict, _read_rows(document))
 
 
 def read_posteriors(folder: Path, width: int) -> dict[tuple[str, Seconds, int], FloatArray]:
@@ -338,14 +340,23 @@ def read_posteriors(folder: Path, width: int) -> dict[tuple[str, Seconds, int], 
 
 def read_failures(folder: Path) -> tuple[Failure, ...]:
     """What has no result, in the order of files; see `read_rows`."""
+    asked = (
+        "select file, null as start, null as vehicle, reason from refused union all"
+        " select file, start, vehicle, reason from answers where reason is not null"
+        " order by file, start, vehicle, reason"
+    )
     with _read(folder) as database:
-        return tuple(_failures(database))
+        return tuple(msgspec.convert(row, Failure) for row in database.execute(asked))
 
 
 def read_request(folder: Path) -> Request | None:
     """What a study was last asked to do; None where that is not known; see `read_rows`."""
     with _read(folder) as database:
-        return _request(database)
+        row = database.execute("select document from request").fetchone()
+        request = msgspec.json.decode(row[0], type=Request) if row else None
+        if request and request.model not in FOLLOWING:
+            raise ValueError(f"its model {request.model[:40]} is not known")
+        return request
 
 
 def state_of(folder: Path) -> tuple[int, ...]:
@@ -377,30 +388,6 @@ def _connected(folder: Path) -> Iterator[sqlite3.Connection]:
                 " folder."
             )
         yield database
-
-
-def _rows(database: sqlite3.Connection) -> Iterator[dict[str, Any]]:
-    asked = "select rows from answers order by file, sha256, start, leader, method"
-    for (document,) in database.execute(asked):
-        yield from map(msgspec.structs.asdict, _read_rows(document))
-
-
-def _failures(database: sqlite3.Connection) -> Iterator[Failure]:
-    asked = (
-        "select file, null as start, null as vehicle, reason from refused union all"
-        " select file, start, vehicle, reason from answers where reason is not null"
-        " order by file, start, vehicle, reason"
-    )
-    for row in database.execute(asked):
-        yield msgspec.convert(row, Failure)
-
-
-def _request(database: sqlite3.Connection) -> Request | None:
-    row = database.execute("select document from request").fetchone()
-    request = msgspec.json.decode(row[0], type=Request) if row else None
-    if request and request.model not in FOLLOWING:
-        raise ValueError(f"its model {request.model[:40]} is not known")
-    return request
 
 
 @contextmanager
