@@ -7,9 +7,11 @@ A file is written beside its place under a name of its own and moved there in on
 reader, or a process that is killed, sees the old file or the new one and never a part of either.
 """
 
+import csv
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import IO, Literal
 
@@ -39,6 +41,12 @@ def folder(name: FolderName) -> Path:
     if named:
         return Path(named)
     return user_cache_path("accpinn") if name == "cache" else user_data_path("accpinn") / name
+
+
+def packaged_rows(room: str, name: str) -> Iterator[dict[str, str]]:
+    """The rows of a table that comes with the package, as "makes.csv" in ``recordings``."""
+    text = files("accpinn").joinpath(room, name).read_text(encoding="utf-8")
+    return csv.DictReader(text.split("\n"))
 
 
 @contextmanager

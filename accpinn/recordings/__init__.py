@@ -12,7 +12,7 @@ from typing import TypedDict, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, RECORDED, SPEED, Quantity
+from accpinn.channels import GAP, RECORDED, SPEED
 from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
@@ -388,6 +388,11 @@ class Recording:
         first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
         return Window(first, last)
 
+    def rows(self, window: Window) -> slice:
+        """The samples inside of a window."""
+        ends = window.start - EVEN_TOLERANCE, window.end + EVEN_TOLERANCE
+        return slice(*np.searchsorted(self.time, ends).tolist())
+
 
 class Facts(TypedDict, total=False):
     """Facts that a recording states of itself; None where it does not."""
@@ -418,13 +423,12 @@ def check(recording: Recording) -> Iterator[Finding]:
     gaps = recording.followed
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
-    for number in recording.present:
-        yield from _missing(recording, SPEED, number, np.isnan(recording.speed_of(number)))
-    for number in gaps:
-        # Gaps vanish along with a speed; only what goes beyond that is news.
-        speeds = recording.speed[:, number - 1 : number + 1]
-        alone = np.isnan(recording.gap_behind(number)) & np.isfinite(speeds).all(axis=1)
-        yield from _missing(recording, GAP, number, alone)
+    for channel, number, values in channels:
+        missing = np.isnan(values)
+        if channel is GAP:  # they vanish along with a speed; only what goes beyond that is news
+            missing &= np.isfinite(recording.speed[:, number - 1 : number + 1]).all(axis=1)
+        if blocks := tuple(map(recording.window, stretches(missing))):
+            yield SamplesMissing(channel.column, number, float(missing.mean()), blocks)
     for number in gaps:
         if found := contradiction(recording, number):
             yield found
@@ -435,7 +439,12 @@ def check(recording: Recording) -> Iterator[Finding]:
                 far = float(end(values))
                 yield ValuesOutOfRange(channel.column, number, count, far, count / len(values))
     for channel, number, values in channels:
-        yield from _frozen(recording, channel, number, values)
+        follower = number if channel is SPEED else number + 1
+        moving = recording.speed_of(follower)[1:] > MOVING
+        most = max(stretches((values[1:] == values[:-1]) & moving), key=len, default=None)
+        if most and len(most) * recording.sample_time > FROZEN:
+            equal = Stretch(most.first, most.last + 1)  # k repeats are k + 1 equal samples
+            yield ValuesFrozen(channel.column, follower, recording.window(equal))
     leader = recording.present[0]
     deviation = float(np.nanstd(recording.speed_of(leader)))
     if deviation < LITTLE_LEADER_MOTION:
@@ -483,23 +492,3 @@ def _relative_motion(recording: Recording, number: int, rows: slice) -> FloatArr
     if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
         return None
     return np.array([rate[known], smooth[known]])
-
-
-def _missing(
-    recording: Recording, channel: Quantity, number: int, mask: Mask
-) -> Iterator[SamplesMissing]:
-    if blocks := tuple(map(recording.window, stretches(mask))):
-        yield SamplesMissing(channel.column, number, float(mask.mean()), blocks)
-
-
-def _frozen(
-    recording: Recording, channel: Quantity, number: int, values: FloatArray
-) -> Iterator[ValuesFrozen]:
-    follower = number if channel is SPEED else number + 1
-    moving = recording.speed_of(follower)[1:] > MOVING
-    repeats = stretches((values[1:] == values[:-1]) & moving)
-    most = max(repeats, key=len, default=None)
-    if most and len(most) * recording.sample_time > FROZEN:
-        # A stretch of k repeats is k + 1 equal samples.
-        equal = Stretch(most.first, most.last + 1)
-        yield ValuesFrozen(channel.column, follower, recording.window(equal))

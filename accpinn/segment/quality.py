@@ -64,7 +64,7 @@ from accpinn.segment import (
     RegimesExcluded,
     Segment,
 )
-from accpinn.segment.cut import MINIMUM_DURATION, SLACK
+from accpinn.segment.cut import MINIMUM_DURATION
 from accpinn.units import (
     FloatArray,
     Mask,
@@ -361,12 +361,9 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     by_hand = _of(segment.findings, DrivenByHand)
     contradicting = _of(segment.findings, GapContradictsSpeeds)
     wrong = (*contradicting, *_of(quality.findings, GapsNegative))
-    within = recording.time + SLACK >= segment.window.start
-    within &= recording.time - SLACK <= segment.window.end
-    modes = recording.mode[within][:, followers]
+    rows = recording.rows(segment.window)
+    modes = recording.mode[rows, followers]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
-    first, *_, last = np.flatnonzero(within)
-    rows = slice(first, last + 1)
     no_agreement = any(agreement(recording, number, rows) is None for number in ahead)
     is_near = bool(_of(still, NearEquilibrium))
     is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING

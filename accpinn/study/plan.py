@@ -103,7 +103,7 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
             alone = column.copy()
             for window in together:
-                alone &= ~_inside(recording.time, window)
+                alone[recording.rows(window)] = False
             windows = _windows(recording, alone, longest)
             planned += [_planned(recording, pair, window) for window in windows]
     return tuple(planned)
@@ -135,9 +135,9 @@ def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
         if contradiction.is_in_another_unit:  # the units of the whole file are others
             return np.zeros_like(allowed)
         for window in _windows(recording, allowed, longest):
-            first, *_, last = np.flatnonzero(_inside(recording.time, window))
-            value = agreement(recording, number - 1, slice(first, last + 1), of_ranks=True)
-            allowed[first : last + 1] &= value is not None and value >= AGREEMENT_LIMIT
+            rows = recording.rows(window)
+            value = agreement(recording, number - 1, rows, of_ranks=True)
+            allowed[rows] &= value is not None and value >= AGREEMENT_LIMIT
     return allowed
 
 
@@ -185,7 +185,7 @@ def qualifies(recording: Recording, number: int) -> Mask:
         return np.zeros(recording.samples, bool)
     complete = np.zeros(recording.samples, bool)
     for window in complete_windows(recording, (number - 1, number)):
-        complete |= _inside(recording.time, window)
+        complete[recording.rows(window)] = True
     allowed: Mask = complete & ~by_hand
     speed, gap = recording.speed_of(number), recording.gap_behind(number - 1)
     # A bridged sample has no time gap of its own and counts as its neighbours do.
@@ -196,10 +196,6 @@ def qualifies(recording: Recording, number: int) -> Mask:
         if inside and recording.window(stretch).duration <= DEPARTURE:
             away[stretch.rows] = False
     return allowed & ~away
-
-
-def _inside(time: FloatArray, window: Window) -> Mask:
-    return (time >= window.start - SLACK) & (time <= window.end + SLACK)
 
 
 def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Window]:
@@ -216,7 +212,7 @@ def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Wind
 
 
 def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> PlannedWindow:
-    rows = _inside(recording.time, window)
+    rows = recording.rows(window)
     modes = []
     for number in vehicles[1:]:
         known = (recording.mode[rows, number - 1] == Mode.ACC).any()
