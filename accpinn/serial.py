@@ -40,11 +40,9 @@ class NamedEnum(Enum):
 
 
 def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
-    """A value as a tree, and the arrays that the tree names.
+    """A value as a tree, and the arrays that the tree names, which begin with its path.
 
-    Args:
-        value: dataclasses, structs, tuples, dicts, numbers, texts and arrays within each other.
-        path: where it stands, which begins the names of arrays.
+    It consists of dataclasses, structs, tuples, dicts, numbers, texts and arrays.
     """
     arrays: Arrays = {}
 
@@ -90,12 +88,9 @@ def _join(path: str, name: str) -> str:
 
 
 def restore(kind: type[T], tree: Any, arrays: Mapping[str, NDArray[Any]]) -> T:
-    """The value of a tree and its arrays.
+    """The value of a tree and its arrays, as `dump` gives them.
 
-    Args:
-        kind: its class; nothing is believed but what the types of its fields allow.
-        tree: as `dump` gives it.
-        arrays: those that the tree names.
+    Nothing is believed but what the types of the fields of its class allow.
 
     Raises:
         ValueError: for anything else, with the place.

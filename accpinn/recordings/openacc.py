@@ -65,10 +65,7 @@ def _natural(name: str) -> list[str | int]:
 
 
 def find(names: Sequence[str]) -> tuple[Run, ...]:
-    """The runs that campaigns or files name; all of them where nothing is named.
-
-    Args:
-        names: campaigns, files, or both as "Casale/part7.csv"; case does not matter.
+    """The runs of campaigns, of files, or of both as "Casale/part7.csv"; of no name all.
 
     Raises:
         ConfigError: for a name that is not in the catalogue, or a file that two campaigns have.

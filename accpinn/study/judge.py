@@ -318,12 +318,7 @@ def judge(
     models: Sequence[str],
     should_stop: Callable[[], bool] | None = None,
 ) -> Iterator[tuple[Judgement, ...]]:
-    """Judge one model after the other; yields the judgements so far after each.
-
-    Args:
-        subjects: the followers, all of which are searched at once.
-        models: keys of the registry.
-        should_stop: asked several times a second; True ends after the models that are done.
+    """Judge one model after the other, on all followers at once; yields the judgements so far.
 
     Raises:
         ConfigError: for an unknown model.

@@ -87,13 +87,9 @@ class PlannedWindow:
 
 
 def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
-    """The windows of a recording, in the order of chains and time.
+    """The windows of a recording, in the order of chains and time, none longer than ``longest`` s.
 
     A follower whose gap contradicts the speeds there has none.
-
-    Args:
-        recording: what to cut.
-        longest: of a window, in s; infinite for whole stretches.
     """
     planned: list[PlannedWindow] = []
     for chain in _short_chains(recording):
@@ -146,11 +142,8 @@ def car_following(
 ) -> tuple[Window, ...]:
     """The windows in which all chosen followers are in car-following under ACC, with all channels.
 
-    Args:
-        recording: what to cut.
-        vehicles: consecutive numbers, leader first, also as "1-5"; by default see
-            `default_vehicles`.
-        longest: of a window, in s.
+    Vehicles are consecutive numbers, leader first, also as "1-5"; by default see
+    `default_vehicles`. No window is longer than ``longest`` s.
 
     Raises:
         SegmentError: where there is none.
@@ -224,9 +217,7 @@ def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> P
 def files_of(sources: Sources, study: Path | None = None) -> list[Path]:
     """The files of a batch: each once, those of a folder in the order of their names.
 
-    Args:
-        sources: as `batch` takes them.
-        study: the folder of the results, which may lie among them.
+    The study's folder may lie among them, and does not count.
 
     Raises:
         RecordingError: when a source does not exist, or holds no CSV file.

@@ -204,9 +204,7 @@ def save(result: Result, path: str | os.PathLike[str]) -> Path:
 def writable_path(target: Path, kind: str) -> Path:
     """The file that is made, or replaced, by writing to ``target``; links are followed.
 
-    Args:
-        target: where a user wants the file.
-        kind: a key of `MARKS`; nothing is replaced but a file of its own kind.
+    Nothing is replaced but a file of its own kind, a key of `MARKS`.
 
     Raises:
         SnapshotError: where something else stands, or no file can be made.

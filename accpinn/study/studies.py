@@ -156,12 +156,7 @@ class Study:
             database.execute("insert or replace into files values (?, ?)", values)
 
     def refuse(self, path: Path, reasons: Sequence[str]) -> None:
-        """Keep what of a file cannot be used, in place of what was said of that path before.
-
-        Args:
-            path: where the file is.
-            reasons: one for each recording in it, or one for the whole file.
-        """
+        """Keep why a file, or recordings in it, cannot be used, in place of earlier reasons."""
         values = [(str(path), path.name, reason) for reason in reasons]
         with self._writing() as database:
             database.execute("delete from refused where path = ?", (str(path),))
@@ -191,9 +186,7 @@ class Study:
     def add(self, file: str, computed: Computed) -> None:
         """Keep what came of an analysis, in place of one by an earlier version of its method.
 
-        Args:
-            file: name of the recording's file, by which rows are ordered.
-            computed: what came of the analysis.
+        Rows are ordered by the name of the recording's file.
         """
         analysis, place = computed.analysis, _place(computed.analysis)
         _, *followers = analysis.vehicles
@@ -420,9 +413,6 @@ def _told(folder: Path) -> Iterator[None]:
 
 def study_path(name: str) -> Path:
     """The folder of the study of that name, which need not exist.
-
-    Args:
-        name: letters, digits, spaces, points and hyphens.
 
     Raises:
         ConfigError: for what is no name, and for a link that leads out of the folder of studies.
