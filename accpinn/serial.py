@@ -39,8 +39,8 @@ class NamedEnum(Enum):
         return cls.__members__.get(str(value))
 
 
-def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
-    """A value as a tree, and the arrays that the tree names, which begin with its path.
+def dump(value: Any) -> tuple[Any, Arrays]:
+    """A value as a tree, and the arrays that the tree names.
 
     It consists of dataclasses, structs, tuples, dicts, numbers, texts and arrays.
     """
@@ -65,7 +65,7 @@ def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
         items = {name: tree(item, _join(path, name)) for name, item in _items(value)}
         return list(items.values()) if isinstance(value, list | tuple) else items
 
-    return tree(value, path), arrays
+    return tree(value, ""), arrays
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:

@@ -82,8 +82,8 @@ class PlannedWindow:
     vehicles: tuple[int, ...]
     """(M+1,) leader first."""
     window: Window
-    modes: tuple[str, ...]
-    """(M,) "ACC" by the driver mode, "ACC by flag" by the file's flag, or "unknown"."""
+    mode_sources: tuple[str, ...]
+    """(M,) what says that ACC drives: "driver" mode or the file's "flag"; else empty."""
 
 
 def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
@@ -206,12 +206,11 @@ def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Wind
 
 def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> PlannedWindow:
     rows = recording.rows(window)
-    modes = []
-    for number in vehicles[1:]:
-        known = (recording.mode[rows, number - 1] == Mode.ACC).any()
-        flagged = "ACC by flag" if recording.acc_flag == ACC_FLAG else "unknown"
-        modes.append("ACC" if known else flagged)
-    return PlannedWindow(tuple(vehicles), window, tuple(modes))
+    by_flag = "flag" if recording.acc_flag == ACC_FLAG else ""
+    followers = np.array(vehicles[1:]) - 1
+    known = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
+    sources = tuple("driver" if by_driver else by_flag for by_driver in known)
+    return PlannedWindow(tuple(vehicles), window, sources)
 
 
 def files_of(sources: Sources, study: Path | None = None) -> list[Path]:

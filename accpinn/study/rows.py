@@ -50,7 +50,7 @@ def rows_of(
     result: Result,
     posterior: WindowPosterior,
     recording: Mapping[str, Any],
-    modes: tuple[str, ...],
+    mode_sources: tuple[str, ...],
 ) -> list[dict[str, Any]]:
     """One row a follower, with the keys of `COLUMNS`; None where a value is unknown.
 
@@ -58,7 +58,7 @@ def rows_of(
         result: of one window, with its data.
         posterior: of the window under the answer's model.
         recording: what is known of the recording: its facts, file, trajectory and SHA-256.
-        modes: (M,) as `plan` gives them.
+        mode_sources: (M,) as `plan` gives them.
     """
     fit, uncertainty, evaluation = result.fit, result.uncertainty, result.evaluation
     (segment,) = result.segments
@@ -84,14 +84,13 @@ def rows_of(
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
         make, model = ("", "") if name == unnamed(number) else make_and_model(name)
-        mode, _, by_flag = modes[k].partition(" by ")
         row = shared | {
             "vehicle": number,
             "name": name,
             "make": make,
             "model": model,
-            "mode": mode,
-            "mode_source": "" if mode == "unknown" else by_flag or "driver",
+            "mode": "ACC" if mode_sources[k] else "unknown",
+            "mode_source": mode_sources[k],
             "p_l2_stable": l2[k],
             "p_linf_stable": linf[k],
             **{
