@@ -271,11 +271,9 @@ def subjects_of(
 ) -> tuple[Subject, ...]:
     """The followers of a recording that models can be judged on.
 
-    Args:
-        recording: the data.
-        vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
-        windows: to leave out in turn; by default each follower's windows in car-following under
-            ACC. Of fewer than three, blocks are left out.
+    Vehicles are consecutive numbers, leader first; by default see `default_vehicles`. By default
+    each follower's windows in car-following under ACC are left out in turn, and of fewer than three
+    windows blocks.
 
     Raises:
         SegmentError: where there is none.

@@ -49,10 +49,9 @@ from accpinn.segment.cut import (
     SLACK,
     chains,
     complete_windows,
-    default_vehicles,
     longest_in,
-    parse_vehicles,
 )
+from accpinn.study import vehicles_of
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 DEPARTURE: Seconds = 10.0
@@ -148,11 +147,8 @@ def car_following(
     Raises:
         SegmentError: where there is none.
     """
-    if vehicles is None:
-        vehicles = default_vehicles(recording)
-    elif isinstance(vehicles, str):
-        vehicles = parse_vehicles(vehicles)
-    allowed = np.column_stack([qualifies(recording, number) for number in vehicles[1:]])
+    _, *followers = vehicles_of(recording, vehicles)
+    allowed = np.column_stack([qualifies(recording, number) for number in followers])
     windows = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
     if not windows:
         raise SegmentError(

@@ -74,13 +74,7 @@ ATTRIBUTION_TEXT = files("accpinn.study").joinpath("attribution.txt").read_text(
 
 
 def named(result: Result, name: str = "", note: str = "", with_data: bool = False) -> Result:
-    """The result as it goes into a file, every part computed.
-
-    Args:
-        result: any that did not diverge.
-        name: of the user's choice; may be empty.
-        note: of any length up to a few pages; may be empty.
-        with_data: whether speeds and space-gaps of the window go in.
+    """The result as it goes into a file, every part computed; its data only if that is asked for.
 
     Raises:
         SnapshotError: for a training that diverged, or texts that are too long.
