@@ -25,7 +25,6 @@ from accpinn.recordings import (
     ValuesOutOfRange,
     Window,
     listed,
-    longest,
     vehicle_label,
 )
 from accpinn.recordings.mapping import MappingRemembered
@@ -113,9 +112,8 @@ class BlocksMissing(Finding, frozen=True):
     """Where, in the recording's time."""
 
     def _words(self, about: Labelled) -> Words:
-        shown = longest(self.windows)
-        where = listed(shown, len(self.windows) - len(shown))
-        return {"are": "is" if len(self.columns) == 1 else "are", "where": where}
+        are = "is" if len(self.columns) == 1 else "are"
+        return {"are": are, "where": listed(self.windows)}
 
 
 class RegimesExcluded(Finding, frozen=True):
