@@ -34,6 +34,8 @@ RELATIVE_MOTION: MetresPerSecond = 0.2
 """Least deviation of the speed difference at which noise does not dominate the correlation."""
 FROZEN: Seconds = 0.5
 """Longest repetition of a value in motion that is no fault of the receiver."""
+FEWEST_REPEATS = 3
+"""Of a value; coarsely sampled values are equal once or twice by chance."""
 MOVING: MetresPerSecond = 1.0
 """Speed up to which a vehicle stands: values may repeat, and a time gap has no meaning."""
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
@@ -506,7 +508,8 @@ def _frozen(
     moving = recording.speed_of(follower)[1:] > MOVING
     repeats = stretches((values[1:] == values[:-1]) & moving)
     most = max(repeats, key=len, default=None)
-    if most and len(most) * recording.sample_time > FROZEN:
+    shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
+    if most and len(most) * recording.sample_time > shortest:
         # A stretch of k repeats is k + 1 equal samples.
         equal = Stretch(most.first, most.last + 1)
         yield ValuesFrozen(channel.column, follower, recording.window(equal))

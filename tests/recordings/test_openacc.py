@@ -180,6 +180,10 @@ def test_6_the_longest_blocks_are_listed_and_a_standing_vehicle_is_not_frozen() 
     assert missing.windows == (Window(5.0, 5.3), Window(9.0, 9.1), Window(13.0, 13.6))
     assert missing.shorter == 2
     assert not any(isinstance(finding, data.ValuesFrozen) for finding in recording.findings)
+    coarse = platoon().iloc[::10]
+    coarse.iloc[5:7, coarse.columns.get_loc("Speed2")] = 20.0
+    recording = read(csv(coarse), "run.csv")
+    assert not any(isinstance(finding, data.ValuesFrozen) for finding in recording.findings)
 
 
 @pytest.mark.parametrize("first", [1.0, 58067.1, 208970.3, 1.6e9])
