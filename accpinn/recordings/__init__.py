@@ -34,6 +34,8 @@ RELATIVE_MOTION: MetresPerSecond = 0.2
 """Least deviation of the speed difference at which noise does not dominate the correlation."""
 FROZEN: Seconds = 0.5
 """Longest repetition of a value in motion that is no fault of the receiver."""
+FEWEST_REPEATS = 3
+"""Of a value; coarsely sampled values are equal once or twice by chance."""
 MOVING: MetresPerSecond = 1.0
 """Speed up to which a vehicle stands: values may repeat, and a time gap has no meaning."""
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
@@ -442,7 +444,8 @@ def check(recording: Recording) -> Iterator[Finding]:
         follower = number if channel is SPEED else number + 1
         moving = recording.speed_of(follower)[1:] > MOVING
         most = max(stretches((values[1:] == values[:-1]) & moving), key=len, default=None)
-        if most and len(most) * recording.sample_time > FROZEN:
+        shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
+        if most and len(most) * recording.sample_time > shortest:
             equal = Stretch(most.first, most.last + 1)  # k repeats are k + 1 equal samples
             yield ValuesFrozen(channel.column, follower, recording.window(equal))
     leader = recording.present[0]

@@ -204,8 +204,7 @@ class _Platoon:
     @property
     def driven_by_hand(self) -> DrivenByHand | None:
         """The followers without ACC; None where all have it or manual driving is excluded."""
-        hand = next((f for f in self.findings if isinstance(f, DrivenByHand)), None)
-        return None if hand and not hand.by_flag and "manual" in self.excluded_regimes else hand
+        return next((f for f in self.findings if isinstance(f, DrivenByHand)), None)
 
     @property
     def followers(self) -> int:

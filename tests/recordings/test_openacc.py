@@ -181,6 +181,10 @@ def test_6_the_longest_blocks_are_listed_and_a_standing_vehicle_is_not_frozen() 
     places = "5–5.3 s, 9–9.1 s, 13–13.6 s and in 2 shorter blocks."
     assert missing.sentence(recording).endswith(places)
     assert not any(isinstance(finding, data.ValuesFrozen) for finding in recording.findings)
+    coarse = platoon().iloc[::10]
+    coarse.iloc[5:7, coarse.columns.get_loc("Speed2")] = 20.0
+    recording = read(csv(coarse), "run.csv")
+    assert not any(isinstance(finding, data.ValuesFrozen) for finding in recording.findings)
 
 
 @pytest.mark.parametrize("first", [1.0, 58067.1, 208970.3, 1.6e9])

@@ -94,8 +94,8 @@ def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]
 
 def _growth_of(subject: KnownVehicles) -> Estimate | None:
     """The platoon's largest growth with its interval, where that is known."""
-    last = subject.report.platoon.peaks[-1]
-    return subject.growth(range(len(subject.vehicles)), last.omega) if last.omega else None
+    amplified = subject.report.platoon.peaks[-1].omega
+    return subject.growth(range(len(subject.vehicles))) if amplified else None
 
 
 def along_platoon(subject: KnownVehicles) -> str:
