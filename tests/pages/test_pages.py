@@ -381,6 +381,8 @@ def test_dragging_over_the_chart() -> None:
         ((10.0, 12.0), None),
     ):
         assert window_of(ends, recording()) == expected
+    whole = window_of((10, 30), recording())
+    assert [*map(type, (whole.start, whole.end))] == [float, float], "as a browser sends them"
 
 
 def test_the_first_window_avoids_holes() -> None:
