@@ -37,13 +37,6 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A browser's own waits end first and say for what."""
-    for item in items:
-        if item.path.parent.name == "browser":
-            item.add_marker(pytest.mark.timeout(600))
-
-
 @pytest.fixture(scope="session")
 def openacc_dir() -> Path:
     """Folder of the real OpenACC recordings; they are never part of the project."""

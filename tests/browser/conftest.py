@@ -27,11 +27,15 @@ An exception on the page, or a value that is wrong, is none of them."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A journey on a page that was late is made once more, and counted as such in the summary."""
+    """A journey on a page that was late is made once more, and counted as such in the summary.
+
+    A browser's own waits end before the test's, and say for what.
+    """
     here = Path(__file__).parent
     for item in items:
         if item.path.is_relative_to(here):
             item.add_marker(pytest.mark.flaky(reruns=1, only_rerun=LATE))
+            item.add_marker(pytest.mark.timeout(600))
 
 
 @dataclass(frozen=True)

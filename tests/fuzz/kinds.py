@@ -86,8 +86,12 @@ class Kind:
 
 
 @cache
-def recordings() -> tuple[bytes, ...]:
-    """Sound OpenACC files: made for a test, the first rows of the samples, and real ones."""
+def recordings() -> tuple[tuple[bytes, int], ...]:
+    """Sound files, each with the row of its column names.
+
+    OpenACC files made for a test, the first rows of the samples and of real ones; two vehicles
+    behind a leader as a table of pairs, and a part of it.
+    """
     found = [csv(platoon(samples=300)), csv(platoon(2, 200), metadata(("A", "B")), "\n")]
     files = sorted(FOLDER.glob("*.csv"))
     folder = os.environ.get("OPENACC_DIR", "")
@@ -95,16 +99,14 @@ def recordings() -> tuple[bytes, ...]:
     for file in files:
         with file.open("rb") as lines:
             found.append(b"".join(line for line, _ in zip(lines, range(300), strict=False)))
-    return tuple(found)
+    pairs = [pair(platoon(samples=200), k, f"t{k}").drop(columns="Extra") for k in (1, 2)]
+    return (table(*pairs), 0), (table(pairs[0]), 0), *((data, 5) for data in found)
 
 
 def draw_recording(draw: Random) -> bytes:
-    """A recording, spoilt."""
-    return spoilt(draw.choice(recordings()), draw, 5)
-
-
-def spoilt(data: bytes, draw: Random, header: int) -> bytes:
-    """A table, spoilt as such or as bytes, or both; ``header`` as in `spoil_table`."""
+    """A recording, or a table of several, spoilt as a table or as bytes, or both."""
+    sound = recordings()
+    data, header = draw.choice(sound[:2] if draw.random() < 0.2 else sound[2:])
     if draw.random() < 0.6:
         with suppress(UnicodeDecodeError):
             data = spoil_table(data, draw, header)
@@ -112,20 +114,25 @@ def spoilt(data: bytes, draw: Random, header: int) -> bytes:
 
 
 def use_recording(data: bytes, _: Path) -> bool:
-    """What page Data does with a file, and a first estimate."""
+    """What page Data does with all recordings of a file, and with one that is named."""
     try:
-        found = read(data, "run.csv")
+        found = [one for one in read_all(data, "run.csv") if isinstance(one, Recording)]
     except AccpinnError as fault:
         if not str(fault).startswith("run.csv"):
             raise ValueError(f"The file is not named: {fault}") from fault
         raise
-    assert (np.diff(found.time) > 0).all()
-    assert not np.isinf(found.speed).any()
-    assert len(found.vehicles) == found.speed.shape[1] == found.gap.shape[1] + 1
-    return look_at(found)
+    for recording in found[:3]:
+        assert (np.diff(recording.time) > 0).all()
+        assert not np.isinf(recording.speed).any()
+        vehicles = len(recording.vehicles)
+        assert vehicles == recording.speed.shape[1] == recording.gap.shape[1] + 1
+        look_at(recording)
+    if found and found[0].trajectory:
+        read(data, "run.csv", trajectory=found[0].trajectory.split(",")[0])
+    return bool(found)
 
 
-def look_at(recording: Recording) -> bool:
+def look_at(recording: Recording) -> None:
     """Everything that is shown of a recording before anyone asks."""
     messages(recording.findings, recording)
     with suppress(SegmentError):
@@ -140,29 +147,6 @@ def look_at(recording: Recording) -> bool:
         if not segment.blocks_missing:
             fit = METHODS["least-squares"].fit(segment)
             messages(fit.findings, segment)
-    return True
-
-
-@cache
-def pair_tables() -> tuple[bytes, ...]:
-    """Two vehicles behind a leader as a table of pairs; then a part of it."""
-    parts = [pair(platoon(samples=200), k, f"t{k}").drop(columns="Extra") for k in (1, 2)]
-    return table(*parts), table(parts[0])
-
-
-def draw_pairs(draw: Random) -> bytes:
-    """A table of pairs, spoilt."""
-    return spoilt(draw.choice(pair_tables()), draw, 0)
-
-
-def use_pairs(data: bytes, _: Path) -> bool:
-    """All recordings of the table, and the first as if it were named."""
-    found = [one for one in read_all(data, "pairs.csv") if isinstance(one, Recording)]
-    for recording in found[:3]:
-        look_at(recording)
-    if found and found[0].trajectory:
-        read(data, "pairs.csv", trajectory=found[0].trajectory.split(",")[0])
-    return bool(found)
 
 
 MAPPING = json.loads(mappings.MAPPING) | {"trajectory": "Run"}
@@ -372,7 +356,7 @@ def draw_arguments(draw: Random) -> bytes:
 def use_arguments(data: bytes, folder: Path) -> bool:
     """Run the command in a folder with sound files; one line says what is wrong."""
     given = json.loads(data)
-    (folder / "run.csv").write_bytes(recordings()[0])
+    (folder / "run.csv").write_bytes(recordings()[2][0])
     (folder / "good.accpinn.zip").write_bytes(small_bytes())
     (folder / "mapping.json").write_text(json.dumps(MAPPING))
     (folder / "folder").mkdir()
@@ -406,8 +390,8 @@ ROWS = (
 
 def draw_large(draw: Random) -> bytes:
     """A file up to the upload limit: a head, and one row again and again."""
-    tables = (recordings()[0], recordings()[1], pair_tables()[0])
-    starts = [b"\n".join(table.split(b"\n")[:rows]) + b"\n" for table in tables for rows in (1, 6)]
+    sound = [data.split(b"\n") for data, _ in recordings()[:4]]
+    starts = [b"\n".join(lines[:rows]) + b"\n" for lines in sound for rows in (1, 6)]
     head, row = draw.choice((*HEADS, *starts)), draw.choice(ROWS)
     count = draw.choice((UPLOAD, UPLOAD, UPLOAD // 5)) // len(row)
     many = b"".join(row % k for k in range(count)) if b"%d" in row else row * count
@@ -428,8 +412,7 @@ def use_large(content: bytes, folder: Path) -> bool:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("recording", draw_recording, use_recording, ".csv", 140),
-        Kind("pairs", draw_pairs, use_pairs, ".csv", 30),
+        Kind("recording", draw_recording, use_recording, ".csv", 170),
         Kind("mapping", draw_mapping, use_mapping, ".json", 40),
         Kind("snapshot", draw_snapshot, use_snapshot, ".accpinn.zip", 35),
         Kind("study", draw_study, use_study, ".sqlite", 30),

@@ -34,31 +34,17 @@ def text(draw: Random) -> str:
 
 
 def spoil_bytes(data: bytes, draw: Random) -> bytes:
-    """A file with some bytes changed, lost, doubled or put in."""
+    """A file with stretches of bytes lost, doubled or replaced, or one byte made another."""
     for _ in range(draw.choice((1, 1, 2, 5))):
-        at = draw.randrange(len(data) + 1)
-        end = min(len(data), at + draw.choice((1, 2, 8, 100, 3000)))
-        kind = draw.randrange(9)
-        if kind == 0 and at < len(data):
-            data = data[:at] + bytes([data[at] ^ 1 << draw.randrange(8)]) + data[at + 1 :]
-        elif kind == 1:
-            data = data[:at] + data[end:]
-        elif kind == 2:
-            data = data[:end] + data[at:end] * draw.choice((1, 2, 50)) + data[end:]
-        elif kind == 3:
-            data = data[:at] + text(draw).encode() + data[at:]
-        elif kind == 4:
-            data = data[:at]
-        elif kind == 5:
-            data = data[:at] + bytes(draw.randrange(256) for _ in range(end - at)[:20]) + data[end:]
-        elif kind == 6:
-            old, new = (draw.choice(b',;\t\n\r. "0159-e') for _ in range(2))
-            data = data.replace(bytes([old]), bytes([new]))
-        elif kind == 7:
-            data = text(draw).encode() + data
-        else:
-            other = draw.randrange(len(data) + 1)
-            data = data[:at] + data[other : other + 500] + data[at:]
+        at, other = (draw.randrange(len(data) + 1) for _ in range(2))
+        end = at + draw.choice((1, 2, 8, 100, 3000))
+        part, said = data[at:end], text(draw).encode()
+        noise = draw.randbytes(min(20, len(part)))
+        several = part * draw.choice((2, 3, 51))
+        pieces = (b"", noise, several, said, said + part, data[other : other + 500])
+        replaced = [data[:at] + piece + data[end:] for piece in pieces]
+        old, new = (bytes([draw.choice(b',;\t\n\r. "0159-e')]) for _ in range(2))
+        data = draw.choice((*replaced, data[:at], said + data, data.replace(old, new)))
     return data
 
 
@@ -75,28 +61,23 @@ def spoil_table(table: bytes, draw: Random, header: int) -> bytes:
         if len(rows) < header + 2 or not rows[header]:  # some files are empty
             break
         body, width = rows[header + 1 :], len(rows[header])
-        column, other, word = draw.randrange(width), draw.randrange(width), text(draw)
         at, count = draw.randrange(header + 1, len(rows)), draw.choice((1, 10, 100))
-        kind = draw.randrange(11)
-        if kind < 5:
+        change = draw.choice(("cell", "cell", "cell", "repeat", "shuffle", "head"))
+        if change == "cell":
+            column, other, word = draw.randrange(width), draw.randrange(width), text(draw)
             factor, share = draw.choice((0.0, -1.0, 1e-6, 1e6, 3.6, 1e300)), draw.random()
             some = [row for row in body if draw.random() < share]
-            chosen = ([rows[at]], [rows[draw.randrange(header + 1)]], some, body, body)[kind]
-            for row in chosen:
+            places = ([rows[at]], rows[: header + 1], [rows[header]], some, body, rows[header:])
+            cells = draw.choice(("word", "word", "scaled", "lost", "doubled", "another"))
+            for row in draw.choice(places):
                 if column < len(row):
-                    row[column] = _scaled(row[column], factor) if kind == 4 else word
-        elif kind == 5:
-            for row in rows[header:]:
-                del row[column : column + 1]
-        elif kind == 6:
-            for row in rows[header:]:
-                row.insert(column, row[column] if column < len(row) else "")
-        elif kind == 7:
-            names = rows[header]
-            names[column], names[other] = names[other], names[column]
-        elif kind == 8:
+                    row[column : column + 1] = {
+                        "word": [word], "scaled": [_scaled(row[column], factor)], "lost": [],
+                        "doubled": 2 * [row[column]], "another": row[other : other + 1],
+                    }[cells]  # fmt: skip
+        elif change == "repeat":
             rows[at : at + count] = rows[at : at + count] * draw.choice((0, 2))
-        elif kind == 9:
+        elif change == "shuffle":
             draw.shuffle(body)
             rows[header + 1 :] = body
         else:

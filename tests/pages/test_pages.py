@@ -381,6 +381,8 @@ def test_dragging_over_the_chart() -> None:
         ((10.0, 12.0), None),
     ):
         assert window_of(ends, recording()) == expected
+    whole = window_of((10, 30), recording())
+    assert [*map(type, (whole.start, whole.end))] == [float, float], "as a browser sends them"
 
 
 def test_the_first_window_avoids_holes() -> None:
@@ -652,34 +654,28 @@ def test_sessions_and_runs_are_found_from_the_bare_address_and_after_another_rec
     assert PLATOON.name not in page.everything(), "others' are nobody else's"
 
 
+@pytest.mark.parametrize(
+    ("title", "broken", "button"),
+    [("Data", "pages.ui.data.views.show_window", ""),
+     ("Train", "pages.ui.session.workspace.Workspace.train", "train_start")],
+)  # fmt: skip
 def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, title: str, broken: str, button: str
 ) -> None:
     session = fitted()
-    page = open_page("Data", session)
-    with monkeypatch.context() as broken:
-        broken.setattr("pages.ui.data.views.show_window", lambda *_: 1 / 0)
-        page.run()
-    assert [fault.value for fault in page.exception] == ["division by zero"], "the log has it"
+    page = open_page(title, session)
+    shown = [written.value for written in (*page.title, *page.markdown, *page.caption)]
+    with monkeypatch.context() as patched:
+        patched.setattr(broken, lambda *_: 1 / 0)
+        page.press(button) if button else page.run()
+    if button:  # the page itself is sound, and drawn to its end
+        assert shown == [one.value for one in (*page.title, *page.markdown, *page.caption)]
+    else:
+        assert [fault.value for fault in page.exception] == ["division by zero"], "the log has it"
     assert "what was open stays open" in page.boxes("error")[0]
     assert page.workspace() is session
     assert session.result is not None
-    page.sound()
-
-
-def test_after_a_fault_of_a_widget_s_callback_the_page_says_so_once_and_shows_what_was_open(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    session = fitted()
-    page = open_page("Train", session)
-    shown = [written.value for written in (*page.title, *page.markdown, *page.caption)]
-    with monkeypatch.context() as broken:
-        broken.setattr(Workspace, "train", lambda *_: 1 / 0)
-        page.press("train_start")
-    assert "what was open stays open" in page.boxes("error")[0]
-    assert page.workspace() is session
-    assert shown == [written.value for written in (*page.title, *page.markdown, *page.caption)]
-    assert not page.sound().error
+    assert not page.sound().error, "it is said once"
 
 
 class Ending:

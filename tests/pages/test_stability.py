@@ -131,6 +131,8 @@ def test_followers_that_share_their_parameters_have_one_colour() -> None:
     curves = [trace["line"]["color"] for trace in page.figures()[0]["data"] if "line" in trace]
     assert SHARED in curves
     assert not {*curves} & {LEADER, *FOLLOWERS}
+    page = open_page("Platoon", session).choose("platoon_kind", "recorded")
+    assert "Recorded" in [one["name"] for one in page.figures()[2]["data"]]
 
 
 def test_every_new_training_turns_to_the_current_fit() -> None:
@@ -352,11 +354,6 @@ class TestPage:
         assert "From 40 to 100 s" in said, "by the recording's clock"
         page.choose("platoon_order", "repeated")
         assert page.widget("platoon_followers").value == 3, "as many as recorded"
-
-    def test_in_case_i_all_followers_have_one_parameter_set(self) -> None:
-        page = open_page("Platoon", fitted(case="I"))
-        drawn = page.choose("platoon_kind", "recorded").figures()[2]["data"]
-        assert "Recorded" in [one["name"] for one in drawn]
 
     def test_settings_are_refused_or_warned_of_and_kept_for_mending(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_sinusoid_duration", -5.0)

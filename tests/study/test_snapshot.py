@@ -262,7 +262,7 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
 def test_a_hostile_file_is_refused_quickly_and_cheaply(name: str) -> None:
     limits = {"most_seconds": 1.0, "most_bytes": 300e6}
     loading = Kind(name, random.Random.randbytes, lambda data, _: bool(load(data)), "", **limits)
-    assert attempt(loading, HOSTILE[name]()) == ("refused", "")
+    assert not attempt(loading, HOSTILE[name]())
 
 
 LONG = "x" * 500_000

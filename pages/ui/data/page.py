@@ -313,7 +313,8 @@ def _handles(
 
 def window_of(ends: Sequence[float], recording: Recording) -> Window | None:
     """The window between two instants of a recording; None for a slip of the hand."""
-    start, end = (round(min(max(x, 0.0), recording.duration), 1) for x in sorted(ends))
+    # A browser sends whole numbers as integers, and no slider takes one beside another number.
+    start, end = (round(float(min(max(x, 0.0), recording.duration)), 1) for x in sorted(ends))
     return Window(start, end) if end - start >= MINIMUM_DURATION else None
 
 

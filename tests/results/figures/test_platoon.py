@@ -11,7 +11,6 @@ from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation
 from accpinn.results.figures.style import FOLLOWERS
-from accpinn.stability.criteria import response
 from tests.support.driving import MIXED, driven
 from tests.support.figures import legend, named
 
@@ -170,14 +169,3 @@ def test_animated_vehicles_vanish_with_a_collision_and_are_named(collision: Plat
     assert gone == [5, 6, 7, 8]
     entries = [(trace.name, trace.marker.color) for trace in legend(figure)]
     assert entries == list(zip(AUDIS.labels, AUDIS.colours, strict=True))
-
-
-def test_the_papers_panels_grow_and_fade_as_the_response_predicts() -> None:
-    panels = figures.paper_panels()
-    assert [title[:3] for title, _ in panels] == ["(a)", "(c)", "(b)", "(d)"]
-    for (title, _), (k, omega) in zip(panels, figures.PANELS, strict=True):
-        last = abs(response(ASTAZERO.parameters[[k]], np.array([omega]))[0, 0]) ** 8
-        assert ("grows" in title) == (last > 1)
-        assert float(title.split(" to ")[1].split()[0]) == pytest.approx(last, rel=0.01)
-    ranges = [figure.layout.yaxis.range for _, figure in panels]
-    assert ranges[0] == ranges[1] != ranges[2] == ranges[3]

@@ -3,16 +3,13 @@
 import csv
 import io
 from dataclasses import astuple, replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from accpinn.evaluation.closed_loop import TrackingErrors
-from accpinn.inference.intervals import Uncertainty, intervals
-from accpinn.methods import splines
-from accpinn.methods.fit import Fit, Outcome
+from accpinn.inference.intervals import Uncertainty
+from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
@@ -45,7 +42,6 @@ from accpinn.results.tables.stability import (
 )
 from accpinn.results.vehicles import KnownVehicles
 from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality
 from accpinn.stability import assessment, stability_report
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study import Analysis
@@ -55,21 +51,18 @@ from accpinn.study.run import run
 from accpinn.units import Estimate
 from tests.support.openacc_files import recording
 from tests.support.samples import FOLDER, PLATOON, sample
+from tests.support.snapshots import altered, result_for
 from tests.support.vehicles import CALM, NO_GAP_CONTROL, row
 
 GROUP, OWN, SIMULATED = (
     "Estimate (90 % interval)", "Surrogate fit, MAE", "Closed-loop simulation, MAE"
 )  # fmt: skip
 L2, LINF = "L₂ string stability", "L∞ string stability"
-LEARNED = Parameters.of([[0.01037, 0.07235, 1.52034], [0.1, 0.2, 1.0]])
 SEGMENT = cut(recording(names=("Audi(A8)", "BMW", "Tesla")), 5.0, 30.0)
-INFO, QUALITY = SEGMENT.info, assess_quality(SEGMENT)
-FIT = Fit("pinn", "II", LEARNED, None, Outcome.FINISHED, 1.0, FAST.to_json())
-
-
-def errors(scale: float) -> TrackingErrors:
-    speeds, gaps = scale * np.array([1.0, 2.0, 3.0]), scale * np.array([4.0, 5.0])
-    return TrackingErrors(speeds, gaps)
+RESULT = result_for(SEGMENT, "splines")
+FIT, INFO, QUALITY = RESULT.fit, RESULT.info, RESULT.quality
+LEARNED = FIT.parameters
+SHARED = replace(FIT, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
 
 
 def column(table: Table, title: str, group: str = "") -> list[Any]:
@@ -83,42 +76,37 @@ def column(table: Table, title: str, group: str = "") -> list[Any]:
 def uncertainty() -> Uncertainty:
     lower = Parameters.of([[0.0, 0.05, 1.2], [0.01, 0.1, 1.0]])
     upper = Parameters.of([[0.02, 0.09, np.inf], [0.03, 0.2, 1.3]])
-    return replace(intervals(SEGMENT, FIT, draws=10), lower=lower, upper=upper)
-
-
-def result(fit: Fit = FIT, known: Uncertainty | None = None, **changes: Any) -> Any:
-    """What a table reads of a result."""
-    evaluation = SimpleNamespace(surrogate=errors(0.01), closed_loop=errors(1.0))
-    parts = {"info": INFO, "fit": fit, "evaluation": evaluation,
-             "mean_time_gaps": np.array(QUALITY.mean_time_gap),
-             "uncertainty": known, "infos": (INFO,)}  # fmt: skip
-    return SimpleNamespace(**parts | changes)
+    return replace(RESULT.uncertainty, lower=lower, upper=upper)
 
 
 def test_parameters_and_errors_of_both_kinds() -> None:
-    table = parameter_table(result(), with_intervals=False)
+    evaluation = RESULT.evaluation
+    own, simulated = evaluation.surrogate, evaluation.closed_loop
+    table = parameter_table(RESULT, with_intervals=False)
     assert column(table, "Vehicle") == ["1 Audi (A8)", "2 BMW", "3 Tesla"]
-    assert column(table, "α") == [None, 0.01037, 0.1]
+    assert column(table, "α") == [None, *LEARNED.alpha]
     assert column(table, "Mean time gap") == [None, *QUALITY.mean_time_gap]
-    assert column(table, "p", OWN) == [None, 0.04, 0.05]
-    assert column(table, "v", OWN) == [0.01, 0.02, 0.03]
-    assert column(table, "p", SIMULATED) == [None, 4.0, 5.0]
-    assert column(table, "v", SIMULATED) == [None, 2.0, 3.0], "the leader's speed is given"
+    assert column(table, "p", OWN) == [None, *own.gap_mae]
+    assert column(table, "v", OWN) == [*own.speed_mae]
+    assert column(table, "p", SIMULATED) == [None, *simulated.gap_mae]
+    moved = [None, *simulated.speed_mae[1:]]
+    assert column(table, "v", SIMULATED) == moved, "the leader's speed is given"
     lost = replace(FIT, parameters=Parameters.of([[0.0, 0.2, np.nan], LEARNED.values[1]]))
-    without = SimpleNamespace(surrogate=None, closed_loop=None)
-    table = parameter_table(result(lost, evaluation=without), with_intervals=False)
+    without = replace(evaluation, surrogate=None, closed_loop=None)
+    table = parameter_table(altered(RESULT, fit=lost, evaluation=without), with_intervals=False)
     assert table.to_csv().splitlines()[2].startswith("2 BMW,0.0,0.2,,")
     assert all(row[5:] == (None,) * 4 for row in table.rows), "empty, not zero"
 
 
 def test_intervals_stand_beside_the_parameters(uncertainty: Uncertainty) -> None:
-    table = parameter_table(result(known=uncertainty))
-    assert column(table, "τ", GROUP) == [None, (1.52034, 1.2, np.inf), (1.0, 1.0, 1.3)]
+    known = altered(RESULT, uncertainty=uncertainty)
+    table, (tau, other) = parameter_table(known), LEARNED.tau
+    assert column(table, "τ", GROUP) == [None, (tau, 1.2, np.inf), (other, 1.0, 1.3)]
     head, leader, first, _ = (line.split(",") for line in table.to_csv().splitlines())
     assert head[1:4] == ["alpha", "alpha_low", "alpha_high"]
-    assert (leader[1:4], first[1:4]) == (["", "", ""], ["0.01037", "0.0", "0.02"])
+    assert (leader[1:4], first[1:4]) == (["", "", ""], [str(LEARNED.alpha[0]), "0.0", "0.02"])
     assert len(set(head)) == len(head) == len(first)
-    alone = intervals_table(result(known=uncertainty))
+    alone = intervals_table(known)
     likeliest = column(alone, "β", "Maximum likelihood (90 % interval)")
     assert [cell[1:] for cell in likeliest] == [(0.05, 0.09), (0.1, 0.2)]
     shares = np.multiply(100, uncertainty.probability_l2)
@@ -128,18 +116,18 @@ def test_intervals_stand_beside_the_parameters(uncertainty: Uncertainty) -> None
 def test_followers_that_share_their_parameters_have_one_row_for_them(
     uncertainty: Uncertainty,
 ) -> None:
-    shared = replace(FIT, case="I", parameters=Parameters.stack([LEARNED[0]] * 2))
-    table = parameter_table(result(shared, uncertainty))
+    shared = altered(RESULT, fit=SHARED, uncertainty=uncertainty)
+    table = parameter_table(shared)
     assert column(table, "Vehicle") == ["1 Audi (A8)", EVERY_FOLLOWER, "2 BMW", "3 Tesla"]
     assert [cell is None for cell in column(table, "τ", GROUP)] == [True, False, True, True]
-    assert column(table, "p", OWN) == [None, None, 0.04, 0.05]
-    assert len(intervals_table(result(shared, uncertainty)).rows) == 1
+    assert column(table, "p", OWN) == [None, None, *RESULT.evaluation.surrogate.gap_mae]
+    assert len(intervals_table(shared).rows) == 1
     termed = Parameters.of([[0.03, 0.2, 1.1, 4.0, 0.0, 0.3]] * 2)
     beside = {"PiNN": (LEARNED, uncertainty), "Answer": (termed, uncertainty)}
-    table = comparison_table(result(shared, uncertainty), beside)
+    table = comparison_table(shared, beside)
     assert column(table, "Method") == ["PiNN", "Answer"]
     assert [cell and cell[0] for cell in column(table, "s₀")] == [None, 4.0]
-    assert [cell[0] for cell in column(table, "β")] == [0.07235, 0.2]
+    assert [cell[0] for cell in column(table, "β")] == [LEARNED.beta[0], 0.2]
 
 
 def test_preview_of_the_window() -> None:
@@ -180,12 +168,12 @@ def test_a_row_a_method_and_an_earlier_fit_beside_the_present_one() -> None:
 
 def test_a_method_is_called_by_what_it_was_trained_with() -> None:
     assert set(TITLES) == set(METHODS)
-    seeded = replace(FIT, config=FIT.config | {"seed": 3})
-    stopped = replace(FIT, config=PAPER.to_json(), outcome=Outcome.STOPPED)
-    other, retired = replace(FIT, method="splines", config={}), replace(FIT, method="retired")
-    assert [name_of(fit) for fit in (FIT, seeded, stopped, other, retired)] == [
+    fast, retired = replace(FIT, method="pinn", config=FAST.to_json()), replace(FIT, method="gone")
+    seeded = replace(fast, config=fast.config | {"seed": 3})
+    stopped = replace(fast, config=PAPER.to_json(), outcome=Outcome.STOPPED)
+    assert [name_of(fit) for fit in (fast, seeded, stopped, FIT, retired)] == [
         "PiNN (fast preset)", "PiNN (fast preset, own options)", "PiNN (paper preset, stopped)",
-        "Splines", "retired",
+        "Splines", "gone",
     ]  # fmt: skip
 
 
@@ -220,20 +208,18 @@ def test_what_has_no_meaning_is_empty() -> None:
 
 
 def test_verdicts_have_intervals_and_probabilities() -> None:
-    segment = sample(PLATOON, 60.0).segment
-    fit = splines.fit(segment)
-    known = intervals(segment, fit)
-    learned = ParameterSet("Learned", segment.names[1:], fit.parameters)
-    report, peak, gain = stability_report(learned.parameters), known.peak_gain, known.linf_gain
-    table, verdicts = (
-        stability_table(learned, report, known),
-        verdict_table(KnownVehicles(learned, known)),
+    found = result_for(sample(PLATOON, 60.0).segment, "splines")
+    learned, known = (
+        ParameterSet("Learned", found.info.names[1:], found.parameters),
+        found.uncertainty,
     )
+    peak, gain, stable = known.peak_gain, known.linf_gain, known.probability_l2
+    table = stability_table(learned, stability_report(learned.parameters), known)
+    verdicts = verdict_table(KnownVehicles(learned, known))
     assert column(table, "Amplified below", L2)[0][1:] == (
         known.crossover.lower[0], known.crossover.upper[0],
     )  # fmt: skip
     assert column(table, "Probability", LINF)[0] == pytest.approx(100 * known.probability_linf[0])
-    stable = known.probability_l2
     assert column(verdicts, "Probability", L2) == pytest.approx(100 * stable)
     assert column(verdicts, "Verdict", L2) == [assessment(share) for share in stable]
     decibels = 20 * np.log10([peak.lower[0], peak.upper[0]])
