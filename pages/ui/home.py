@@ -21,7 +21,7 @@ from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
-from pages.ui.components.show import escape_markdown, tabs
+from pages.ui.components.show import escape_markdown, select, tabs
 from pages.ui.data.sources import OPENING, drop_zone, find_run, open_file
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample_title, samples
@@ -99,12 +99,13 @@ def _button(
 ) -> None:  # fmt: skip
     """A button that does something and turns to a page; where that is refused, it says why."""
     picture = f":material/{icon}:" if icon else None
-    if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
-        workspace.refusal = ""
+
+    def turn() -> None:
         act()
-        if not workspace.refusal:
-            frame.go(page, workspace)
-        show.messages(workspace.refusal, "error")
+        frame.go(page, workspace)
+
+    if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
+        show.attempt(turn)
 
 
 def _ways_in(workspace: Workspace) -> None:
@@ -135,10 +136,9 @@ def _train_sample(
     workspace: Workspace, path: Path, config: PinnConfig, case: Case | None = None
 ) -> None:
     open_file(workspace, path)
-    if not workspace.refusal:
-        workspace.preset = config.preset
-        workspace.choose(case=case or workspace.asked.case)
-        workspace.train(config)
+    workspace.preset = config.preset
+    workspace.choose(case=case or workspace.asked.case)
+    workspace.train(config)
 
 
 # What can be opened at one click
@@ -202,15 +202,12 @@ def show_checklist(workspace: Workspace) -> None:
     for item in paper.ITEMS:
         _show_item(workspace, item)
     names = {one.vehicles.title: (item, one) for item in paper.ITEMS for one in item.verdicts}
-    chosen = st.selectbox(
-        "Printed beside computed",
-        list(names),
-        index=len(names) - 2,
-        key="home_printed",
-        width=420,
+    chosen = select(
+        "Printed beside computed", {name: name for name in names}, [*names][-2], "home_printed",
+        workspace, width=420,
         help="The verdicts as printed, and those that follow from the printed parameters; beside"
         " them what this session learned from the same window, once it has.",
-    )
+    )  # fmt: skip
     item, printed = names[chosen]
     table = paper.reproduction_table(printed, _learned(workspace, item, printed))
     show.table(table)
@@ -288,8 +285,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> No
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
-    if not workspace.refusal:
-        workspace.train_starts(FAST)
+    workspace.train_starts(FAST)
 
 
 def _open_run(
@@ -298,14 +294,13 @@ def _open_run(
     """Open the paper's recording with its window."""
     if opening:
         opening()
-        if not workspace.refusal:
-            workspace.choose(run.window, vehicles=run.vehicles, case=run.case)
+        workspace.choose(run.window, vehicles=run.vehicles, case=run.case)
 
 
 def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
     """Let pages Stability and Platoon show a published set."""
     workspace.choose_source("published")
-    workspace.choose_parameters(**{EXAMPLE: vehicles.title})
+    workspace.choices[EXAMPLE] = vehicles.title
 
 
 def _learned(

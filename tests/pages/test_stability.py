@@ -57,7 +57,7 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     (_, plane) = page.get("plotly_chart")
     saved = json.loads(plane.proto.config)["toImageButtonOptions"]
     assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
-    page.choose("stability_example", CASALE.title)
+    page.choose("parameters_example", CASALE.title)
     assert "Hyundai's β" in page.plain()
 
 
@@ -153,7 +153,7 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
 
 
 def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
-    page = open_page("Stability", with_example()).choose("stability_example", CASALE.title)
+    page = open_page("Stability", with_example()).choose("parameters_example", CASALE.title)
     page.choose("stability_source", "hand")
     session = page.workspace()
     assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52),)
@@ -244,7 +244,7 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     assert {f"{label}, measured", f"{label}, model"} <= chart.keys()
     page.choose("stability_source", "published")
     assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
-    page.choose("stability_example", CASALE.title)
+    page.choose("parameters_example", CASALE.title)
     assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
@@ -317,7 +317,7 @@ class TestPage:
         page.press("platoon_peak")
         assert page.widget("platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
         # Other vehicles begin without what was chosen among the former.
-        page.choose("platoon_example", CASALE.title)
+        page.choose("parameters_example", CASALE.title)
         assert page.widget("platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
 
     def test_an_order_of_ones_own(self) -> None:

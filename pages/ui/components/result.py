@@ -31,7 +31,7 @@ from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
-from pages.ui.components.show import bound, escape_markdown, pick_follower, tabs
+from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
 from pages.ui.session.workspace import WINDOWS_OFF, Workspace
@@ -76,7 +76,7 @@ def show_result(
         name = name_of(fit, with_model=not has_answer)  # else the caption says it
         st.markdown(f"**{escape_markdown(name)}: the method's own estimate**")
         _show_checks(result)
-        follower = pick_follower(info.labels[1:], f"{page}_follower")
+        follower = pick(workspace, info.labels[1:], f"{page}_follower")
     if has_answer:
         st.caption(escape_markdown(words.about_own_estimate(result)))
     _show_tracking(result, follower, f"{page}_tracking")
@@ -360,8 +360,7 @@ def banner(workspace: Workspace) -> None:
         st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
 
     def keep() -> None:
-        with show.flashing():
-            library().add(restored, owner_mark(workspace.id))
+        library().add(restored, owner_mark(workspace.id))
 
     if restored.id and not library().has(restored.id):
         show.messages(

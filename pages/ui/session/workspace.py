@@ -33,11 +33,6 @@ from pages.ui.session import resources
 
 ParameterSource = Literal["fit", "published", "snapshot", "hand"]
 """Where the α, β and τ on pages Stability and Platoon are from."""
-OF_VEHICLES = (
-    "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
-    "platoon_frequency", "platoon_own",
-)  # fmt: skip
-"""Choices among vehicles, which say nothing of others."""
 ALL_WINDOWS = "data_all_windows"
 """The choice to train on all windows in car-following, which a window chosen by hand ends."""
 WINDOWS_OFF = "windows_off"
@@ -57,8 +52,6 @@ class Workspace:
 
     id: str
     recording: Recording | None = None
-    refusal: str = ""
-    """Why the last attempt to open something failed."""
     pending: File | None = None
     """A file that asks for its columns, or for one of its trajectories, before it can be read."""
     awaited: Analysis | None = None
@@ -232,7 +225,7 @@ class Workspace:
         One that the restored result was learned from completes that; the open one changes nothing.
         """
         awaited, self.awaited = self.awaited, None
-        restored, now, self.refusal = self.restored, self.recording, ""
+        restored, now = self.restored, self.recording
         if now and (now.sha256, now.digest) == (recording.sha256, recording.digest):
             return
         if restored and not self.recording and restored.found_in(recording).recording:
@@ -269,7 +262,7 @@ class Workspace:
         self.recording = given if result.recording else None
         if self.recording:
             self.remember(self.recording)
-        self.segment, self.fault, self.refusal = result.segment, "", ""
+        self.segment, self.fault = result.segment, ""
         self.choose_source("fit")
         self.restored, self.steps = result, ()
         self.take(result.analysis)
@@ -402,12 +395,10 @@ class Workspace:
         A training that is stopped leaves its checkpoint, from which an equal one goes on.
         """
         self._record([*self.compared, self.result])
-        source = self.chosen_source = self.parameter_source
+        self.chosen_source = self.parameter_source
         for task in self.tasks:
             task.stop()
         self.training = self.comparison = self.starts = self.judgement = self.restored = None
-        if source == "fit":
-            self.forget_vehicles()
 
     def _record(self, results: Sequence[Result | None]) -> None:
         """Keep results as rows, in place of earlier ones of equal analyses."""
@@ -426,19 +417,7 @@ class Workspace:
 
     def choose_source(self, source: ParameterSource) -> None:
         """Choose where those parameters are from, until there is a newer result."""
-        if source != self.parameter_source:
-            self.forget_vehicles()
         self.chosen_source, self.source_result = source, self.result
-
-    def choose_parameters(self, **chosen: Any) -> None:
-        """Choose another set of a source, by the name of the choice."""
-        self.choices.update(chosen)
-        self.forget_vehicles()
-
-    def forget_vehicles(self) -> None:
-        """Forget what was chosen among other vehicles."""
-        for key in OF_VEHICLES:
-            self.choices.pop(key, None)
 
     def keep(self, key: str) -> Callable[[Any], None]:
         """What keeps a choice under that key."""
