@@ -27,7 +27,7 @@ from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample_title, samples
 from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.listing import compare_two, restore_run, show_entries
+from pages.ui.snapshots.listing import show_runs
 
 CARDS = 5
 """In a row."""
@@ -49,7 +49,7 @@ def show_page(workspace: Workspace) -> None:
     _ways_in(workspace)
     runs = runs_to_see(workspace)
     drawn = {
-        "Finished runs": lambda: _show_runs(workspace, runs),
+        "Finished runs": lambda: show_runs(workspace, runs, "home_runs"),
         "Samples": lambda: _show_samples(workspace),
         "Published parameters": lambda: _show_published(workspace),
         "Reproduce the paper": lambda: show_checklist(workspace),
@@ -82,15 +82,6 @@ def _continue(workspace: Workspace, recent: list[tuple[str, Shown]]) -> None:
                         frame.TRAIN if shown.result else frame.DATA, label=escape_markdown(about),
                         icon=":material/history:", query_params={SESSION: name},
                     )  # fmt: skip
-
-
-def _show_runs(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
-    def restore(entry: Entry) -> None:
-        restore_run(workspace, entry.id)
-        st.session_state[frame.TURN] = frame.TRAIN
-
-    show_entries(entries, "home_runs", restore, help="Shows this run on every page.")
-    compare_two(workspace, entries, "home_runs")
 
 
 def _button(

@@ -56,7 +56,11 @@ PLANNED: dict[Disturbance, type[Sinusoid] | type[SpeedStep] | type[Brake]] = {
     "brake": Brake,
 }
 LABELS = {
-    "frequency": ("Frequency [rad/s]", 0.01, "Of the leader's speed; 2π over it is the period."),
+    "frequency": (
+        "Frequency [rad/s]",
+        0.01,
+        "Of the leader's speed; 2π over it is the period. To begin with, the peak of this platoon.",
+    ),
     "amplitude": ("Amplitude [m/s]", 0.1, "Of the leader's speed about its mean."),
     "change": ("Change of speed [m/s]", 0.5, "At once; below zero the leader slows down."),
     "drop": ("Drop of speed [m/s]", 1.0, "By how much the leader slows down."),
@@ -276,57 +280,42 @@ def _choose_leader(
 def _planned(
     workspace: Workspace, kind: Disturbance, source: KnownVehicles, order: Sequence[int]
 ) -> Leader:
-    values: dict[str, float] = {}
-    first, speed = FIRST[kind], None
+    """The leader with the settings chosen; a sinusoid begins with the platoon's peak."""
+    first, usual = FIRST[kind], dict[str, float]()
     if source.vehicles.parameters.own.size:  # a nonlinear model's response depends on the speed
         chosen = workspace.choices.get("stability_speed", KMH * source.median_speed)
-        speed = float(f"{chosen / KMH:.3g}")
+        usual["speed"] = float(f"{chosen / KMH:.3g}")
     if first == "frequency":
-        values[first] = _frequency(workspace, source, order, speed)
-    else:
-        values[first] = _setting(workspace, kind, first, st.container(width=170))
+        usual[first] = _peak(workspace, source, order, usual.get("speed"))
+
+    def setting(name: str, place: DeltaGenerator) -> float:
+        key, (label, step, meaning) = f"platoon_{kind}_{name}", LABELS[name]
+        shown = kept(workspace, key, usual.get(name, float(getattr(PLANNED[kind], name))))
+        return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
+
+    values = {first: setting(first, st.container(width=170))}
+    if first == "frequency" and values[first] != usual[first]:
+        st.button(
+            f"Peak: {usual[first]:.4g} rad/s", key="platoon_peak",
+            icon=":material/vertical_align_top:",
+            on_click=workspace.choices.pop, args=("platoon_sinusoid_frequency",),
+            help="The frequency that this platoon amplifies most.",
+        )  # fmt: skip
     with st.popover("Settings", icon=":material/tune:", help="Further settings of the leader"):
-        columns = cycle(st.columns(2))
-        for setting in fields(PLANNED[kind]):
-            if setting.name != first:
-                usual = speed if setting.name == "speed" else None
-                place = next(columns)
-                values[setting.name] = _setting(workspace, kind, setting.name, place, usual)
+        others = (other.name for other in fields(PLANNED[kind]) if other.name != first)
+        values |= {name: setting(name, place) for name, place in zip(others, cycle(st.columns(2)))}
     return PLANNED[kind](**values)
 
 
-def _setting(
-    workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator,
-    usual: float | None = None,
-) -> float:  # fmt: skip
-    key, (label, step, meaning) = f"platoon_{kind}_{setting}", LABELS[setting]
-    shown = kept(workspace, key, usual or float(getattr(PLANNED[kind], setting)))
-    return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
-
-
-def _frequency(
+def _peak(
     workspace: Workspace, source: KnownVehicles, order: Sequence[int], speed: float | None
 ) -> float:
-    """The one chosen, otherwise the one at which this platoon's last follower moves most."""
-    key, (label, step, meaning) = "platoon_frequency", LABELS["frequency"]
+    """The frequency at which this platoon's last follower moves most, in rad/s."""
     if speed:
         speed = workspace.choices.get("platoon_sinusoid_speed", speed)
         source = replace(source, uncertainty=None).at_speed(speed)
     platoon = source.vehicles.parameters[[*order]]
-    peak = float(f"{head_to_tail_peaks(platoon).omega[-1]:.4g}") or Sinusoid.frequency
-    value = workspace.choices.get(key, peak)
-    at_peak = " Now at the peak of this platoon." if value == peak else ""
-    st.number_input(
-        label, **kept(workspace, key, peak), step=step, format="%.4g", width=170,
-        help=meaning + at_peak,
-    )  # fmt: skip
-    if value != peak:
-        st.button(
-            f"Peak: {peak:.4g} rad/s", icon=":material/vertical_align_top:", key="platoon_peak",
-            on_click=workspace.choices.pop, args=(key,),
-            help="The frequency that this platoon amplifies most.",
-        )  # fmt: skip
-    return float(value)
+    return float(f"{head_to_tail_peaks(platoon).omega[-1]:.4g}") or Sinusoid.frequency
 
 
 # Tabs

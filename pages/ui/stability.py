@@ -199,7 +199,7 @@ def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -
     workspace.choices.update(
         platoon_order="learned" if vehicle == WHOLE else "repeated",
         platoon_vehicle=max(vehicle, 0),
-        platoon_frequency=float(f"{omega:.4g}"),
+        platoon_sinusoid_frequency=float(f"{omega:.4g}"),
         platoon_kind="sinusoid",
     )
     frame.go(frame.PLATOON, workspace)

@@ -103,8 +103,11 @@ def show_page(workspace: Workspace) -> None:
         _show_training(workspace)
     else:
         frame.empty_state(workspace, "Nothing to train on")
-    with st.container(key="later_3_runs"):
-        show_runs(workspace)
+    if not (runs := workspace.runs):
+        return
+    title = f"Finished runs of this session ({len(runs)})"
+    with st.container(key="later_3_runs"), st.expander(title, icon=":material/history:"):
+        show_runs(workspace, runs, "runs")
 
 
 def _show_training(workspace: Workspace) -> None:

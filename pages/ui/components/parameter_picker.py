@@ -33,10 +33,10 @@ EXAMPLE, SNAPSHOT, ROWS, BASE, SHOWN = (
     f"parameters_{name}" for name in ("example", "snapshot", "rows", "base", "shown")
 )
 """Names of choices: title of a published set, short name of a snapshot, the rows by hand, now
-and when the table came to the page, and title and number of the vehicles shown last."""
+and when the table came to the page, and the vehicles shown last."""
 OF_VEHICLES = (
     "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
-    "platoon_frequency", "platoon_own",
+    "platoon_sinusoid_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
 MOST = 20
@@ -56,21 +56,9 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
     if source == "snapshot" and not entries:
         source = "fit"
     choices = workspace.choices
-
-    def turn_to(new: ParameterSource) -> None:
-        """The first rows by hand are a copy of what was shown."""
-        if new == "hand" and not choices.get(ROWS):
-            shown = parameters_from(workspace, source, entries)
-            vehicles = shown.vehicles if shown else ASTAZERO
-            choices[ROWS] = tuple(
-                (label, vehicle.alpha, vehicle.beta, vehicle.tau)
-                for label, vehicle in zip(vehicles.labels, vehicles.parameters, strict=True)
-            )
-        workspace.choose_source(new)
-
     with st.container(horizontal=True, vertical_alignment="center"):
         offered = {key: name for key, name in SOURCES.items() if key != "snapshot" or entries}
-        segments("Parameters of", offered, source, f"{page}_source", turn_to)
+        segments("Parameters of", offered, source, f"{page}_source", workspace.choose_source)
         if source == "published":
             select(
                 "Published set", {published.title: published.title for published in PUBLISHED},
@@ -87,8 +75,8 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
     if chosen is None:
         _empty_state(workspace, page)
         return None
-    now = (chosen.vehicles.title, len(chosen.vehicles))
-    if choices.get(SHOWN, now) != now:
+    now, before = chosen.vehicles, choices.get(SHOWN, chosen.vehicles)
+    if (before.title, len(before)) != (now.title, len(now)):
         for key in OF_VEHICLES:
             choices.pop(key, None)
     choices[SHOWN] = now
@@ -166,10 +154,17 @@ def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
 
 
 def _edit_rows(workspace: Workspace, key: str) -> None:
-    """A table of vehicles to type into; it keeps its own changes while it is on the page."""
+    """A table of vehicles to type into, to begin with those shown last.
+
+    It keeps its own changes while it is on the page.
+    """
     choices = workspace.choices
+    if ROWS not in choices:
+        shown = choices.get(SHOWN, ASTAZERO)
+        each = zip(shown.labels, shown.parameters, strict=True)
+        choices[ROWS] = tuple((label, one.alpha, one.beta, one.tau) for label, one in each)
     if key not in st.session_state:
-        choices[BASE] = choices.get(ROWS, ())
+        choices[BASE] = choices[ROWS]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
         pd.DataFrame(list(choices[BASE]), columns=list(COLUMNS)),

@@ -21,7 +21,7 @@ from accpinn.tasks import Status
 from accpinn.tasks.batches import download_task
 from pages.ui.components import show
 from pages.ui.components.frame import TURN
-from pages.ui.components.monitor import poll, show_bar, stop_button
+from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ask_for_columns
 from pages.ui.session import resources
@@ -224,7 +224,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     )  # fmt: skip
     task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
-        poll(task, lambda _: show_bar(task, _told))
+        monitor(task, told=_told)
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button("Open this run", on_click=open_file, args=(workspace, run.path(root)))

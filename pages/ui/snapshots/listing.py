@@ -28,7 +28,7 @@ from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Estimate, MetresPerSecond
-from pages.ui.components import show
+from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
 from pages.ui.session.sessions import result_of
@@ -268,32 +268,28 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
     return asked + tuple(f"{name}: {a} → {b}" for name, a, b in further if a != b)
 
 
-# A session's own runs
+# Finished runs
 
 
-def show_runs(workspace: Workspace) -> None:
-    """The list, whose rows restore a training, and two of them beside each other."""
-    entries = workspace.runs
-    if not entries:
-        return
-    with st.expander(f"Finished runs of this session ({len(entries)})", icon=":material/history:"):
-        show.flashed()
-        show_entries(
-            entries, "runs", lambda entry: restore_run(workspace, entry.id),
-            help="Shows this run on every page again. The present result stays in this list.",
-        )  # fmt: skip
-        compare_two(workspace, entries, "runs")
-        st.caption("The last runs are kept, without the recordings.")
+def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
+    """The list, whose rows show a training again, and two of them beside each other."""
 
+    def restore(entry: Entry) -> None:
+        restore_run(workspace, entry.id)
+        st.session_state[frame.TURN] = frame.TRAIN
 
-def compare_two(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
-    """Two runs beside each other, once that is asked for."""
+    show.flashed()
+    show_entries(
+        entries, key, restore,
+        help="Shows this run on every page. The present result stays in this list.",
+    )  # fmt: skip
     if len(entries) > 1 and st.toggle("Show two side by side", key=f"{key}_compare"):
         first = choose_entry(workspace, "Run", f"{key}_first", entries)
         others = [entry for entry in entries if entry.id != first]
         second = choose_entry(workspace, "Beside", f"{key}_second", others)
         both = (result_of(run).found_in(workspace.recording) for run in (first, second))
         show_both(workspace, *both)
+    st.caption("The last runs are kept, without the recordings.")
 
 
 def restore_run(workspace: Workspace, name: str) -> None:
