@@ -39,7 +39,7 @@ from pages.ui import models
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, own_task_line, stop_button
 from pages.ui.components.result import banner, recording_needed, show_cards, show_intervals
-from pages.ui.components.show import escape_markdown, pick_follower, segments, tabs
+from pages.ui.components.show import escape_markdown, pick, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 GAP_ERROR = "A constant error of the measured gap shifts τ: 0.1 m in 30 m by 0.3 %."
@@ -107,7 +107,7 @@ def show_page(workspace: Workspace) -> None:
     if task:
         monitor(task, lambda running: _show(workspace, task, segment, running))
     elif workspace.starts or (workspace.earlier and not workspace.restored):
-        follower = pick_follower(segment.labels[1:], "compare_follower")
+        follower = pick(workspace, segment.labels[1:], "compare_follower")
         _show_repeatability(_Shown(workspace, segment, (), follower))
 
 
@@ -119,7 +119,7 @@ def _show_saved_rows(workspace: Workspace, restored: Result) -> None:
     if restored.known_answer:
         show_cards(restored)
     if rows:
-        follower = pick_follower(info.labels[1:], "snapshots_row_follower")
+        follower = pick(workspace, info.labels[1:], "snapshots_row_follower")
         show.table(tables.methods_table(info, rows, follower))
     else:
         st.caption("No comparison of the methods was saved with this snapshot.")
@@ -160,7 +160,7 @@ def _show(workspace: Workspace, task: Task[Any], segment: Segment, running: bool
         return
     rows = workspace.compared_with_training()
     first = st.container()
-    follower = pick_follower(segment.labels[1:], "compare_follower")
+    follower = pick(workspace, segment.labels[1:], "compare_follower")
     shown = _Shown(workspace, segment, rows, follower)
     with first:
         with st.spinner("The answer takes some seconds."):
@@ -296,8 +296,9 @@ def _show_course(shown: _Shown) -> None:
     by_name = {name_of(row.fit): row for row in shown.rows}
     tracks = [(name, row.fit.track) for name, row in by_name.items() if row.fit.track]
     options = [*by_name, *([ONLINE] if tracks else [])]
-    name = st.selectbox(
-        "Over time", options, key="compare_method", width=320,
+    name = select(
+        "Over time", dict(zip(options, options, strict=True)), options[0], "compare_method",
+        shown.workspace, width=320,
         help="A method's curves against the data, or how the online methods' estimates of α, β and"
         " τ move as samples come in.",
     )  # fmt: skip
@@ -450,12 +451,10 @@ def _show_starts(shown: _Shown) -> None:
         stop_button(task, "Stop the starts", "compare_stop_starts")
     else:
         with st.container(horizontal=True, vertical_alignment="center"):
-            preset = st.segmented_control(
-                "Preset of the starts", list(PRESETS), default="fast", key="compare_preset",
-                required=True, label_visibility="collapsed", format_func=str.capitalize,
-            )  # fmt: skip
+            names = {name: name.capitalize() for name in PRESETS}
+            preset = segments("Preset of the starts", names, "fast", "compare_preset", workspace)
             if st.button("Five starts", icon=":material/casino:", key="compare_starts"):
-                workspace.train_starts(PRESETS[preset or "fast"])
+                workspace.train_starts(PRESETS[preset])
                 st.rerun()
         st.caption(
             "Trains the network from five initial values of α, β and τ, as in the paper's Table I."

@@ -21,13 +21,13 @@ from accpinn.segment.cut import cut
 from accpinn.study.store import Entry
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import EXAMPLE
-from pages.ui.components.show import escape_markdown, tabs
+from pages.ui.components.show import escape_markdown, select, tabs
 from pages.ui.data.sources import OPENING, drop_zone, find_run, open_file
 from pages.ui.platoon import open_panels
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, sample_title, samples
 from pages.ui.session.sessions import SESSION, Shown, recent_sessions, runs_to_see
 from pages.ui.session.workspace import Workspace
-from pages.ui.snapshots.listing import compare_two, restore_run, show_entries
+from pages.ui.snapshots.listing import show_runs
 
 CARDS = 5
 """In a row."""
@@ -49,7 +49,7 @@ def show_page(workspace: Workspace) -> None:
     _ways_in(workspace)
     runs = runs_to_see(workspace)
     drawn = {
-        "Finished runs": lambda: _show_runs(workspace, runs),
+        "Finished runs": lambda: show_runs(workspace, runs, "home_runs"),
         "Samples": lambda: _show_samples(workspace),
         "Published parameters": lambda: _show_published(workspace),
         "Reproduce the paper": lambda: show_checklist(workspace),
@@ -84,27 +84,19 @@ def _continue(workspace: Workspace, recent: list[tuple[str, Shown]]) -> None:
                     )  # fmt: skip
 
 
-def _show_runs(workspace: Workspace, entries: tuple[Entry, ...]) -> None:
-    def restore(entry: Entry) -> None:
-        restore_run(workspace, entry.id)
-        st.session_state[frame.TURN] = frame.TRAIN
-
-    show_entries(entries, "home_runs", restore, help="Shows this run on every page.")
-    compare_two(workspace, entries, "home_runs")
-
-
 def _button(
     workspace: Workspace, label: str, page: str, key: str, help: str, icon: str = "",
     act: Callable[[], object] = lambda: None, **look: Any,
 ) -> None:  # fmt: skip
     """A button that does something and turns to a page; where that is refused, it says why."""
     picture = f":material/{icon}:" if icon else None
-    if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
-        workspace.refusal = ""
+
+    def turn() -> None:
         act()
-        if not workspace.refusal:
-            frame.go(page, workspace)
-        show.messages(workspace.refusal, "error")
+        frame.go(page, workspace)
+
+    if st.button(label, key=f"home_{key}", help=help, icon=picture, **look):
+        show.attempt(turn)
 
 
 def _ways_in(workspace: Workspace) -> None:
@@ -135,10 +127,9 @@ def _train_sample(
     workspace: Workspace, path: Path, config: PinnConfig, case: Case | None = None
 ) -> None:
     open_file(workspace, path)
-    if not workspace.refusal:
-        workspace.preset = config.preset
-        workspace.choose(case=case or workspace.asked.case)
-        workspace.train(config)
+    workspace.preset = config.preset
+    workspace.choose(case=case or workspace.asked.case)
+    workspace.train(config)
 
 
 # What can be opened at one click
@@ -202,15 +193,12 @@ def show_checklist(workspace: Workspace) -> None:
     for item in paper.ITEMS:
         _show_item(workspace, item)
     names = {one.vehicles.title: (item, one) for item in paper.ITEMS for one in item.verdicts}
-    chosen = st.selectbox(
-        "Printed beside computed",
-        list(names),
-        index=len(names) - 2,
-        key="home_printed",
-        width=420,
+    chosen = select(
+        "Printed beside computed", {name: name for name in names}, [*names][-2], "home_printed",
+        workspace, width=420,
         help="The verdicts as printed, and those that follow from the printed parameters; beside"
         " them what this session learned from the same window, once it has.",
-    )
+    )  # fmt: skip
     item, printed = names[chosen]
     table = paper.reproduction_table(printed, _learned(workspace, item, printed))
     show.table(table)
@@ -288,8 +276,7 @@ def _show_buttons(workspace: Workspace, item: paper.PrintedItem, key: str) -> No
 
 def _train_starts(workspace: Workspace, path: Path) -> None:
     open_file(workspace, path)
-    if not workspace.refusal:
-        workspace.train_starts(FAST)
+    workspace.train_starts(FAST)
 
 
 def _open_run(
@@ -298,14 +285,13 @@ def _open_run(
     """Open the paper's recording with its window."""
     if opening:
         opening()
-        if not workspace.refusal:
-            workspace.choose(run.window, vehicles=run.vehicles, case=run.case)
+        workspace.choose(run.window, vehicles=run.vehicles, case=run.case)
 
 
 def _take_published(workspace: Workspace, vehicles: ParameterSet) -> None:
     """Let pages Stability and Platoon show a published set."""
     workspace.choose_source("published")
-    workspace.choose_parameters(**{EXAMPLE: vehicles.title})
+    workspace.choices[EXAMPLE] = vehicles.title
 
 
 def _learned(

@@ -17,7 +17,7 @@ from accpinn.units import MetresPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.result import recording_needed
-from pages.ui.components.show import KMH, escape_markdown, kept, pick_follower
+from pages.ui.components.show import KMH, escape_markdown, kept, pick
 from pages.ui.session.workspace import Workspace
 
 LEAD = (
@@ -40,9 +40,7 @@ def show_models(workspace: Workspace, about: DeltaGenerator) -> None:
         show_judged(workspace, workspace.judgements)
         recording_needed(workspace, "To judge models, the page needs")
         return
-    subjects = show.attempt(lambda: workspace.subjects)
-    if not subjects:
-        return
+    subjects = workspace.subjects
     every = dict.fromkeys(tuple(part.window for part in one.windows) for one in subjects)
     windows = " or ".join(frame.in_words(parts[0], parts) for parts in every)
     about.caption(
@@ -94,7 +92,7 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
         frame.link(frame.SNAPSHOTS, "Next: keep the result as a snapshot", workspace)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         labels = [one.info.labels[1] for one in judged]
-        one = judged[pick_follower(labels, "models_follower")]
+        one = judged[pick(workspace, labels, "models_follower")]
         low, middle, high = one.speeds
         speed = show.choose_speed(
             workspace, f"models_speed_{one.info.vehicles[1]}", middle,

@@ -30,7 +30,7 @@ from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import KMH, bound, escape_markdown, kept, segments, select, tabs
+from pages.ui.components.show import KMH, bound, escape_markdown, kept, pick, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "A disturbance of the leader, in a platoon of these vehicles."
@@ -56,7 +56,11 @@ PLANNED: dict[Disturbance, type[Sinusoid] | type[SpeedStep] | type[Brake]] = {
     "brake": Brake,
 }
 LABELS = {
-    "frequency": ("Frequency [rad/s]", 0.01, "Of the leader's speed; 2π over it is the period."),
+    "frequency": (
+        "Frequency [rad/s]",
+        0.01,
+        "Of the leader's speed; 2π over it is the period. To begin with, the peak of this platoon.",
+    ),
     "amplitude": ("Amplitude [m/s]", 0.1, "Of the leader's speed about its mean."),
     "change": ("Change of speed [m/s]", 0.5, "At once; below zero the leader slows down."),
     "drop": ("Drop of speed [m/s]", 1.0, "By how much the leader slows down."),
@@ -78,23 +82,12 @@ def show_page(workspace: Workspace) -> None:
         return
     chosen = source.vehicles
     windows = _windows(workspace, source)
-    leader: Leader | None = None
-    recorded: Segment | None = None
-    with st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon"):
-        order = _choose_order(workspace, chosen, windows)
-        if order:
-            leader, recorded = _choose_leader(workspace, source, order, windows)
-    if workspace.choices.get("platoon_order") == "own" and len(chosen) > 1:
-        st.caption(
-            " · ".join(f"{k} = {escape_markdown(n)}" for k, n in enumerate(chosen.labels, 1))
-        )
-    if not (order and leader):
-        return
-    run = show.attempt(
-        lambda: simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
-    )
-    if run is None:
-        return
+    row = st.container(horizontal=True, vertical_alignment="bottom", key="later_1_platoon")
+    numbers = st.empty()
+    with row:
+        order = _choose_order(workspace, chosen, windows, numbers)
+        leader, recorded = _choose_leader(workspace, source, order, windows)
+    run = simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
     places = words.Places(chosen.spoken) if figures.is_in_order(chosen, order) else words.PLACES
     cast = figures.cast_of(chosen, order)
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
@@ -204,19 +197,19 @@ def _show_charts(
 
 
 def _choose_order(
-    workspace: Workspace, chosen: ParameterSet, windows: Sequence[Segment]
-) -> list[int] | None:
-    """The followers' indices in ``chosen``; None, with a sentence, for no order."""
+    workspace: Workspace, chosen: ParameterSet, windows: Sequence[Segment], numbers: DeltaGenerator
+) -> list[int]:
+    """The followers' indices in ``chosen``; an own order needs their ``numbers`` on the page."""
     choices, many = workspace.choices, len(chosen) > 1
     order = segments(
         "Platoon", ORDERS, "learned", "platoon_order", workspace, labelled=True,
         help="All vehicles in order, one of them repeated, or any order.",
     ) if many else "repeated"  # fmt: skip
     if order == "repeated":
-        vehicle = select(
-            "Vehicle", dict(enumerate(chosen.labels)), 0, "platoon_vehicle", workspace,
-            width=200, help="The vehicle that is repeated.",
-        ) if many else 0  # fmt: skip
+        vehicle = pick(
+            workspace, chosen.labels, "platoon_vehicle", label="Vehicle", labelled=True, width=200,
+            help="The vehicle that is repeated.",
+        )  # fmt: skip
         is_recorded = choices.get("platoon_kind") == "recorded" and windows
         usual = windows[0].followers if is_recorded else FOLLOWERS
         followers = st.number_input(
@@ -232,7 +225,9 @@ def _choose_order(
         "Followers, first to last", **bound("platoon_own", text, workspace.keep("platoon_own")),
         help="Numbers and ranges: 1-3, 2, 2", width=200,
     )  # fmt: skip
-    return show.attempt(lambda: parse_order(text, len(chosen)))
+    said = (f"{k} = {escape_markdown(label)}" for k, label in enumerate(chosen.labels, 1))
+    numbers.caption(" · ".join(said))
+    return parse_order(text, len(chosen))
 
 
 def parse_order(text: str, count: int) -> list[int]:
@@ -266,11 +261,8 @@ def _windows(workspace: Workspace, source: KnownVehicles) -> list[Segment]:
 
 def _choose_leader(
     workspace: Workspace, source: KnownVehicles, order: Sequence[int], windows: Sequence[Segment]
-) -> tuple[Leader | None, Segment | None]:
-    """The leader, and the window that it was recorded in.
-
-    The leader is None, with a sentence, where its settings make no sense.
-    """
+) -> tuple[Leader, Segment | None]:
+    """The leader, and the window that it was recorded in."""
     offered: dict[Disturbance, str] = {kind: kind.capitalize() for kind in PLANNED}
     offered |= {"recorded": "As recorded"} if windows else {}
     kind = select(
@@ -278,68 +270,52 @@ def _choose_leader(
         help="What the leader does; as recorded, it drives as in a window of the recording.",
     )  # fmt: skip
     if kind == "recorded" and windows:
-        at = select(
-            "Window", {k: str(segment.window) for k, segment in enumerate(windows)}, 0,
-            "platoon_window", workspace, width=170,
-        ) if len(windows) > 1 else 0  # fmt: skip
-        segment = windows[at]
+        names = [str(segment.window) for segment in windows]
+        look = {"labelled": True, "width": 170}
+        segment = windows[pick(workspace, names, "platoon_window", label="Window", **look)]
         return Recorded(segment.start + segment.time, segment.speeds[:, 0]), segment
-    return show.attempt(lambda: _planned(workspace, kind, source, order)), None
+    return _planned(workspace, kind, source, order), None
 
 
 def _planned(
     workspace: Workspace, kind: Disturbance, source: KnownVehicles, order: Sequence[int]
 ) -> Leader:
-    values: dict[str, float] = {}
-    first, speed = FIRST[kind], None
+    """The leader with the settings chosen; a sinusoid begins with the platoon's peak."""
+    first, usual = FIRST[kind], dict[str, float]()
     if source.vehicles.parameters.own.size:  # a nonlinear model's response depends on the speed
         chosen = workspace.choices.get("stability_speed", KMH * source.median_speed)
-        speed = float(f"{chosen / KMH:.3g}")
+        usual["speed"] = float(f"{chosen / KMH:.3g}")
     if first == "frequency":
-        values[first] = _frequency(workspace, source, order, speed)
-    else:
-        values[first] = _setting(workspace, kind, first, st.container(width=170))
+        usual[first] = _peak(workspace, source, order, usual.get("speed"))
+
+    def setting(name: str, place: DeltaGenerator) -> float:
+        key, (label, step, meaning) = f"platoon_{kind}_{name}", LABELS[name]
+        shown = kept(workspace, key, usual.get(name, float(getattr(PLANNED[kind], name))))
+        return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
+
+    values = {first: setting(first, st.container(width=170))}
+    if first == "frequency" and values[first] != usual[first]:
+        st.button(
+            f"Peak: {usual[first]:.4g} rad/s", key="platoon_peak",
+            icon=":material/vertical_align_top:",
+            on_click=workspace.choices.pop, args=("platoon_sinusoid_frequency",),
+            help="The frequency that this platoon amplifies most.",
+        )  # fmt: skip
     with st.popover("Settings", icon=":material/tune:", help="Further settings of the leader"):
-        columns = cycle(st.columns(2))
-        for setting in fields(PLANNED[kind]):
-            if setting.name != first:
-                usual = speed if setting.name == "speed" else None
-                place = next(columns)
-                values[setting.name] = _setting(workspace, kind, setting.name, place, usual)
+        others = (other.name for other in fields(PLANNED[kind]) if other.name != first)
+        values |= {name: setting(name, place) for name, place in zip(others, cycle(st.columns(2)))}
     return PLANNED[kind](**values)
 
 
-def _setting(
-    workspace: Workspace, kind: Disturbance, setting: str, place: DeltaGenerator,
-    usual: float | None = None,
-) -> float:  # fmt: skip
-    key, (label, step, meaning) = f"platoon_{kind}_{setting}", LABELS[setting]
-    shown = kept(workspace, key, usual or float(getattr(PLANNED[kind], setting)))
-    return float(place.number_input(label, **shown, step=step, format="%.4g", help=meaning))
-
-
-def _frequency(
+def _peak(
     workspace: Workspace, source: KnownVehicles, order: Sequence[int], speed: float | None
 ) -> float:
-    """The one chosen, otherwise the one at which this platoon's last follower moves most."""
-    key, (label, step, meaning) = "platoon_frequency", LABELS["frequency"]
+    """The frequency at which this platoon's last follower moves most, in rad/s."""
     if speed:
         speed = workspace.choices.get("platoon_sinusoid_speed", speed)
         source = replace(source, uncertainty=None).at_speed(speed)
     platoon = source.vehicles.parameters[[*order]]
-    peak = float(f"{head_to_tail_peaks(platoon).omega[-1]:.4g}") or Sinusoid.frequency
-    chosen = workspace.choices.get(key)
-    value = peak if chosen is None else chosen
-    shown = bound(key, value, workspace.keep(key), optional=True)
-    at_peak = " Now at the peak of this platoon." if value == peak else ""
-    st.number_input(label, **shown, step=step, format="%.4g", width=170, help=meaning + at_peak)
-    if value != peak:
-        st.button(
-            f"Peak: {peak:.4g} rad/s", icon=":material/vertical_align_top:", key="platoon_peak",
-            on_click=workspace.keep(key), args=(None,),
-            help="The frequency that this platoon amplifies most.",
-        )  # fmt: skip
-    return value
+    return float(f"{head_to_tail_peaks(platoon).omega[-1]:.4g}") or Sinusoid.frequency
 
 
 # Tabs

@@ -24,7 +24,7 @@ from accpinn.stability.measured_gain import measured_gain
 from accpinn.units import RadiansPerSecond
 from pages.ui.components import frame, show
 from pages.ui.components.parameter_picker import choose_parameters
-from pages.ui.components.show import KMH, escape_markdown, kept, segments, select, tabs
+from pages.ui.components.show import KMH, escape_markdown, kept, pick, segments, select, tabs
 from pages.ui.session.workspace import Workspace
 
 LEAD = "Which of these vehicles amplify the disturbances of the car ahead?"
@@ -54,8 +54,6 @@ def show_page(workspace: Workspace) -> None:
     is_nonlinear = chosen.vehicles.parameters.own.size > 0
     with answer_column:
         source = _at_chosen_speed(workspace, chosen) if is_nonlinear else chosen
-        if source is None or show.attempt(lambda: source.report) is None:
-            return
         _show_answer(source)
         _show_simulate(workspace, source)
     with chart_column:
@@ -70,7 +68,7 @@ def show_page(workspace: Workspace) -> None:
     })  # fmt: skip
 
 
-def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicles | None:
+def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicles:
     """The vehicles at a speed that the user chooses, by default the recording's median."""
     median = round(KMH * source.median_speed)
     speed = show.choose_speed(
@@ -78,7 +76,7 @@ def _at_chosen_speed(workspace: Workspace, source: KnownVehicles) -> KnownVehicl
         f"The {FOLLOWING[source.vehicles.model].title} answers small disturbances differently"
         f" at every speed. The recording's median: {median} km/h.",
     )  # fmt: skip
-    return source if speed == median / KMH else show.attempt(lambda: source.at_speed(speed))
+    return source if speed == median / KMH else source.at_speed(speed)
 
 
 def _show_answer(source: KnownVehicles) -> None:
@@ -201,7 +199,7 @@ def _open_platoon(workspace: Workspace, omega: RadiansPerSecond, vehicle: int) -
     workspace.choices.update(
         platoon_order="learned" if vehicle == WHOLE else "repeated",
         platoon_vehicle=max(vehicle, 0),
-        platoon_frequency=float(f"{omega:.4g}"),
+        platoon_sinusoid_frequency=float(f"{omega:.4g}"),
         platoon_kind="sinusoid",
     )
     frame.go(frame.PLATOON, workspace)
@@ -263,18 +261,16 @@ def _show_map(workspace: Workspace, source: KnownVehicles) -> None:
             " or a published set."
         )
         return
-    chosen, known, held = source.vehicles, source.uncertainty, len(source.vehicles) - 1
+    chosen, known = source.vehicles, source.uncertainty
     with st.container(horizontal=True, vertical_alignment="center"):
         plane = segments(
             "Plane", PLANES, "beta", "stability_plane", workspace,
             help="The two parameters on the axes; the third is that of the vehicle chosen.",
         )  # fmt: skip
-        if held:
-            held = select(
-                "Vehicle", dict(enumerate(chosen.labels)), held, "stability_held", workspace,
-                labelled=False, width=240,
-                help="The vehicle whose third parameter the boundaries are drawn for.",
-            )  # fmt: skip
+        held = pick(
+            workspace, chosen.labels, "stability_held", len(chosen) - 1, "Vehicle",
+            help="The vehicle whose third parameter the boundaries are drawn for.",
+        )  # fmt: skip
         show.key(figures.MAP_KEY)
     chart = figures.stability_map(source, held, plane)
     show.chart(chart, "stability_map")
@@ -294,11 +290,8 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
         texts.append(f"**{escape_markdown(label)}.** {behaviour}\n{''.join(lines)}")
     if len(texts) > MOST_REASONS:
         names = ("The platoon", *source.vehicles.labels)
-        which = select(
-            "Vehicle", dict(enumerate(names, -1)), WHOLE, "stability_reasons", workspace,
-            labelled=False, width=240,
-        )  # fmt: skip
-        texts = [texts[which]]
+        which = pick(workspace, names, "stability_reasons", label="Vehicle")
+        texts = [texts[which - 1]]
     # A row of columns each, so that a narrow screen keeps their order; the last of an odd number,
     # as the platoon after four vehicles, takes the whole width.
     for at in range(0, len(texts), 2):
@@ -309,7 +302,7 @@ def _show_reasons(workspace: Workspace, source: KnownVehicles) -> None:
 
 def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:
     """The gain of one follower by Welch's method, beside the model's curve."""
-    chosen, result, follower = source.vehicles, source.result, 0
+    chosen, result = source.vehicles, source.result
     windows = (result.segments if result else ()) or tuple(filter(None, (workspace.segment,)))
     if not windows:
         show.messages(NO_DATA)
@@ -318,15 +311,11 @@ def _show_measured(workspace: Workspace, source: KnownVehicles) -> None:
     labels = segment.labels[1:]
     head = st.container(horizontal=True, vertical_alignment="center")
     with head:
-        if len(labels) > 1:
-            follower = select(
-                "Follower", dict(enumerate(labels)), 0, "stability_measured", workspace,
-                labelled=False, width=240,
-                help="The vehicle whose recorded speed is compared with that of the car ahead.",
-            )  # fmt: skip
-    gain = show.attempt(lambda: measured_gain(windows, follower))
-    if gain is None:
-        return
+        follower = pick(
+            workspace, labels, "stability_measured",
+            help="The vehicle whose recorded speed is compared with that of the car ahead.",
+        )  # fmt: skip
+    gain = measured_gain(windows, follower)
     colour = vehicle_colour(segment.vehicles[follower + 1], segment.vehicles[0])
     key, which = [(f"{labels[follower]}, measured", LEADER)], min(follower, len(chosen) - 1)
     # Vehicles of another source stand for those of the recording, in their order.

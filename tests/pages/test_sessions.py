@@ -16,7 +16,6 @@ from accpinn.recordings.files import read
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.session.sessions import KEPT_FOR, KEPT_WORKSPACES, Workspaces
-from pages.ui.session.workspace import ALL_WINDOWS
 from pages.ui.snapshots.listing import restore_run
 from tests.support.apptest import WAIT, answer, fitted, open_page, with_sample
 from tests.support.command import PLATOON
@@ -232,7 +231,7 @@ def test_an_upload_returns_after_a_restart_with_its_result_of_several_windows() 
     raw = PLATOON.read_bytes()
     session = open_page("Data").upload("mine.csv", raw).workspace()
     session.choose(vehicles=(1, 2))
-    page = open_page("Data", session).choose(ALL_WINDOWS, True)
+    page = open_page("Data", session).choose("data_all_windows", True)
     windows = session.several_windows
     assert len(windows) > 1
     assert f"Train on {len(windows)} windows" in page.button(key="data_train").label

@@ -57,7 +57,7 @@ def test_published_vehicles_are_answered_before_anything_was_trained() -> None:
     (_, plane) = page.get("plotly_chart")
     saved = json.loads(plane.proto.config)["toImageButtonOptions"]
     assert (saved["format"], saved["filename"]) == ("png", "accpinn_stability_map")
-    page.choose("stability_example", CASALE.title)
+    page.choose("parameters_example", CASALE.title)
     assert "Hyundai's β" in page.plain()
 
 
@@ -155,7 +155,7 @@ def test_every_new_training_turns_to_the_current_fit() -> None:
 
 
 def test_by_hand_begins_with_what_was_shown_and_is_kept_over_pages() -> None:
-    page = open_page("Stability", with_example()).choose("stability_example", CASALE.title)
+    page = open_page("Stability", with_example()).choose("parameters_example", CASALE.title)
     page.choose("stability_source", "hand")
     session = page.workspace()
     assert session.choices[ROWS] == (("Hyundai", 0.0104, 0.0718, 1.52),)
@@ -229,11 +229,11 @@ def test_a_row_goes_to_the_platoon_page(which: int, chosen: tuple[Any, ...]) -> 
     session = page.press("stability_open_platoon").workspace()
     drive = [session.choices[f"platoon_{name}"] for name in ("order", "vehicle", "kind")]
     assert drive == [*chosen[:2], "sinusoid"]
-    omega = session.choices["platoon_frequency"]
+    omega = session.choices["platoon_sinusoid_frequency"]
     assert omega == pytest.approx(chosen[2], abs=1e-4)
     if which == 1:
         other = open_page("Platoon", session)
-        assert other.widget("platoon_frequency").value == omega
+        assert other.widget("platoon_sinusoid_frequency").value == omega
         assert "Follower 8: BMW X5" in other.plain()
 
 
@@ -246,7 +246,7 @@ def test_the_measured_gain_stands_beside_the_model() -> None:
     assert {f"{label}, measured", f"{label}, model"} <= chart.keys()
     page.choose("stability_source", "published")
     assert not any("model" in one.get("name", "") for one in page.figures()[1]["data"])
-    page.choose("stability_example", CASALE.title)
+    page.choose("parameters_example", CASALE.title)
     assert any(one.get("name") == "Hyundai, model" for one in page.figures()[1]["data"])
     session.choose(window=Window(0.0, 40.0))
     session.choose_source("published")
@@ -282,7 +282,7 @@ MAP = "Map of speeds"
 class TestPage:
     def test_a_published_example_drives_before_anything_was_trained(self) -> None:
         page = open_page("Platoon", with_example())
-        assert page.widget("platoon_frequency").value == pytest.approx(0.2189)
+        assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.2189)
         assert "2.44 times at the last follower" in page.plain()
         assert page.selectbox(key="platoon_kind").options == ["Sinusoid", "Step", "Brake"]
         page.choose("platoon_db", True)
@@ -306,21 +306,21 @@ class TestPage:
 
     def test_one_vehicle_is_repeated_at_its_peak_until_a_frequency_is_given(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_order", "repeated")
-        assert page.widget("platoon_frequency").value == pytest.approx(0.214, abs=1e-4)
+        assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.214, abs=1e-4)
         page.choose("platoon_vehicle", 2)
-        page.choose("platoon_frequency", 0.25)
+        page.choose("platoon_sinusoid_frequency", 0.25)
         gain = 4.233  # |H(0.25j)| of AstaZero's vehicle 3 to the eighth power
         assert f"grows to {gain:.3g} times" in page.plain()
         page.choose("platoon_followers", 3)
         assert "Follower 4: Mercedes A-Class" not in page.plain()
         assert "grows to 1.72 times" in page.plain()
         page.choose("platoon_vehicle", 3)
-        assert page.widget("platoon_frequency").value == 0.25
+        assert page.widget("platoon_sinusoid_frequency").value == 0.25
         page.press("platoon_peak")
-        assert page.widget("platoon_frequency").value == pytest.approx(0.1059, abs=1e-4)
+        assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.1059, abs=1e-4)
         # Other vehicles begin without what was chosen among the former.
-        page.choose("platoon_example", CASALE.title)
-        assert page.widget("platoon_frequency").value == pytest.approx(0.0879, abs=1e-4)
+        page.choose("parameters_example", CASALE.title)
+        assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.0879, abs=1e-4)
 
     def test_an_order_of_ones_own(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_order", "own")
@@ -366,7 +366,7 @@ class TestPage:
         page.choose("platoon_sinusoid_duration", 30.0)
         assert any("too short" in warning for warning in page.boxes("warning"))
         assert "From 6 to 30 s of 30 s." in page.open_tab("platoon", MAP).plain()
-        page.choose("platoon_frequency", 0.0)
+        page.choose("platoon_sinusoid_frequency", 0.0)
         assert "frequency" in page.boxes("error")[0]
 
 

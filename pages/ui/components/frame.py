@@ -11,6 +11,7 @@ import streamlit as st
 from streamlit.errors import StreamlitAuthError
 from streamlit.runtime.state.session_state import WStates
 
+from accpinn.errors import AccpinnError
 from accpinn.recordings import Window
 from accpinn.results.glossary import GROUPS
 from accpinn.segment import Segment, SegmentInfo
@@ -47,9 +48,7 @@ NAMED = 3
 CHARTED = ("Stability", "Platoon", "Database")
 """Pages that have charts also where nothing is open."""
 
-CALLBACK_FAILED = "frame_callback_failed"
-"""The entry in Streamlit's session state that is set when a widget's callback has failed."""
-
+FAILED = "The program failed {}; what was open stays open."
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
@@ -64,11 +63,17 @@ _STATUS = {
 
 def draw_page(title: str, draw: Callable[[Workspace], None]) -> None:
     """Draw a page; of a fault of the program it says one sentence, and leads back."""
+    st.session_state[show.IS_FLASHED] = False
     try:
-        draw(_begin(title))
+        workspace = _begin(title)
+        outcome = st.empty()
+        show.attempt(lambda: draw(workspace))
+        with outcome:
+            show.flashed()
     except Exception:
         st.html("<style>[data-testid=stException] { display: none; }</style>")
-        _say_failed("on this page", current())
+        show.messages(FAILED.format("on this page"), "error")
+        link(HOME, "Back to Home", current())
         raise  # the server's log has it
 
 
@@ -105,18 +110,11 @@ def _begin(title: str) -> Workspace:
             icon="history",
         )
     show.messages(st.session_state["snapshot_fault"], "error", "link_off")
-    if st.session_state.pop(CALLBACK_FAILED, False):
-        _say_failed("at this step", workspace)
     return workspace
 
 
-def _say_failed(where: str, workspace: Workspace) -> None:
-    show.messages(f"The program failed {where}; what was open stays open.", "error")
-    link(HOME, "Back to Home", workspace)
-
-
 def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], None]:
-    """Calls a widget's callback; after a fault of the program the page is drawn all the same.
+    """Calls a widget's callback; the page says why it was refused, or that the program failed.
 
     Streamlit would draw nothing of the page, and calls callbacks before any script runs.
     """
@@ -124,9 +122,11 @@ def _guarded(call: Callable[[WStates, str], None]) -> Callable[[WStates, str], N
     def call_callback(states: WStates, widget: str) -> None:
         try:
             call(states, widget)
+        except AccpinnError as fault:
+            show.flash("error", str(fault))
         except Exception:
             logging.getLogger(__name__).exception("A widget's callback failed.")
-            st.session_state[CALLBACK_FAILED] = True
+            show.flash("error", FAILED.format("at this step"))
 
     return call_callback
 

@@ -13,14 +13,17 @@ POLL = 1.0
 """Seconds between two looks; each draws the live charts anew, which keeps a slow computer busy."""
 
 
-def poll(
-    task: Task[Any], draw: Callable[[bool], object], is_stale: Callable[[], bool] = lambda: False
+def monitor(
+    task: Task[Any],
+    draw: Callable[[bool], object] = lambda polled: None,
+    told: Callable[[Any], str] | None = None,
+    is_stale: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Draw a task, again and again while it is active.
+    """Show where a task stands, and below it what is known, again and again while it is active.
 
     When it begins and ends, and when the page ``is_stale``, the whole page is drawn anew. The
     argument of ``draw`` is whether the task is polled: fragments that poll must not be nested, so
-    it then calls no other.
+    it then calls no other. ``told`` says how far a task is that tells it in its own terms.
     """
     began = task.status  # read first: a task that ends in between is drawn once more
     active = task.is_active
@@ -28,30 +31,13 @@ def poll(
     def look() -> None:
         if active and (task.status is not began or is_stale()):  # the rest of the page says so, too
             st.rerun()
+        show_status(task, told)
         draw(active)
 
     if active:
         st.fragment(look, run_every=POLL)()
     else:
         look()
-
-
-def monitor(task: Task[Any], draw: Callable[[bool], object]) -> None:
-    """Show where a task stands, and below it what is known of it; see `poll`."""
-
-    def show_all(polled: bool) -> None:
-        show_status(task)
-        draw(polled)
-
-    poll(task, show_all)
-
-
-def show_bar(task: Task[Any], told: Callable[[Any], str]) -> None:
-    """The bar of a task that tells in its own terms how far it is, which ``told`` says."""
-    said = told(task.latest) if task.latest else "Getting ready …"
-    if task.status is Status.QUEUED:
-        said = f"Waiting: another {task.kind} is running."
-    st.progress(task.share, f"{'Stopping … ' if task.is_stopping else ''}{said}")
 
 
 def stop_button(task: Task[Any], label: str, key: str) -> None:
@@ -62,14 +48,17 @@ def stop_button(task: Task[Any], label: str, key: str) -> None:
     )  # fmt: skip
 
 
-def show_status(task: Task[Any]) -> None:
-    """One line, and a bar while it runs."""
+def show_status(task: Task[Any], told: Callable[[Any], str] | None = None) -> None:
+    """One line, and a bar while it runs; see `monitor`."""
     status, done, planned = task.status, len(task.results), len(task.names)
-    if status is Status.QUEUED:
+    stopping = "Stopping … " if task.is_stopping else ""
+    if status is Status.QUEUED and told:
+        st.progress(0.0, f"{stopping}Waiting: another {task.kind} is running.")
+    elif status is Status.QUEUED:
         show_waiting(task)
     elif status is Status.RUNNING:
-        stopping = "Stopping … " if task.is_stopping else ""
-        st.progress(task.share, stopping + " · ".join(progress_parts(task)))
+        said = told(task.latest) if told and task.latest else " · ".join(progress_parts(task))
+        st.progress(task.share, stopping + said)
     elif status is Status.FAILED:
         show.messages(task.error, "error")
     elif status is Status.STOPPED and planned > 1:

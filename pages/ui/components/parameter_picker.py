@@ -29,11 +29,16 @@ SOURCES: dict[ParameterSource, str] = {
 }
 COLUMNS = ("Vehicle", *(parameter.heading for parameter in PARAMETERS))
 BY_HAND = "parameters by hand"
-EXAMPLE, SNAPSHOT, ROWS, BASE = (
-    f"parameters_{name}" for name in ("example", "snapshot", "rows", "base")
+EXAMPLE, SNAPSHOT, ROWS, BASE, SHOWN = (
+    f"parameters_{name}" for name in ("example", "snapshot", "rows", "base", "shown")
 )
-"""Names of choices: title of a published set, short name of a snapshot, and the rows by hand, now
-and when the table came to the page."""
+"""Names of choices: title of a published set, short name of a snapshot, the rows by hand, now
+and when the table came to the page, and the vehicles shown last."""
+OF_VEHICLES = (
+    "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
+    "platoon_sinusoid_frequency", "platoon_own",
+)  # fmt: skip
+"""Choices among vehicles, which say nothing of others."""
 MOST = 20
 """Vehicles typed in at most."""
 
@@ -51,54 +56,42 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
     if source == "snapshot" and not entries:
         source = "fit"
     choices = workspace.choices
-
-    def turn_to(new: ParameterSource) -> None:
-        """The first rows by hand are a copy of what was shown."""
-        if new == "hand" and not choices.get(ROWS):
-            shown = parameters_from(workspace, source, entries)
-            vehicles = shown.vehicles if shown else ASTAZERO
-            choices[ROWS] = tuple(
-                (label, vehicle.alpha, vehicle.beta, vehicle.tau)
-                for label, vehicle in zip(vehicles.labels, vehicles.parameters, strict=True)
-            )
-        workspace.choose_source(new)
-
     with st.container(horizontal=True, vertical_alignment="center"):
         offered = {key: name for key, name in SOURCES.items() if key != "snapshot" or entries}
-        segments("Parameters of", offered, source, f"{page}_source", turn_to)
+        segments("Parameters of", offered, source, f"{page}_source", workspace.choose_source)
         if source == "published":
             select(
                 "Published set", {published.title: published.title for published in PUBLISHED},
-                choices.get(EXAMPLE, ASTAZERO.title), f"{page}_example",
-                lambda title: workspace.choose_parameters(**{EXAMPLE: title}),
-                labelled=False, width=320,
+                ASTAZERO.title, EXAMPLE, workspace, labelled=False, width=320,
             )  # fmt: skip
         elif source == "snapshot":
             select(
                 "Snapshot", {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries},
-                _chosen_snapshot(workspace, entries), f"{page}_snapshot",
-                lambda name: workspace.choose_parameters(**{SNAPSHOT: name}),
-                labelled=False, width=420,
+                entries[0].id, SNAPSHOT, workspace, labelled=False, width=420,
             )  # fmt: skip
-    if source == "fit" and workspace.result is None:
-        _empty_state(workspace, page)
-        return None
     if source == "hand":
         _edit_rows(workspace, f"{page}_rows")
-    chosen = show.attempt(lambda: parameters_from(workspace, source, entries))
-    if chosen and chosen.result:
-        asked = chosen.result.analysis
-        about.caption(frame.segment_line(chosen.result.info, asked.case, asked.windows))
-        show.not_acc(chosen.result.info)
-    missing = unfinished(chosen.result.fit) if chosen and chosen.result else ""
-    if chosen and missing:
-        with st.container(border=True):
-            st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
-            show.messages(missing, "warning", "pause_circle")
-            if source == "fit":
-                frame.link(frame.TRAIN, "Continue the training", workspace)
+    chosen = parameters_from(workspace, source, entries)
+    if chosen is None:
+        _empty_state(workspace, page)
         return None
-    return chosen
+    now, before = chosen.vehicles, choices.get(SHOWN, chosen.vehicles)
+    if (before.title, len(before)) != (now.title, len(now)):
+        for key in OF_VEHICLES:
+            choices.pop(key, None)
+    choices[SHOWN] = now
+    if not (result := chosen.result):
+        return chosen
+    about.caption(frame.segment_line(result.info, result.analysis.case, result.analysis.windows))
+    show.not_acc(result.info)
+    if not (missing := unfinished(result.fit)):
+        return chosen
+    with st.container(border=True):
+        st.markdown(f"{escape_markdown(chosen.origin)}\n\n#### No verdict")
+        show.messages(missing, "warning", "pause_circle")
+        if source == "fit":
+            frame.link(frame.TRAIN, "Continue the training", workspace)
+    return None
 
 
 def _empty_state(workspace: Workspace, page: str) -> None:
@@ -161,11 +154,17 @@ def _chosen_snapshot(workspace: Workspace, entries: tuple[Entry, ...]) -> str:
 
 
 def _edit_rows(workspace: Workspace, key: str) -> None:
-    """A table of vehicles to type into; it keeps its own changes while it is on the page."""
+    """A table of vehicles to type into, to begin with those shown last.
+
+    It keeps its own changes while it is on the page.
+    """
     choices = workspace.choices
-    before = choices.get(ROWS, ())
+    if ROWS not in choices:
+        shown = choices.get(SHOWN, ASTAZERO)
+        each = zip(shown.labels, shown.parameters, strict=True)
+        choices[ROWS] = tuple((label, one.alpha, one.beta, one.tau) for label, one in each)
     if key not in st.session_state:
-        choices[BASE] = before
+        choices[BASE] = choices[ROWS]
     number = st.column_config.NumberColumn
     edited = st.data_editor(
         pd.DataFrame(list(choices[BASE]), columns=list(COLUMNS)),
@@ -180,10 +179,7 @@ def _edit_rows(workspace: Workspace, key: str) -> None:
             COLUMNS[3]: number(format="%.3f", step=0.001, help="Desired time headway"),
         },
     )
-    rows = tuple(edited.itertuples(index=False, name=None))
-    if len(rows) != len(before):
-        workspace.forget_vehicles()
-    choices[ROWS] = rows
+    choices[ROWS] = tuple(edited.itertuples(index=False, name=None))
 
 
 def _typed(rows: Sequence[tuple[Any, ...]]) -> ParameterSet:

@@ -31,10 +31,10 @@ from accpinn.results.tables.estimates import name_of
 from accpinn.results.vehicles import known_vehicles
 from accpinn.study.result import NO_XARRAY, Result, has_xarray
 from pages.ui.components import frame, show
-from pages.ui.components.show import bound, escape_markdown, pick_follower, tabs
+from pages.ui.components.show import bound, escape_markdown, pick, tabs
 from pages.ui.session.resources import library, windows_in_car_following
 from pages.ui.session.sessions import owner_mark
-from pages.ui.session.workspace import WINDOWS_OFF, Workspace
+from pages.ui.session.workspace import Workspace
 from pages.ui.snapshots.listing import title_of
 
 MARKS = {True: ("blue", "check_circle"), False: ("orange", "cancel"), None: ("gray", "help")}
@@ -76,7 +76,7 @@ def show_result(
         name = name_of(fit, with_model=not has_answer)  # else the caption says it
         st.markdown(f"**{escape_markdown(name)}: the method's own estimate**")
         _show_checks(result)
-        follower = pick_follower(info.labels[1:], f"{page}_follower")
+        follower = pick(workspace, info.labels[1:], f"{page}_follower")
     if has_answer:
         st.caption(escape_markdown(words.about_own_estimate(result)))
     _show_tracking(result, follower, f"{page}_tracking")
@@ -137,16 +137,15 @@ def _choose_windows(workspace: Workspace) -> None:
     if not (workspace.recording and workspace.several_windows):
         return
     every = windows_in_car_following(workspace.recording, workspace.asked.vehicles)
-    starts = {window.start: str(window) for window in every}
-    off = workspace.choices.get(WINDOWS_OFF, ())
+    names = {window.start: str(window) for window in every}
+    starts = [window.start for window in workspace.several_windows]
 
     def change(chosen: Sequence[float]) -> None:
-        workspace.choices[WINDOWS_OFF] = [start for start in starts if start not in chosen]
+        workspace.window_starts = (*chosen,) or None
 
     st.pills(
-        "Windows of the next training", list(starts), selection_mode="multi",
-        format_func=starts.__getitem__,
-        **bound("windows_on", [s for s in starts if s not in off], change, default="default"),
+        "Windows of the next training", list(names), selection_mode="multi",
+        format_func=names.__getitem__, **bound("windows_on", starts, change, default="default"),
     )  # fmt: skip
 
 
@@ -360,8 +359,7 @@ def banner(workspace: Workspace) -> None:
         st.info(f"{kind} **{name}**; {state}", icon=":material/inventory_2:")
 
     def keep() -> None:
-        with show.flashing():
-            library().add(restored, owner_mark(workspace.id))
+        library().add(restored, owner_mark(workspace.id))
 
     if restored.id and not library().has(restored.id):
         show.messages(

@@ -6,8 +6,7 @@ The widgets show what the workspace holds, and report a change through a callbac
 import html
 import re
 import time
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 from urllib.parse import urlsplit
 
@@ -36,8 +35,10 @@ FORMATS = ("SVG", "PNG")
 PICTURES = "frame_saved_as"
 """The entry in Streamlit's session state with the format in which charts are saved, and whether
 every chart has a legend of its own."""
-FLASH = "snapshots_flash"
+FLASH = "frame_flash"
 """The entry with the outcome of a click: kind, sentence, and when."""
+IS_FLASHED = "frame_is_flashed"
+"""The entry that tells whether a place on the page has shown it already."""
 FLASH_FOR: Seconds = 20.0
 KMH, SLOWEST = 3.6, 5.0
 """km/h of a m/s, and the lowest speed that can be chosen."""
@@ -112,17 +113,8 @@ def attempt(work: Callable[[], T]) -> T | None:
 
 
 def flash(kind: Literal["success", "error"], sentence: str) -> None:
-    """Keep a click's outcome for `flashed`, which shows it for a while."""
+    """Keep a click's outcome for `flashed`; that of a refused callback is kept by the frame."""
     st.session_state[FLASH] = (kind, sentence, time.monotonic())
-
-
-@contextmanager
-def flashing(about: str = "") -> Iterator[None]:
-    """Flash why something within a click is refused, and end the block; ``about`` names it."""
-    try:
-        yield
-    except AccpinnError as fault:
-        flash("error", f"{about}{fault}")
 
 
 def forget_flash() -> None:
@@ -131,11 +123,15 @@ def forget_flash() -> None:
 
 
 def flashed() -> None:
-    """The outcome of the last click; a second run right after the first must not swallow it."""
-    if FLASH in st.session_state:
+    """The outcome of the last click, at the first place that asks; else the page's head has it.
+
+    A second run right after the first must not swallow it.
+    """
+    if FLASH in st.session_state and not st.session_state[IS_FLASHED]:
         kind, sentence, since = st.session_state[FLASH]
         if time.monotonic() - since <= FLASH_FOR:
             messages(sentence, kind)
+            st.session_state[IS_FLASHED] = True
 
 
 def format_duration(seconds: Seconds) -> str:
@@ -261,6 +257,16 @@ def clicked_data(points: list[dict[str, Any]]) -> Any:
 # Widgets
 
 
+def upload(label: str, key: str, took: Callable[[str, bytes], object], **look: Any) -> None:
+    """A field for a file; ``took`` gets its name and its content once it is here."""
+
+    def arrived() -> None:
+        if file := st.session_state[key]:
+            took(file.name, file.getvalue())
+
+    st.file_uploader(label, key=key, on_change=arrived, **look)
+
+
 def choose_speed(
     workspace: Workspace, key: str, usual: MetresPerSecond, help: str
 ) -> MetresPerSecond:
@@ -272,9 +278,7 @@ def choose_speed(
     return speed / KMH
 
 
-def bound(
-    key: str, value: object, change: Change, optional: bool = False, default: str = "value"
-) -> dict[str, Any]:
+def bound(key: str, value: object, change: Change, default: str = "value") -> dict[str, Any]:
     """Arguments with which a widget shows ``value``, whatever it showed before.
 
     The workspace is the one place where choices live: a widget reports a change through its
@@ -286,8 +290,8 @@ def bound(
     browser may not have drawn it when the user clicks on something else; it then reports what the
     old widget shows, which is no choice.
 
-    An emptied field changes nothing unless it is ``optional``; then it is a change to None.
-    ``default`` names the widget's argument for its default; empty if it needs another.
+    An emptied field changes nothing. ``default`` names the widget's argument for its default;
+    empty if it needs another.
     """
     replaced = f"{key} replaced"
     times = st.session_state.get(replaced, 0)
@@ -300,8 +304,7 @@ def bound(
 
     def changed() -> None:
         new = st.session_state[name]
-        is_there = st.session_state.get(replaced, 0) == times
-        if is_there and (optional or new is not None):
+        if new is not None and st.session_state.get(replaced, 0) == times:
             change(new)
 
     return {"key": name, "on_change": changed} | ({default: value} if default else {})
@@ -388,12 +391,18 @@ def tabs(workspace: Workspace, key: str, views: Mapping[str, Callable[[], None]]
     for tab, draw in zip(drawn, views.values(), strict=True):
         if tab.open:
             with tab:
-                draw()
+                attempt(draw)
 
 
-def pick_follower(labels: Sequence[str], key: str) -> int:
-    """The index of the vehicle that is shown below, 0 for the first; no question about one."""
-    if len(labels) == 1:
+def pick(
+    workspace: Workspace, names: Sequence[str], key: str, usual: int = 0, label: str = "Follower",
+    **look: Any,
+) -> int:  # fmt: skip
+    """The index of one of several names, kept under ``key``; of a single one nothing is asked.
+
+    ``look`` is as of `select`.
+    """
+    if len(names) == 1:
         return 0
-    chosen = st.selectbox("Follower", labels, key=key, width=320, label_visibility="collapsed")
-    return labels.index(chosen) if chosen in labels else 0
+    look = {"labelled": False, "width": 240} | look
+    return select(label, dict(enumerate(names)), usual, key, workspace, **look)

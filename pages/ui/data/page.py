@@ -27,12 +27,12 @@ from accpinn.segment.quality import Grade, Regimes
 from accpinn.segment.suggestion import Information, suggest_window
 from pages.ui.components import frame, show
 from pages.ui.components.result import banner, show_data
-from pages.ui.components.show import bound, escape_markdown, kept, segments, select, tabs
+from pages.ui.components.show import bound, escape_markdown, segments, select, tabs
 from pages.ui.data import views
 from pages.ui.data.sources import OPENING, choose_source
 from pages.ui.data.views import choose_validation
 from pages.ui.session.resources import rated, segment_of, whole_drive, windows_in_car_following
-from pages.ui.session.workspace import ALL_WINDOWS, Workspace
+from pages.ui.session.workspace import Workspace
 
 CASES: Mapping[Case, str] = {
     "I": "Case I: one set of α, β, τ for the whole platoon, as if all followers were the same car.",
@@ -74,8 +74,13 @@ def show_page(workspace: Workspace) -> None:
         return
     named, other = st.columns((4, 1), vertical_alignment="center")
     named.caption(_describe(recording))
-    with other:
-        _choose_another(workspace)
+    popover = other.popover(
+        "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
+        on_change="rerun",
+    )  # fmt: skip
+    if popover.open:
+        with popover:
+            choose_source(workspace)
     banner(workspace)
     whole, regimes, information = whole_drive(recording, workspace.asked.vehicles)
     with st.container(key="later_1_data"):
@@ -90,16 +95,6 @@ def show_page(workspace: Workspace) -> None:
         "About the recording": lambda: views.show_about(recording),
     }
     tabs(workspace, "data_tabs", drawn)
-
-
-def _choose_another(workspace: Workspace) -> None:
-    popover = st.popover(
-        "Open another recording", icon=":material/folder_open:", width="stretch", key=OPENING,
-        on_change="rerun",
-    )  # fmt: skip
-    if popover.open:
-        with popover:
-            choose_source(workspace)
 
 
 def _describe(recording: Recording) -> str:
@@ -276,7 +271,7 @@ def _offer_papers_window(workspace: Workspace, recording: Recording) -> None:
 
     def choose(run: PrintedRun) -> None:
         workspace.choose(run.window, vehicles=run.vehicles)
-        workspace.choices[ALL_WINDOWS] = False
+        workspace.window_starts = ()
 
     for run in (run for run in RUNS if run.is_of(recording)):
         same = (workspace.asked.window, workspace.asked.vehicles) == (run.window, run.vehicles)
@@ -289,13 +284,10 @@ def _offer_papers_window(workspace: Workspace, recording: Recording) -> None:
 
 
 def _vehicle_key(recording: Recording, workspace: Workspace, leader: int) -> None:
-    entries, faint = [], set()
-    for vehicle in recording.present:
-        role = " (leader)" if vehicle == leader else ""
-        entries.append((recording.label(vehicle) + role, vehicle_colour(vehicle, leader)))
-        if vehicle not in workspace.asked.vehicles:
-            faint.add(recording.label(vehicle))
-    show.key(entries, faint)
+    asked = workspace.asked.vehicles
+    names = {n: recording.label(n) + " (leader)" * (n == leader) for n in recording.present}
+    entries = [(name, vehicle_colour(n, leader)) for n, name in names.items()]
+    show.key(entries, faint=[name for n, name in names.items() if n not in asked])
 
 
 def _handles(
@@ -354,11 +346,16 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
     count = len(windows_in_car_following(recording, workspace.asked.vehicles))
     if count and workspace.preset == "calibrated":
         every = "both" if count == 2 else f"all {count}"
+
+        def change(is_on: bool) -> None:
+            workspace.window_starts = None if is_on else ()
+
         st.toggle(
-            f"Train on {every} windows in car-following", **kept(workspace, ALL_WINDOWS, True),
+            f"Train on {every} windows in car-following",
+            **bound("data_all_windows", workspace.window_starts != (), change),
             help="The answer's interval narrows with every window of the same vehicles, more than"
-            " by any refinement in one. Short stretches of catching up stay in a window. Methods on"
-            " page Compare keep the window above, and so do the tabs below.",
+            " by any refinement in one. Short stretches of catching up stay in a window. Page"
+            " Compare runs the methods on the first of them; the tabs below show the window above.",
         )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from accpinn.tasks import Status
 from accpinn.tasks.batches import download_task
 from pages.ui.components import show
 from pages.ui.components.frame import TURN
-from pages.ui.components.monitor import poll, show_bar, stop_button
+from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown
 from pages.ui.data.mapping import ask_for_columns
 from pages.ui.session import resources
@@ -48,30 +48,32 @@ def find_run(workspace: Workspace, campaign: str, file: str) -> Callable[[], Non
 
 
 def open_file(workspace: Workspace, source: bytes | Path, name: str | None = None) -> None:
-    """Open a file, or keep it pending with what it asks for; if that fails, say why.
+    """Open a file, or keep it pending with what it asks for. A path has a name of its own.
 
-    What was open before then stays. A path has a name of its own.
+    Raises:
+        RecordingError: where it is refused; what was open before then stays.
     """
+    show.forget_flash()
     workspace.pending = None
     try:
         file = files.opened(source, name)
+        if st.session_state.get(ASK) and file.mapping:
+            workspace.pending = replace(file, mapping=None)
+        else:
+            _read(workspace, file)
     except AccpinnError as fault:
-        workspace.refusal = str(fault)
-        return
-    if st.session_state.get(ASK) and file.mapping:
-        workspace.pending = replace(file, mapping=None)
-    else:
-        _read(workspace, file)
+        kept = " The recording opened before is kept." if workspace.recording else ""
+        raise RecordingError(f"{fault}{kept}") from fault
 
 
 def _read(workspace: Workspace, file: File, trajectory: str | None = None) -> None:
     try:
         workspace.open(file.read(trajectory))
         workspace.pending, st.session_state[OPENING] = None, False
-    except AccpinnError as fault:
-        asks = file.is_unknown or (not trajectory and _has_runs(file))
-        workspace.pending = file if asks else workspace.pending
-        workspace.refusal = "" if asks else str(fault)
+    except AccpinnError:
+        if not (file.is_unknown or (not trajectory and _has_runs(file))):
+            raise
+        workspace.pending = file
 
 
 def _has_runs(file: File) -> bool:
@@ -125,7 +127,8 @@ def _ask(workspace: Workspace, file: File) -> None:
         show.messages(fault, "error")
 
     def cancel() -> None:
-        workspace.pending, workspace.refusal = None, ""
+        workspace.pending = None
+        show.forget_flash()
 
     with st.container(horizontal=True):
         if chosen or file.mapping:
@@ -141,7 +144,7 @@ def _ask(workspace: Workspace, file: File) -> None:
                 help="For the command line's option --mapping, or for another server.",
             )  # fmt: skip
         st.button("Cancel", on_click=cancel, key="data_cancel")
-    show.messages(workspace.refusal, "error")
+    show.flashed()
 
 
 def drop_zone(workspace: Workspace, then: str = "") -> None:
@@ -151,26 +154,21 @@ def drop_zone(workspace: Workspace, then: str = "") -> None:
     """
     limit = int(config.get_option("server.maxUploadSize"))
 
-    def uploaded() -> None:
-        upload = st.session_state["data_upload"]
-        if upload is not None:
-            raw, name = upload.getvalue(), upload.name
-            open_file(workspace, raw, name)
-            st.session_state[TURN] = then if not workspace.refusal else ""
-            st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
+    def took(name: str, raw: bytes) -> None:
+        open_file(workspace, raw, name)
+        st.session_state[TURN] = then
+        st.session_state[OPENING] = st.session_state.get(OPENING) or bool(workspace.pending)
 
-    st.file_uploader(
+    show.upload(
         f"Drop a recording here: a CSV file of up to {limit} MB, from OpenACC or with columns of"
         " speeds and gaps of your own.",
-        key="data_upload",
-        on_change=uploaded,
+        "data_upload",
+        took,
         help="OpenACC: columns Time, Speed1, Speed2, .. in m/s and IVS1, .. in m, below five rows"
         " of metadata. Tables of leader-follower pairs (ULTra-AV) are read as they are; of any"
         " other table you say which columns hold what. A recording is kept in memory alone.",
     )
-    if workspace.refusal:
-        kept = " The recording opened before is kept." if workspace.recording else ""
-        show.messages(workspace.refusal + kept, "error")
+    show.flashed()
 
 
 def _choose_sample(workspace: Workspace) -> None:
@@ -226,7 +224,7 @@ def _choose_published(workspace: Workspace, root: Path) -> None:
     )  # fmt: skip
     task = resources.download_queue().of(workspace.id, "download")
     if task and task.is_active:
-        poll(task, lambda _: show_bar(task, _told))
+        monitor(task, told=_told)
         stop_button(task, "Stop the download", "data_download_stop")
     elif run is not None and run in present:
         st.button("Open this run", on_click=open_file, args=(workspace, run.path(root)))

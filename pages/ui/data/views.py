@@ -20,7 +20,7 @@ from accpinn.segment.cut import MINIMUM_DURATION, chains, complete_windows, cut,
 from accpinn.segment.quality import EXCLUDABLE, LARGE_CONDITION, assess_quality, label_regimes
 from accpinn.study.comparison import sensitivity
 from pages.ui.components import show
-from pages.ui.components.show import bound, pick_follower, select
+from pages.ui.components.show import bound, pick, select
 from pages.ui.session.resources import windows_in_car_following
 from pages.ui.session.workspace import Workspace
 
@@ -138,7 +138,7 @@ def _show_sensitivity(workspace: Workspace, segment: Segment, recording: Recordi
     if not any(any(row.share) for row in results):
         st.caption("None of these occurs in this window, so there is nothing to compare.")
         return
-    follower = pick_follower(segment.labels[1:], "data_sensitivity_follower")
+    follower = pick(workspace, segment.labels[1:], "data_sensitivity_follower")
     table = tables.sensitivity_table(segment.info, results, follower)
     show.table(table)
     show.messages(tuple(dict.fromkeys(str(row.fault) for row in results if row.fault)))
@@ -214,10 +214,8 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
         help="All of this window is learned from; choose another." if learned_from else
         "Simulates the learned parameters on this window, now or once there are some.",
     ):  # fmt: skip
-        try:
-            workspace.validation = cut(chosen, start, length, vehicles)
-        except SegmentError as fault:
-            show.messages(str(fault), "error")
+        validation = show.attempt(lambda: cut(chosen, start, length, vehicles))
+        workspace.validation = validation or workspace.validation
     _upload(workspace)
     show_validation(workspace)
 
@@ -230,18 +228,15 @@ def _learned(workspace: Workspace) -> tuple[Window, ...]:
 
 
 def _upload(workspace: Workspace) -> None:
-    def uploaded() -> None:
-        upload = st.session_state["data_validation_upload"]
-        if upload is not None:
-            with show.flashing():
-                one = read(upload.getvalue(), upload.name)
-                if one.sha256 not in workspace.opened:
-                    workspace.remember(one)
-                workspace.choices["data_validation_recording"] = one.sha256
+    def took(name: str, raw: bytes) -> None:
+        one = read(raw, name)
+        if one.sha256 not in workspace.opened:
+            workspace.remember(one)
+        workspace.choices["data_validation_recording"] = one.sha256
 
-    st.file_uploader(
-        "Or drop a second recording here; the first one stays open.", key="data_validation_upload",
-        on_change=uploaded, help="It joins the list of validation recordings above.",
+    show.upload(
+        "Or drop a second recording here; the first one stays open.", "data_validation_upload",
+        took, help="It joins the list of validation recordings above.",
     )  # fmt: skip
     show.flashed()
 
@@ -258,9 +253,7 @@ def show_validation(workspace: Workspace) -> None:
         )
         return
     learned = result.segments or (segment,)
-    findings = show.attempt(lambda: validation_findings(learned, other))
-    if findings is None:
-        return
+    findings = validation_findings(learned, other)
     validated, errors = ClosedLoop.of(other, result.fit), result.evaluation.closed_loop
     infos = [part.info for part in learned]
     table = validation_table(infos, errors, other.info, validated.errors)

@@ -447,11 +447,9 @@ def _show_chosen(workspace: Workspace, rows: pd.DataFrame, selected: ShownRows) 
 
 
 def _open(workspace: Workspace, rows: pd.DataFrame, row: "pd.Series[Any]") -> None:
-    """Turn to page Data with a row's window, or say why not."""
+    """Turn to page Data with a row's window."""
     trajectory = row["trajectory"] if isinstance(row["trajectory"], str) else None  # else nan
-    recording = show.attempt(lambda: find_recording(row["file"], row["sha256"], trajectory))
-    if recording is None:
-        return
+    recording = find_recording(row["file"], row["sha256"], trajectory)
     # All that the study has of the window, whatever the filters leave of it.
     window = rows[["sha256", "start", "duration", "leader"]].eq(
         row[["sha256", "start", "duration", "leader"]]

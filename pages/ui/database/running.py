@@ -19,7 +19,7 @@ from accpinn.study.studies import Request, studies, study_path
 from accpinn.tasks import Status, Task
 from accpinn.tasks.batches import batch_task
 from pages.ui.components import frame, show
-from pages.ui.components.monitor import poll, show_bar, stop_button
+from pages.ui.components.monitor import monitor, stop_button
 from pages.ui.components.show import escape_markdown, format_duration, kept, select
 from pages.ui.session.resources import batch_queue, folders, recordings_folder
 from pages.ui.session.workspace import Workspace
@@ -104,7 +104,7 @@ def _watch(task: Task[BatchProgress]) -> None:
         left = f" · about {format_duration(now.seconds_left)} left" if now.seconds_left else ""
         return progress_line(now) + left
 
-    poll(task, lambda _: show_bar(task, told), has_more)
+    monitor(task, told=told, is_stale=has_more)
 
 
 # Starting

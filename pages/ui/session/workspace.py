@@ -33,22 +33,13 @@ from pages.ui.session import resources
 
 ParameterSource = Literal["fit", "published", "snapshot", "hand"]
 """Where the α, β and τ on pages Stability and Platoon are from."""
-OF_VEHICLES = (
-    "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
-    "platoon_frequency", "platoon_own",
-)  # fmt: skip
-"""Choices among vehicles, which say nothing of others."""
-ALL_WINDOWS = "data_all_windows"
-"""The choice to train on all windows in car-following, which a window chosen by hand ends."""
-WINDOWS_OFF = "windows_off"
-"""The starts of those that are left out."""
 KEPT_RECORDINGS, KEPT_EARLIER = 4, 3 * len(METHODS)
 """Recordings that a session keeps open; results of three comparisons, and as many changes of the
 segment that can be undone."""
 NOTHING = Analysis(Source("", "", None, ""), (), (Window(0.0, DURATION),))
 """What is asked before anything is open."""
-Step = tuple[Analysis, dict[str, Any], Result | None]
-"""What was asked, which windows were chosen, and the result."""
+Step = tuple[Analysis, tuple[float, ...] | None, Result | None]
+"""What was asked, the starts of the windows, and the result."""
 
 
 @dataclass(eq=False)
@@ -57,14 +48,15 @@ class Workspace:
 
     id: str
     recording: Recording | None = None
-    refusal: str = ""
-    """Why the last attempt to open something failed."""
     pending: File | None = None
     """A file that asks for its columns, or for one of its trajectories, before it can be read."""
     awaited: Analysis | None = None
     """What was on the screen before a restart of the server, until a recording is opened."""
     asked: Analysis = NOTHING
     """Vehicles, window, Case, excluded regimes and the answer's model as chosen; see `analysis`."""
+    window_starts: tuple[float, ...] | None = None
+    """Starts of the windows in car-following to train on; None for all of them, empty for the
+    chosen window alone."""
     segment: Segment | None = None
     fault: str = ""
     """Why there is no segment."""
@@ -149,12 +141,11 @@ class Workspace:
     @property
     def several_windows(self) -> tuple[Window, ...]:
         """The windows in car-following, if chosen for a preset that takes several; else empty."""
-        chosen = self.preset == "calibrated" and self.choices.get(ALL_WINDOWS, True)
-        if not (self.recording and chosen):
+        starts = self.window_starts
+        if not self.recording or self.preset != "calibrated" or starts == ():
             return ()
-        off = self.choices.get(WINDOWS_OFF, ())
         every = resources.windows_in_car_following(self.recording, self.asked.vehicles)
-        return tuple(window for window in every if window.start not in off) or every
+        return tuple(window for window in every if window.start in (starts or ())) or every
 
     @property
     def _data(self) -> tuple[Segment, ...]:
@@ -232,7 +223,7 @@ class Workspace:
         One that the restored result was learned from completes that; the open one changes nothing.
         """
         awaited, self.awaited = self.awaited, None
-        restored, now, self.refusal = self.restored, self.recording, ""
+        restored, now = self.restored, self.recording
         if now and (now.sha256, now.digest) == (recording.sha256, recording.digest):
             return
         if restored and not self.recording and restored.found_in(recording).recording:
@@ -240,17 +231,15 @@ class Workspace:
             return
         vehicles = default_vehicles(recording)
         if awaited and awaited.source.sha256 == recording.sha256:
-            asked, several = replace(awaited, windows=(awaited.window,)), len(awaited.windows) > 1
+            asked, starts = replace(awaited, windows=(awaited.window,)), _starts(awaited)
         else:
-            window, several = first_window(recording, complete_windows(recording, vehicles)), True
+            window, starts = first_window(recording, complete_windows(recording, vehicles)), None
             asked = Analysis.of(recording, (window,), vehicles, model=self.asked.model)
-        self.choices.pop(WINDOWS_OFF, None)
         self.recording = recording
         self.segment = self.validation = None
         self.remember(recording)
         self._ask(asked)
-        self.choices[ALL_WINDOWS] = several
-        self.steps = ()
+        self.window_starts, self.steps = starts, ()
 
     def remember(self, recording: Recording) -> None:
         """Put a recording among those opened last."""
@@ -269,7 +258,7 @@ class Workspace:
         self.recording = given if result.recording else None
         if self.recording:
             self.remember(self.recording)
-        self.segment, self.fault, self.refusal = result.segment, "", ""
+        self.segment, self.fault = result.segment, ""
         self.choose_source("fit")
         self.restored, self.steps = result, ()
         self.take(result.analysis)
@@ -277,7 +266,7 @@ class Workspace:
     def take(self, asked: Analysis) -> None:
         """Choose all that an analysis asks; a method other than the PiNN has no preset."""
         self.asked = replace(asked, windows=(asked.window,))
-        self.choices[ALL_WINDOWS] = len(asked.windows) > 1
+        self.window_starts = _starts(asked)
         with suppress(ConfigError):
             config = PinnConfig.from_json(asked.settings)
             self.preset, self.settings[config.preset] = config.preset, config.changes()
@@ -295,14 +284,12 @@ class Workspace:
         before, self.asked = self.asked, asked
         if asked == before and self.segment:
             return
-        of_windows = (ALL_WINDOWS, WINDOWS_OFF)
-        choices = {key: value for key, value in self.choices.items() if key in of_windows}
-        self.steps = (*self.steps, (before, choices, self.result))[-KEPT_EARLIER:]
+        self.steps = (*self.steps, (before, self.window_starts, self.result))[-KEPT_EARLIER:]
         self._leave()
         if asked.window != before.window:
-            self.choices[ALL_WINDOWS] = False
-        if asked.vehicles != before.vehicles:
-            self.choices.pop(WINDOWS_OFF, None)
+            self.window_starts = ()
+        elif asked.vehicles != before.vehicles:  # whose windows are others
+            self.window_starts = None if self.window_starts else self.window_starts
         try:
             if self.recording:
                 self.segment = self._segment_of(self.recording, asked.window)
@@ -312,10 +299,9 @@ class Workspace:
 
     def undo(self) -> None:
         """Take back the last change of the segment; what was learned before it is shown again."""
-        *steps, (asked, choices, result) = self.steps
+        *steps, (asked, starts, result) = self.steps
         self._ask(replace(asked, model=self.asked.model))
-        self.choices |= choices
-        self.restored, self.steps = result, tuple(steps)
+        self.window_starts, self.restored, self.steps = starts, result, tuple(steps)
 
     def choose_model(self, model: str) -> None:
         """Choose the answer's model, by its key; results stay."""
@@ -402,12 +388,10 @@ class Workspace:
         A training that is stopped leaves its checkpoint, from which an equal one goes on.
         """
         self._record([*self.compared, self.result])
-        source = self.chosen_source = self.parameter_source
+        self.chosen_source = self.parameter_source
         for task in self.tasks:
             task.stop()
         self.training = self.comparison = self.starts = self.judgement = self.restored = None
-        if source == "fit":
-            self.forget_vehicles()
 
     def _record(self, results: Sequence[Result | None]) -> None:
         """Keep results as rows, in place of earlier ones of equal analyses."""
@@ -426,20 +410,14 @@ class Workspace:
 
     def choose_source(self, source: ParameterSource) -> None:
         """Choose where those parameters are from, until there is a newer result."""
-        if source != self.parameter_source:
-            self.forget_vehicles()
         self.chosen_source, self.source_result = source, self.result
-
-    def choose_parameters(self, **chosen: Any) -> None:
-        """Choose another set of a source, by the name of the choice."""
-        self.choices.update(chosen)
-        self.forget_vehicles()
-
-    def forget_vehicles(self) -> None:
-        """Forget what was chosen among other vehicles."""
-        for key in OF_VEHICLES:
-            self.choices.pop(key, None)
 
     def keep(self, key: str) -> Callable[[Any], None]:
         """What keeps a choice under that key."""
         return lambda value: self.choices.update({key: value})
+
+
+def _starts(asked: Analysis) -> tuple[float, ...]:
+    """The starts of several windows; empty for a single one."""
+    starts = tuple(window.start for window in asked.windows)
+    return starts if len(starts) > 1 else ()

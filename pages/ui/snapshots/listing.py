@@ -28,8 +28,8 @@ from accpinn.study import differences
 from accpinn.study.result import Result
 from accpinn.study.store import Entry
 from accpinn.units import Estimate, MetresPerSecond
-from pages.ui.components import show
-from pages.ui.components.show import escape_markdown, pick_follower
+from pages.ui.components import frame, show
+from pages.ui.components.show import escape_markdown, pick, select
 from pages.ui.session.resources import find_recording
 from pages.ui.session.sessions import result_of
 from pages.ui.session.workspace import Workspace
@@ -126,22 +126,16 @@ def first_estimate(entry: Entry) -> str:
     return f"{label} by {TITLES.get(entry.method, entry.method)}: {', '.join(shown)}"
 
 
-def choose_entry(label: str, key: str, entries: Sequence[Entry]) -> Entry:
-    """One of them, by name; at first the newest."""
-    known = {entry.id: entry for entry in entries}
-    if st.session_state.get(key) not in known:
-        st.session_state[key] = next(iter(known))
-    chosen = st.selectbox(
-        label, list(known), key=key, width=520,
-        format_func=lambda name: f"{title_of(known[name])} · {known[name].source} · {name[:6]}",
-    )  # fmt: skip
-    return known[chosen]
+def choose_entry(workspace: Workspace, label: str, key: str, entries: Sequence[Entry]) -> str:
+    """The short name of one of them; at first of the newest."""
+    known = {entry.id: f"{title_of(entry)} · {entry.source} · {entry.id[:6]}" for entry in entries}
+    return select(label, known, entries[0].id, key, workspace, width=520)
 
 
 # Two results
 
 
-def show_both(first: Result, second: Result) -> None:
+def show_both(workspace: Workspace, first: Result, second: Result) -> None:
     """Estimates with intervals, Bode magnitudes, and what differs in settings and data."""
     if changes := what_differs(first, second):
         st.markdown(f"**What differs**, first → second:\n\n{show.bullets(changes)}")
@@ -154,7 +148,7 @@ def show_both(first: Result, second: Result) -> None:
     show.messages(other_vehicles(first, second), "warning", "compare_arrows")
     show.table(differences_table(first, second))
     _show_responses(first, second)
-    _show_curves(first, second)
+    _show_curves(workspace, first, second)
 
 
 def other_vehicles(first: Result, second: Result) -> str:
@@ -243,13 +237,13 @@ def _show_responses(first: Result, second: Result) -> None:
     show.chart(chart, "snapshots_bode")
 
 
-def _show_curves(first: Result, second: Result) -> None:
+def _show_curves(workspace: Workspace, first: Result, second: Result) -> None:
     """Both closed-loop simulations over the data; nothing where the data of either are not here."""
     shorter = min(first.info, second.info, key=lambda info: info.followers)
     same = first.analysis.source.sha256 == second.analysis.source.sha256
     if not (same and first.segment and first.simulated and second.simulated):
         return
-    follower = pick_follower(shorter.labels[1:], "beside_follower")
+    follower = pick(workspace, shorter.labels[1:], "beside_follower")
     st.caption("Closed-loop simulation of both, behind the measured leader, and the data.")
     chart = tracking(first.segment, follower, None, first.simulated, height=400)
     added = tracking(second.info, follower, None, second.simulated, height=400)
@@ -274,43 +268,35 @@ def what_differs(first: Result, second: Result) -> tuple[str, ...]:
     return asked + tuple(f"{name}: {a} → {b}" for name, a, b in further if a != b)
 
 
-# A session's own runs
+# Finished runs
 
 
-def show_runs(workspace: Workspace) -> None:
-    """The list, whose rows restore a training, and two of them beside each other."""
-    entries = workspace.runs
-    if not entries:
-        return
-    with st.expander(f"Finished runs of this session ({len(entries)})", icon=":material/history:"):
-        show.flashed()
-        show_entries(
-            entries, "runs", lambda entry: restore_run(workspace, entry.id),
-            help="Shows this run on every page again. The present result stays in this list.",
-        )  # fmt: skip
-        compare_two(workspace, entries, "runs")
-        st.caption("The last runs are kept, without the recordings.")
+def show_runs(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
+    """The list, whose rows show a training again, and two of them beside each other."""
 
+    def restore(entry: Entry) -> None:
+        restore_run(workspace, entry.id)
+        st.session_state[frame.TURN] = frame.TRAIN
 
-def compare_two(workspace: Workspace, entries: Sequence[Entry], key: str) -> None:
-    """Two runs beside each other, once that is asked for."""
+    show.flashed()
+    show_entries(
+        entries, key, restore,
+        help="Shows this run on every page. The present result stays in this list.",
+    )  # fmt: skip
     if len(entries) > 1 and st.toggle("Show two side by side", key=f"{key}_compare"):
-        first = choose_entry("Run", f"{key}_first", entries)
-        others = [entry for entry in entries if entry.id != first.id]
-        second = choose_entry("Beside", f"{key}_second", others)
-        both = show.attempt(
-            lambda: [result_of(run.id).found_in(workspace.recording) for run in (first, second)]
-        )
-        if both:
-            show_both(*both)
+        first = choose_entry(workspace, "Run", f"{key}_first", entries)
+        others = [entry for entry in entries if entry.id != first]
+        second = choose_entry(workspace, "Beside", f"{key}_second", others)
+        both = (result_of(run).found_in(workspace.recording) for run in (first, second))
+        show_both(workspace, *both)
+    st.caption("The last runs are kept, without the recordings.")
 
 
 def restore_run(workspace: Workspace, name: str) -> None:
     """Show a training on every page, with its recording where the session or server has it."""
-    with show.flashing():
-        result = result_of(name)
-        source = result.analysis.source
-        known = workspace.opened.get(source.sha256)
-        with suppress(RecordingError):
-            known = known or find_recording(source.name, source.sha256, source.trajectory)
-        workspace.restore(result, known)
+    result = result_of(name)
+    source = result.analysis.source
+    known = workspace.opened.get(source.sha256)
+    with suppress(RecordingError):
+        known = known or find_recording(source.name, source.sha256, source.trajectory)
+    workspace.restore(result, known)

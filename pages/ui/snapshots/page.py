@@ -37,7 +37,6 @@ NOT_AGAIN = (
 
 
 def show_page(workspace: Workspace) -> None:
-    show.flashed()
     _undo_button()
     if workspace.viewed:
         try:
@@ -112,35 +111,31 @@ def suggested_name(workspace: Workspace) -> str:
 
 
 def _save(workspace: Workspace) -> None:
-    with show.flashing():
-        snapshot = workspace.as_snapshot(
-            name=st.session_state["snapshots_name"].strip() or suggested_name(workspace),
-            note=st.session_state["snapshots_note"].strip(),
-            with_data=st.session_state["snapshots_with_data"],
-        )
-        workspace.viewed = library().add(snapshot, owner_mark(workspace.id))
-        show.flash("success", f"Saved as “{snapshot.name}”.")
+    snapshot = workspace.as_snapshot(
+        name=st.session_state["snapshots_name"].strip() or suggested_name(workspace),
+        note=st.session_state["snapshots_note"].strip(),
+        with_data=st.session_state["snapshots_with_data"],
+    )
+    workspace.viewed = library().add(snapshot, owner_mark(workspace.id))
+    show.flash("success", f"Saved as “{snapshot.name}”.")
 
 
 def _upload_form(workspace: Workspace) -> None:
     """A file from elsewhere, kept only once it is known to be whole."""
 
-    def uploaded() -> None:
-        upload = st.session_state["snapshots_upload"]
-        if upload is None:
-            return
-        with show.flashing(f"{upload.name}: "):
-            workspace.viewed = library().add(upload.getvalue(), owner_mark(workspace.id))
-            show.flash("success", f"{upload.name} is whole and now kept as {workspace.viewed}.")
+    def took(name: str, raw: bytes) -> None:
+        try:
+            workspace.viewed = library().add(raw, owner_mark(workspace.id))
+        except SnapshotError as fault:
+            raise SnapshotError(f"{name}: {fault}") from fault
+        show.flash("success", f"{name} is whole and now kept as {workspace.viewed}.")
 
     st.subheader("Import a snapshot", anchor=False)
-    st.file_uploader(
-        f"A file that ends in .accpinn.zip, up to {LARGEST / 1e6:.0f} MB; it is checked first.",
-        type="zip",
-        key="snapshots_upload",
-        on_change=uploaded,
-        max_upload_size=int(LARGEST / 1e6),
-    )
+    most = int(LARGEST / 1e6)
+    show.upload(
+        f"A file that ends in .accpinn.zip, up to {most} MB; it is checked first.",
+        "snapshots_upload", took, type="zip", max_upload_size=most,
+    )  # fmt: skip
 
 
 def _delete_button(workspace: Workspace, entry: Entry) -> None:
@@ -148,10 +143,9 @@ def _delete_button(workspace: Workspace, entry: Entry) -> None:
         return
 
     def delete() -> None:
-        with show.flashing():
-            library().delete(entry.id)
-            st.session_state[UNDO] = entry
-            show.flash("success", f"Deleted: {title_of(entry)}. Links to it no longer work.")
+        library().delete(entry.id)
+        st.session_state[UNDO] = entry
+        show.flash("success", f"Deleted: {title_of(entry)}. Links to it no longer work.")
 
     st.button(
         "Delete", icon=":material/delete:", key=f"snapshots_delete_{entry.id}", on_click=delete,
@@ -165,10 +159,9 @@ def _undo_button() -> None:
         return
 
     def restore() -> None:
-        with show.flashing():
-            library().restore(entry.id)
-            st.session_state[UNDO] = None
-            show.flash("success", f"Brought back: {title_of(entry)}.")
+        library().restore(entry.id)
+        st.session_state[UNDO] = None
+        show.flash("success", f"Brought back: {title_of(entry)}.")
 
     st.button(
         f"Undo: bring {show.escape_markdown(title_of(entry))} back", icon=":material/undo:",
@@ -196,7 +189,7 @@ def show_one(workspace: Workspace, snapshot: Result) -> None:
     whole = snapshot.found_in(recording)
     more = {
         "Verify": lambda: _show_verification(snapshot, recording),
-        "Beside another": lambda: _show_beside(whole, recording),
+        "Beside another": lambda: _show_beside(workspace, whole, recording),
     }
     standing = partial(_show_standing, snapshot, recording)
     show_result(workspace, whole, "snapshots", lambda: snapshot, standing, more)
@@ -208,9 +201,8 @@ def _show_buttons(
     stem = show.stem_of(title)[:60] or snapshot.id
 
     def open_it() -> None:
-        with show.flashing():
-            workspace.restore(snapshot)
-            show.flash("success", "Opened: every page now shows this snapshot.")
+        workspace.restore(snapshot)
+        show.flash("success", "Opened: every page now shows this snapshot.")
 
     with st.container(horizontal=True):
         back_button(workspace)
@@ -297,11 +289,11 @@ def _show_verification(snapshot: Result, recording: Recording | None) -> None:
     show.table(verification_table(verification))
 
 
-def _show_beside(snapshot: Result, recording: Recording | None) -> None:
+def _show_beside(workspace: Workspace, snapshot: Result, recording: Recording | None) -> None:
     """The same beside another of the server's snapshots, which the user picks."""
     others = [entry for entry in library().readable() if entry.id != snapshot.id]
     if not others:
         st.caption("No other snapshot is kept here.")
         return
-    other = choose_entry("The second snapshot", "snapshots_second", others)
-    show_both(snapshot, opened(other.id).found_in(recording))
+    other = choose_entry(workspace, "The second snapshot", "snapshots_second", others)
+    show_both(workspace, snapshot, opened(other).found_in(recording))
