@@ -16,7 +16,6 @@ from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import against_answer, assumption
 from accpinn.results.messages.platoon import (
-    Places,
     disturbance,
     growth_of,
     known_growth,
@@ -24,7 +23,7 @@ from accpinn.results.messages.platoon import (
 )
 from accpinn.results.messages.stability import against_measured, headline, reason, reasons
 from accpinn.results.tables.stability import amplitude_table, known_table
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
+from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
 from accpinn.stability import StabilityReport, VehicleStability, Verdict
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
@@ -193,12 +192,11 @@ def run_simulate(options: argparse.Namespace) -> int:
     vehicles = subject.vehicles
     order = _order(len(vehicles), options.vehicles)
     result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
-    are_equal = len(vehicles) == 1 < len(order)
-    places = Places(() if are_equal else vehicles.spoken)
-    warnings = (*messages(result.findings, places), *against_answer(subject.result))
+    cast = Cast(vehicles, tuple(order))
+    warnings = (*messages(result.findings, cast), *against_answer(subject.result))
 
     def document() -> dict[str, Any]:
-        waves, grows = result.amplitudes, growth_of(subject, order, result)
+        waves, grows = result.amplitudes, growth_of(subject, cast, result)
         assert waves is not None  # behind a sinusoid there are some
         measured = waves.measured.tolist()
         return {
@@ -213,9 +211,9 @@ def run_simulate(options: argparse.Namespace) -> int:
         }
 
     def text() -> str:
-        labels = [places.label(k) for k in range(len(result.largest_deviation))]
-        growth, known = disturbance(result, places), known_growth(subject, order, result)
-        said = filter(None, (growth, known, smallest_gap(result, places)))
+        labels = [cast.label(k) for k in range(len(result.largest_deviation))]
+        growth, known = disturbance(result, cast), known_growth(subject, cast, result)
+        said = filter(None, (growth, known, smallest_gap(result, cast)))
         notes = [f"Note: {warning}" for warning in warnings]
         return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])
 

@@ -21,7 +21,7 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.platoon import AFTER_COLLISION, simulate_platoon
+from accpinn.platoon import AFTER_COLLISION, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
@@ -35,7 +35,7 @@ from accpinn.results.messages.summary import Check, checks
 from accpinn.results.recording import driver_summary, suggestion_reasons
 from accpinn.results.tables import Marked
 from accpinn.results.tables.answer import answer_table
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment.suggestion import Suggestion
 from accpinn.stability import StabilityReport, assessment, stability_report
 from accpinn.study.batch import BatchProgress
@@ -81,6 +81,12 @@ def reason_for(report: StabilityReport, name: str) -> str:
 
 def platoons(name: str, *vehicles: Parameters) -> str:
     return reason_for(stability_report(row(*vehicles)), name)
+
+
+def behind_a_wave(*vehicles: Parameters) -> tuple[PlatoonRun, Cast]:
+    """The run of vehicles that go by their places."""
+    cast = Cast(named(AUDI), (0,) * len(vehicles))
+    return simulate_platoon(row(*vehicles), Sinusoid(0.214)), cast
 
 
 def batches(*given: dict[str, Any]) -> str:
@@ -132,11 +138,11 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
     (lambda: on_stability.grown(1.00002), ["less than 0.5 %"]),
     (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4-fold (2.0 or more)"]),
-    (lambda: on_platoon.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
+    (lambda: on_platoon.disturbance(*behind_a_wave(*[AUDI] * 8)),
      ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
-    (lambda: on_platoon.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
+    (lambda: on_platoon.smallest_gap(*behind_a_wave(*[AUDI] * 8)),
      [AFTER_COLLISION]),
-    (lambda: on_platoon.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
+    (lambda: on_platoon.smallest_gap(*behind_a_wave(CALM, CALM)),
      ["58.2 m", "follower 1 at 251 s"]),
     (lambda: on_stability.criteria_differ(KnownVehicles(named(TESLA, CALM))),
      ["V1 meets"]),

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf, isnan
 
-from accpinn.findings import Labelled, joined, percent, probability, spelled
+from accpinn.findings import Labelled, capital, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
@@ -434,8 +434,3 @@ def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
     parts = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
     return f"Probability of L₂ string stability: {', '.join(parts)}."
-
-
-def capital(words: str) -> str:
-    """The words with a capital at the beginning."""
-    return words[:1].upper() + words[1:]
