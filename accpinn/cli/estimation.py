@@ -25,7 +25,7 @@ from accpinn.cli.options import (
     named_keys,
 )
 from accpinn.cli.output import interruptible, note, show_result
-from accpinn.cli.recordings import chosen_recording, option
+from accpinn.cli.recordings import option
 from accpinn.errors import ConfigError
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import OnProgress, Outcome, Progress
@@ -63,8 +63,9 @@ from accpinn.results.tables.stability import known_table
 from accpinn.results.vehicles import known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.segment.cut import DURATION
-from accpinn.study.comparison import Refused, Spread, compare, spread_of, starts
+from accpinn.study.comparison import Refused, Spread, answered, compare, spread_of, starts
 from accpinn.study.judge import Judgement, judge, subjects_of
+from accpinn.study.plan import AUTO
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, named, save, writable_path
@@ -105,11 +106,13 @@ FIT_OPTIONS = (
 )  # fmt: skip
 COMPARE_OPTIONS = (
     *SEGMENT,
+    WINDOWS,
     *MODEL,
-    option("--methods", default="all", metavar="all | A,B", help="some of those below (all)"),
+    option("--methods", default="all", metavar="all | A,B",
+           help="some of those below, on the first window (all)"),
     option("--models", nargs="?", const="all", metavar="all | A,B",
            help="car-following models in place of methods, each judged in windows left out: all in"
-           " car-following, or blocks of the one given"),
+           " car-following, or those given, or blocks of one"),
     *RUN,
 )  # fmt: skip
 STARTS_OPTIONS = (
@@ -257,17 +260,18 @@ def run_compare(options: argparse.Namespace) -> int:
     refused = tuple(outcome for outcome in outcomes if isinstance(outcome, Refused))
     if not results:
         raise refused[0].fault
-    found = results, refused, recording.duration
+    whole = answered(results[0], analysis, recording)
+    found = whole, results, refused, recording.duration
     show_result(options, lambda: describe_comparison(*found), lambda: _comparison_text(*found))
     return 0
 
 
 def _comparison_text(
-    results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
+    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
 ) -> str:
     first, info = results[0], results[0].info
-    each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(first)
-    subject, models = known_vehicles(first), {r.fit.model: r for r in reversed(results)}
+    each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(whole)
+    subject, models = known_vehicles(whole), {r.fit.model: r for r in reversed(results)}
     tables = [
         *(methods_table(info, results, k) for k in each),
         *map(intervals_table, reversed(models.values())),
@@ -292,15 +296,16 @@ def _comparison_text(
 def run_judge(options: argparse.Namespace) -> int:
     """Judge the models, and print a row for each; 130 when interrupted, with those that are done.
 
-    Every window in car-following is left out in turn, unless a window is given: then its blocks.
+    Every window in car-following is left out in turn, unless windows are given: then those, or
+    blocks of a few.
     """
     models = named_keys(options.models, JUDGED, following_model)
     if options.leave_out:
         raise ConfigError("leave-out: models are judged on whole windows; leave --leave-out away.")
-    recording = chosen_recording(options)
-    asked = Window(options.start, options.start + options.duration)
-    windows = [] if asked == Window(0.0, DURATION) else [asked]
-    subjects = subjects_of(recording, options.vehicles, windows)
+    asked, recording = chosen_analysis(options)
+    one = Window(options.start, options.start + options.duration)
+    is_usual = options.windows in (None, AUTO) and one == Window(0.0, DURATION)
+    subjects = subjects_of(recording, asked.vehicles, () if is_usual else asked.windows)
     with interruptible() as stopped:
         rounds = judge(subjects, models, stopped.is_set)
         bar = tqdm(rounds, total=len(models), unit="model", file=sys.stderr, disable=None)

@@ -74,13 +74,14 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
 
 
 def describe_comparison(
-    results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
+    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
 ) -> dict[str, Any]:
-    """The comparison as the command-line contract has it."""
+    """The comparison as the command-line contract has it, beside the answer of all windows."""
     first, info = results[0], results[0].info
     return {
         "segment": _segment(info),
-        "answer": answer_document(info, first.answer),
+        "answer": answer_document(info, whole.answer),
+        "windows": [fields(part.window, "start", "duration") for part in whole.infos],
         "rows": [_row(row) | {"caution": papers_estimate(row.fit) or None} for row in results],
         "refused": [{"method": row.method, "reason": str(row.fault)} for row in refused],
         "warnings": warnings(first, duration),

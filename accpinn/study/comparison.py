@@ -31,7 +31,7 @@ from accpinn.recordings import Recording
 from accpinn.segment import Segment
 from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
 from accpinn.study import Analysis
-from accpinn.study.result import Result
+from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate
 from accpinn.units import FloatArray
 
@@ -77,7 +77,7 @@ def compare(
     A method that cannot serve the data is `Refused`, and the others run on.
 
     Args:
-        analysis: what is asked; its own method and settings do not count.
+        analysis: what is asked, of its first window; its own method and settings do not count.
         recording: that it is asked of; None where only the data of its window are at hand.
         methods: keys of `METHODS`, with their default settings.
         segments: those data; by default they are cut from the recording.
@@ -89,7 +89,8 @@ def compare(
     if recording and not segments:
         window = analysis.window
         segment_for(methods, recording, window.start, window.duration, analysis.vehicles)
-    analyses = [analysis.with_method(key) for key in methods]
+    first = replace(analysis, windows=analysis.windows[:1])
+    analyses = [first.with_method(key) for key in methods]
     segments = segments or analyses[0].segments(recording)
     context = context or TaskContext()
     for asked in analyses:
@@ -103,6 +104,13 @@ def compare(
         if context.is_stopped:
             return
         yield result
+
+
+def answered(row: Result, asked: Analysis, recording: Recording | None) -> Result:
+    """A compared row beside the answer of all the windows that are asked for."""
+    if row.analysis.windows == asked.windows:
+        return row
+    return replace(row, analysis=asked, parts=Parts()).on(asked.segments(recording), recording)
 
 
 # Initial values

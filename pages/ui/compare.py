@@ -1,7 +1,7 @@
 """The page Compare: the methods' estimates and errors, and what the data identify."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -31,8 +31,8 @@ from accpinn.results.tables.answer import counted_windows
 from accpinn.results.tables.estimates import TITLES, name_of
 from accpinn.segment import Segment
 from accpinn.segment.quality import LARGE_CONDITION
-from accpinn.study.comparison import Refused, spread_of
-from accpinn.study.result import Parts, Result
+from accpinn.study.comparison import Refused, answered, spread_of
+from accpinn.study.result import Result
 from accpinn.tasks import Task, comparison_seconds
 from accpinn.units import FloatArray, MetresPerSecond, known_mean
 from pages.ui import models
@@ -77,11 +77,8 @@ class _Shown:
     def answered(self) -> Result:
         """The training's; before one, a row with the windows a training would take."""
         workspace, row = self.workspace, self.rows[0]
-        if result := workspace.result:
-            return result
         asked = workspace.training_analysis(CALIBRATED) or row.analysis
-        data = asked.segments(workspace.recording) if workspace.recording else (self.segment,)
-        return replace(row, analysis=asked, parts=Parts()).on(data, workspace.recording)
+        return workspace.result or answered(row, asked, workspace.recording)
 
     @property
     def answer(self) -> Answer:

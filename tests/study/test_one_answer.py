@@ -66,6 +66,10 @@ def test_the_table_of_a_database_gives_it_too(
     (group,) = document(capsys, "table", out)["groups"]
     windows = ("--windows", "all", "--duration", 140, "--model", model)
     (fitted,) = document(capsys, "fit", STUDY, *windows)["answer"]
+    compared = document(capsys, "compare", STUDY, *windows, *methods[:2])
+    assert compared["answer"] == [fitted]
+    assert len(compared["windows"]) == 2
+    assert compared["segment"]["duration"] == 140
     assert group["windows"] == fitted["windows"] == 2
     for name in ("parameters", "intervals", "further_window", "time_gap_intervals"):
         for key, value in group[name].items():

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from accpinn.channels import Quantity
 from accpinn.findings import probability
@@ -131,11 +131,10 @@ class Column:
         return re.sub(r"\W+", "_", words.translate(_SPELT).lower()).strip("_")
 
     @property
-    def html_class(self) -> Markup:
-        """The attribute of its cells in HTML."""
+    def html_class(self) -> str:
+        """The class of its cells in HTML; empty for none."""
         name = "prose" if self.prose else "" if self.digits is None else "number"
-        name += " brief" * self.is_brief
-        return Markup(' class="{}"').format(name) if name else Markup()
+        return name + " brief" * self.is_brief
 
     def shown(self, cell: Cell) -> str:
         """A cell as the reader sees it."""
@@ -158,7 +157,7 @@ class Column:
             return f"< {10.0**-digits:.{digits}f}"
         return shown
 
-    def html(self, cell: Cell) -> str:
+    def html(self, cell: Cell) -> Markup:
         """The same for a web page: where there is little room, an interval has its own line."""
         why = "" if self.is_brief or not isinstance(cell, Estimate) or cell.is_inside else OUTSIDE
         sign = "*"
@@ -168,10 +167,10 @@ class Column:
         if not isinstance(cell, str):
             value, ends = (part.replace("-", "−") for part in (value, ends))
         if self.is_brief and ends:
-            return Markup('<abbr title="{}">{}</abbr>').format(ends, value)
-        mark = Markup('<b title="{}">{}</b>').format(why, sign) if why else ""
-        interval = Markup(" <span>({})</span>").format(ends) if ends else ""
-        return Markup("{}{}{}").format(value, mark, interval)
+            return Markup(f'<abbr title="{escape(ends)}">{escape(value)}</abbr>')
+        mark = f'<b title="{escape(why)}">{escape(sign)}</b>' if why else ""
+        interval = f" <span>({escape(ends)})</span>" if ends else ""
+        return Markup(f"{escape(value)}{mark}{interval}")
 
     def _estimate(self, cell: Estimate) -> tuple[str, str]:
         """As "0.0147" and "0.0095–0.0198", or "-0.7 to 6.5"; nothing is added to an unknown one."""
@@ -326,8 +325,9 @@ class Table:
     def to_html(self) -> str:
         """A figure with caption and table, both of class "figures"; `STYLE` belongs to it."""
         return template("tables/table.html").render(
-            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG
-        )
+            table=self, groups=self._groups(), rows=self._shown(Column.html), long=LONG,
+            classes=[column.html_class for column in self.columns],
+        )  # fmt: skip
 
     def _shown(self, as_text: Callable[[Column, Cell], str] = Column.shown) -> list[list[str]]:
         columns = self.columns
