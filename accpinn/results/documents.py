@@ -390,8 +390,8 @@ def _values(parameters: Parameters, model: str) -> list[dict[str, float]]:
 
     A model that is no CTHP has its own parameters, and α, β and τ of its linearisation.
     """
-    columns = [(column.key, at) for at, column in columns_of(model)]
-    return [{name: row[at] for name, at in columns} for row in parameters.everything.tolist()]
+    columns = {name: value_of(model, parameters, name).tolist() for name in columns_of(model)}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _ends(lower: Parameters, upper: Parameters, model: str) -> list[dict[str, list[float]]]:

@@ -29,6 +29,7 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.errors import ParameterError
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
+from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.figures import platoon as platoon_figures
@@ -353,9 +354,9 @@ def _history(history: History, info: SegmentInfo, model: str) -> str:
     sets = history.parameters.values.shape[1]
     followers = ("all",) if sets == 1 and info.followers > 1 else info.vehicles[1:]
     for k, follower in enumerate(followers):
-        for at, column in tables.columns_of(model):
-            name = Column(f"{column.key} {follower}", column.unit).csv_name
-            columns[name] = history.parameters.everything[:, k, at]
+        for key, column in tables.columns_of(model).items():
+            name = Column(f"{key} {follower}", column.unit).csv_name
+            columns[name] = value_of(model, history.parameters, key)[:, k]
     return _csv(columns)
 
 
