@@ -36,11 +36,7 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
     """Template of what `{listed}` says of each of ``vehicles``, from its own of every tuple."""
 
     def sentence(self, about: Labelled) -> str:
-        """The finding as a sentence.
-
-        Args:
-            about: names the recording and the vehicles.
-        """
+        """The finding as a sentence; ``about`` names the recording and the vehicles."""
         return self.filled(self.text, about)
 
     def _words(self, about: Labelled) -> Words:
@@ -54,10 +50,6 @@ class Finding(msgspec.Struct, frozen=True, tag=True):
         are "All followers". Tuples are listed as "α, β and τ", and the format "%" sets a space:
         `{share:.0%}` becomes "35 %"; `{share:percent}` is told as `percent` does. `{source}` is the
         recording, `{listed}` has `each` vehicle.
-
-        Args:
-            text: the template.
-            about: names the recording and the vehicles.
         """
         values: dict[str, Any] = {"source": about.source, **msgspec.structs.asdict(self)}
         if self.each:

@@ -39,12 +39,10 @@ class NamedEnum(Enum):
         return cls.__members__.get(str(value))
 
 
-def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
+def dump(value: Any) -> tuple[Any, Arrays]:
     """A value as a tree, and the arrays that the tree names.
 
-    Args:
-        value: dataclasses, structs, tuples, dicts, numbers, texts and arrays within each other.
-        path: where it stands, which begins the names of arrays.
+    It consists of dataclasses, structs, tuples, dicts, numbers, texts and arrays.
     """
     arrays: Arrays = {}
 
@@ -67,7 +65,7 @@ def dump(value: Any, path: str = "") -> tuple[Any, Arrays]:
         items = {name: tree(item, _join(path, name)) for name, item in _items(value)}
         return list(items.values()) if isinstance(value, list | tuple) else items
 
-    return tree(value, path), arrays
+    return tree(value, ""), arrays
 
 
 def _items(value: Any) -> Iterator[tuple[str, Any]]:
@@ -90,12 +88,9 @@ def _join(path: str, name: str) -> str:
 
 
 def restore(kind: type[T], tree: Any, arrays: Mapping[str, NDArray[Any]]) -> T:
-    """The value of a tree and its arrays.
+    """The value of a tree and its arrays, as `dump` gives them.
 
-    Args:
-        kind: its class; nothing is believed but what the types of its fields allow.
-        tree: as `dump` gives it.
-        arrays: those that the tree names.
+    Nothing is believed but what the types of the fields of its class allow.
 
     Raises:
         ValueError: for anything else, with the place.

@@ -7,9 +7,11 @@ A file is written beside its place under a name of its own and moved there in on
 reader, or a process that is killed, sees the old file or the new one and never a part of either.
 """
 
+import csv
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.resources import files
 from pathlib import Path
 from typing import IO, Literal
 
@@ -27,29 +29,25 @@ def variable(name: FolderName) -> str:
 
 
 def folder(name: FolderName) -> Path:
-    """The folder that the environment names, or else one among the user's files.
-
-    Args:
-        name: what is kept there.
-
-    Returns:
-        Its path; the folder need not exist.
-    """
+    """The folder that the environment names, or else one among the user's; it need not exist."""
     named = os.environ.get(variable(name))
     if named:
         return Path(named)
     return user_cache_path("accpinn") if name == "cache" else user_data_path("accpinn") / name
 
 
+def packaged_rows(room: str, name: str) -> Iterator[dict[str, str]]:
+    """The rows of a table that comes with the package, as "makes.csv" in ``recordings``."""
+    text = files("accpinn").joinpath(room, name).read_text(encoding="utf-8")
+    return csv.DictReader(text.split("\n"))
+
+
 @contextmanager
 def written_whole(path: Path) -> Iterator[IO[bytes]]:
     """Open a file to write that takes the place of ``path`` once the block has ended well.
 
-    The user's umask says who may read it. Where the block or the disk fails, the temporary file is
-    removed and the old one stays as it was.
-
-    Args:
-        path: the place; its folder exists.
+    Its folder exists, and the user's umask says who may read it. Where the block or the disk fails,
+    the temporary file is removed and the old one stays as it was.
 
     Raises:
         OSError: when it cannot be written.
@@ -67,15 +65,7 @@ def written_whole(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file in one step.
-
-    Args:
-        path: the place; its folder exists.
-        content: the whole file.
-
-    Raises:
-        OSError: when it cannot be written; the old file is then as it was.
-    """
+    """Write a file in one step; see `written_whole`."""
     with written_whole(path) as file:
         file.write(content)
 
@@ -89,13 +79,9 @@ def reason_of(fault: BaseException) -> str:
 
 @contextmanager
 def reported(sentence: Callable[[str], Exception]) -> Iterator[None]:
-    """Turn a fault of the file system, or of a path, within the block into a sentence for the user.
+    """Turn a fault of the file system, or of a path, within the block into one for the user.
 
-    Args:
-        sentence: makes the error, as an AccpinnError, of the reason.
-
-    Raises:
-        Exception: that error.
+    The error is what ``sentence`` makes of the reason.
     """
     try:
         yield

@@ -83,8 +83,8 @@ def test_a_sentence_has_its_vehicle_and_figures(kind: type[Finding]) -> None:
 @pytest.mark.parametrize(
     ("finding", "facts"),
     [
-        (SamplesMissing("Speed", 2, 0.574, BLOCKS, 0), ["Speed2", "57 %", "1–2.5 s"]),
-        (SamplesMissing("IVS", 2, 0.003, BLOCKS, 4), ["IVS2", "0.3 %", "4 shorter blocks"]),
+        (SamplesMissing("Speed", 2, 0.574, BLOCKS), ["Speed2", "57 %", "1–2.5 s"]),
+        (SamplesMissing("IVS", 2, 0.003, BLOCKS * 3), ["IVS2", "0.3 %", "3 shorter blocks"]),
         (Bridged("IVS1", 1, BLOCKS[1:]), ["1 sample of", "IVS1", "4 s"]),
         (DrivenByHand((3,), (0.5,)), ["3 Audi", "50 %"]),
         (HiddenLayersGain(1.0, 0.5), ["1.000", "0.5000", "-50.0 %"]),

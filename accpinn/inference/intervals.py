@@ -50,6 +50,8 @@ DRAWS = 2000
 """Number of draws of equal weight, for ends of intervals, bands and clouds."""
 SLACK = 0.04
 """Share of an interval's width by which its sampled ends vary from seed to seed."""
+FREQUENCIES = 200
+"""Number of frequencies among which that of a platoon's largest growth is looked for."""
 FEW = 50
 """Independent draws below which intervals are called rough."""
 ENDS = ("centre", "lower", "upper")
@@ -264,7 +266,7 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 
 @lru_cache(maxsize=64)
 def growth(
-    uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond
+    uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond | None = None
 ) -> tuple[float, float]:
     """The interval of how much a disturbance grows from the leader to the last follower.
 
@@ -273,20 +275,29 @@ def growth(
     Args:
         uncertainty: the uncertainty of M followers.
         order: index of each vehicle of the platoon, from 0; one may be repeated.
-        omega: the frequency in rad/s, above zero.
+        omega: the frequency in rad/s, above zero; None for that at which it grows most.
 
     Returns:
-        The ends of the interval of Π |H(jω)|; nan where a vehicle is not determined.
+        The ends of the interval of Π |H(jω)|, infinite behind a vehicle that is not damped; nan
+        where a vehicle is not determined.
     """
     draws, rng = uncertainty.draws, np.random.default_rng(0)
     shared = bool((draws.everything == draws.everything[:, :1]).all())
-    whole = np.ones(len(draws.alpha))
+    if np.isnan(draws.alpha[:, [*order]]).any():
+        return np.nan, np.nan
+    tops = peaks(draws)
+    amplified = tops.omega[tops.omega > 0]
+    if omega is None and not amplified.size:
+        return 1.0, 1.0
+    at = np.array([omega])
+    if omega is None:
+        at = np.geomspace(0.5 * amplified.min(), amplified.max(), FREQUENCIES)
+    whole = np.ones((len(draws.alpha), 1))
     for k in sorted({*order}):
-        if np.isnan(draws.alpha[:, k]).any():
-            return np.nan, np.nan
-        gain = np.abs(response(draws[:, k], np.array([omega]))[:, 0]) ** order.count(k)
-        whole *= gain if shared else rng.permutation(gain)
-    lower, upper = interval_ends(whole, uncertainty.level)
+        gain = np.where(np.isinf(tops.gain[:, k, None]), np.inf, np.abs(response(draws[:, k], at)))
+        whole = whole * (gain if shared else rng.permutation(gain)) ** order.count(k)
+    largest = whole[:, 0] if omega else np.maximum(whole.max(axis=1), 1.0)
+    lower, upper = interval_ends(largest, uncertainty.level)
     return float(lower), float(upper)
 
 

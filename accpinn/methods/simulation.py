@@ -47,14 +47,12 @@ from accpinn.methods.fit import (
 )
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.following import COMPLEX_STEP, FollowingModel
+from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel
 from accpinn.model.registry import FOLLOWING, Held
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask, Seconds, known_mean, stretches
 
 KEY = "simulation"
-STEP: Seconds = 0.4
-"""Step of the integration; half of it with a lag or a delay, which may be as fast."""
 MEMORY: Seconds = 10.0
 """Time that an independent error of a closed loop is worth."""
 BLOCK: Seconds = 30.0
@@ -101,7 +99,7 @@ class Drives:
 
         Shorter windows are filled up with their last row, which does not count.
         """
-        step = STEP / 2 if model.is_late else STEP
+        step = STEP / 2 if model.is_late else STEP  # a lag or a delay may be as fast
         parts = []
         for segment in segments:
             count = int(segment.window.duration / step + 1e-6)
@@ -203,7 +201,8 @@ def estimate(
         rows = np.flatnonzero(active)
         trial = search.step(z[rows], gradient[rows], curvature[rows], damping[rows])
         lost = ~np.isfinite(value[rows])
-        trial[lost] = 0.5 * z[rows][lost]  # a start that cannot be simulated moves to the middle
+        middle = np.clip(0.5 * z[rows], *search.bounds)
+        trial[lost] = middle[lost]  # as a start moves that cannot be simulated
         new, slope, bend = search.expanded(trial, owner[rows])
         gain = np.subtract(value[rows], new, out=np.full(len(rows), np.inf), where=~lost)
         better = np.isfinite(new) & (gain >= 0)
@@ -217,7 +216,7 @@ def estimate(
             np.minimum.at(best, owner, value)
             active &= value < best[owner] + BEHIND
     chosen = [int(rows[np.argmin(value[rows])]) for rows in np.arange(len(z)).reshape(problems, -1)]
-    return search.estimates(z[chosen], (~active)[chosen])
+    return search.estimates(z[chosen], (~active & np.isfinite(value))[chosen])
 
 
 def starts_of(model: FollowingModel) -> int:

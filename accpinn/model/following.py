@@ -18,8 +18,9 @@ A term may stand between the command c = f and the acceleration dv/dt:
                    e^(-ds) ≈ (1 - ds/2 + d²s²/12) / (1 + ds/2 + d²s²/12),
                    whose phase is right within 1 % up to ωd = 2
 
-Simulations integrate f by the classical Runge-Kutta method with a fixed step. Complex parameters
-give exact derivatives of a simulation by the same integration.
+Simulations integrate f by the classical Runge-Kutta method with a fixed step, which is divided
+where it would diverge beside a short lag or delay. Complex parameters give exact derivatives of a
+simulation by the same integration.
 
 Sources: Wilson and Ward, Transportation Planning and Technology 34 (2011) 3-18, for linearisation
 and stability; Squire and Trapp, SIAM Review 40 (1998) 110-112, for the complex step.
@@ -27,10 +28,12 @@ and stability; Squire and Trapp, SIAM Review 40 (1998) 110-112, for the complex 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import TERMS, Parameters, Term, Trajectories
@@ -45,6 +48,11 @@ Values = Sequence[float] | FloatArray
 COMPLEX_STEP = 1e-30
 HALVINGS = 60
 """Number of times that the interval of an equilibrium is halved: to all digits of a number."""
+STEP: Seconds = 0.4
+"""Longest step of a simulation."""
+STABLE, MOST_PARTS = 2.0, 64
+"""Longest step by the time constant of a lag or a delay, beyond 2.7 of which the method diverges,
+and the parts into which a step is divided at most."""
 WIDEST: Metres = 2000.0
 """Gap beyond which no equilibrium is looked for."""
 
@@ -226,9 +234,11 @@ class FollowingModel:
         the number of steps of the integration between two samples.
         """
         theta = np.asarray(theta, float).reshape(len(self.parameters), -1)
+        sample_time = (time[-1] - time[0]) / (len(time) - 1)
+        substeps = max(substeps, ceil(sample_time / STEP - 1e-9))
         fine = np.linspace(time[0], time[-1], 2 * substeps * (len(time) - 1) + 1)
-        step = (time[-1] - time[0]) / (len(time) - 1) / substeps
         leader = np.interp(fine, time, leader_speed)
+        step = sample_time / substeps
         moved = self.integrate(theta, leader, initial_gaps, initial_speeds, step)[::substeps]
         speeds = np.column_stack([np.asarray(leader_speed, float), moved[:, 1]])
         return Trajectories(np.asarray(time, float), speeds, moved[:, 0])
@@ -246,6 +256,10 @@ class FollowingModel:
         Returns:
             (K+1, 2, M, ..) gaps and speeds; what diverges is not finite.
         """
+        if (divided := self._divided(theta, step)) > 1:
+            at = np.linspace(0.0, len(ahead) - 1.0, divided * (len(ahead) - 1) + 1)
+            fine = interp1d(np.arange(len(ahead)), ahead, axis=0, copy=False)(at)
+            return self.integrate(theta, fine, gaps, speeds, step / divided)[::divided]
         parts = np.broadcast_arrays(gaps, speeds, theta[0], ahead[0][None])
         start = np.zeros((2 + ("lag" in self.terms) + 2 * ("delay" in self.terms), *parts[0].shape))
         state = start.astype(np.result_type(*theta, ahead, gaps))
@@ -267,6 +281,14 @@ class FollowingModel:
                 state = state + (2.0 * (k2 + k3) + k1 + k4) * (step / 6)
                 moved[now + 1] = state[:2]
         return moved
+
+    def _divided(self, theta: Any, step: Seconds) -> int:
+        """The number of parts into which a step is divided so that no filter diverges."""
+        if not self.is_late:
+            return 1
+        shortest = float(np.min(np.real(theta[-1])))
+        pole = 1.0 if "lag" in self.terms else 12.0**0.5  # by the inverse of the lag or the delay
+        return ceil(min(step * pole / max(shortest, 1e-9) / STABLE, MOST_PARTS))
 
     def _command(self, theta: Any, state: Any, leader: Any) -> Any:
         return self.acceleration(state[0], state[1], _ahead(state, leader), theta, np)

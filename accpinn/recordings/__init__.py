@@ -12,7 +12,7 @@ from typing import TypedDict, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.channels import GAP, RECORDED, SPEED, Quantity
+from accpinn.channels import GAP, RECORDED, SPEED
 from accpinn.findings import Finding, Labelled, Words, percent
 from accpinn.units import FloatArray, Mask, MetresPerSecond, Seconds, Stretch, frozen, stretches
 
@@ -34,6 +34,8 @@ RELATIVE_MOTION: MetresPerSecond = 0.2
 """Least deviation of the speed difference at which noise does not dominate the correlation."""
 FROZEN: Seconds = 0.5
 """Longest repetition of a value in motion that is no fault of the receiver."""
+FEWEST_REPEATS = 3
+"""Of a value; coarsely sampled values are equal once or twice by chance."""
 MOVING: MetresPerSecond = 1.0
 """Speed up to which a vehicle stands: values may repeat, and a time gap has no meaning."""
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5
@@ -73,15 +75,11 @@ class Window:
         return f"{self.start:g} s" if self.end == self.start else f"{self.start:g}–{self.end:g} s"
 
 
-def longest(windows: Sequence[Window]) -> tuple[Window, ...]:
-    """The longest windows in order of time."""
-    listed = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
-    return tuple(sorted(listed, key=lambda window: window.start))
-
-
-def listed(windows: Sequence[Window], others: int) -> str:
-    """Windows, and how many shorter ones there are."""
-    text = ", ".join(map(str, windows))
+def listed(windows: Sequence[Window]) -> str:
+    """The longest windows in order of time, and how many shorter ones there are."""
+    longest = sorted(windows, key=lambda window: -window.duration)[:BLOCKS_LISTED]
+    text = ", ".join(str(window) for window in sorted(longest, key=lambda window: window.start))
+    others = len(windows) - len(longest)
     return text + (f" and in {others} shorter block{'s' * (others > 1)}" if others else "")
 
 
@@ -96,9 +94,7 @@ class SamplesMissing(Finding, frozen=True):
     share: float
     """Share of all samples, 0 to 1."""
     windows: tuple[Window, ...]
-    """The longest blocks, in order of time."""
-    shorter: int
-    """How many blocks there are besides."""
+    """Its blocks."""
 
     def _words(self, about: Labelled) -> Words:
         column, is_gap = RECORDED[self.channel].of(self.vehicle), self.channel == GAP.column
@@ -106,7 +102,7 @@ class SamplesMissing(Finding, frozen=True):
             "column": column if is_gap else f"{column} ({about.label(self.vehicle)})",
             "part": percent(self.share),
             "note": " although both speeds are known" if is_gap else "",
-            "where": listed(self.windows, self.shorter),
+            "where": listed(self.windows),
         }
 
 
@@ -394,6 +390,11 @@ class Recording:
         first, last = (round(float(self.time[at]), 6) for at in (stretch.first, stretch.last))
         return Window(first, last)
 
+    def rows(self, window: Window) -> slice:
+        """The samples inside of a window."""
+        ends = window.start - EVEN_TOLERANCE, window.end + EVEN_TOLERANCE
+        return slice(*np.searchsorted(self.time, ends).tolist())
+
 
 class Facts(TypedDict, total=False):
     """Facts that a recording states of itself; None where it does not."""
@@ -424,13 +425,12 @@ def check(recording: Recording) -> Iterator[Finding]:
     gaps = recording.followed
     channels = [(SPEED, number, recording.speed_of(number)) for number in recording.present]
     channels += [(GAP, number, recording.gap_behind(number)) for number in gaps]
-    for number in recording.present:
-        yield from _missing(recording, SPEED, number, np.isnan(recording.speed_of(number)))
-    for number in gaps:
-        # Gaps vanish along with a speed; only what goes beyond that is news.
-        speeds = recording.speed[:, number - 1 : number + 1]
-        alone = np.isnan(recording.gap_behind(number)) & np.isfinite(speeds).all(axis=1)
-        yield from _missing(recording, GAP, number, alone)
+    for channel, number, values in channels:
+        missing = np.isnan(values)
+        if channel is GAP:  # they vanish along with a speed; only what goes beyond that is news
+            missing &= np.isfinite(recording.speed[:, number - 1 : number + 1]).all(axis=1)
+        if blocks := tuple(map(recording.window, stretches(missing))):
+            yield SamplesMissing(channel.column, number, float(missing.mean()), blocks)
     for number in gaps:
         if found := contradiction(recording, number):
             yield found
@@ -441,7 +441,13 @@ def check(recording: Recording) -> Iterator[Finding]:
                 far = float(end(values))
                 yield ValuesOutOfRange(channel.column, number, count, far, count / len(values))
     for channel, number, values in channels:
-        yield from _frozen(recording, channel, number, values)
+        follower = number if channel is SPEED else number + 1
+        moving = recording.speed_of(follower)[1:] > MOVING
+        most = max(stretches((values[1:] == values[:-1]) & moving), key=len, default=None)
+        shortest = max(FROZEN, (FEWEST_REPEATS - 1) * recording.sample_time)
+        if most and len(most) * recording.sample_time > shortest:
+            equal = Stretch(most.first, most.last + 1)  # k repeats are k + 1 equal samples
+            yield ValuesFrozen(channel.column, follower, recording.window(equal))
     leader = recording.present[0]
     deviation = float(np.nanstd(recording.speed_of(leader)))
     if deviation < LITTLE_LEADER_MOTION:
@@ -489,24 +495,3 @@ def _relative_motion(recording: Recording, number: int, rows: slice) -> FloatArr
     if known.sum() < AGREEMENT_MINIMUM or smooth[known].std() < RELATIVE_MOTION:
         return None
     return np.array([rate[known], smooth[known]])
-
-
-def _missing(
-    recording: Recording, channel: Quantity, number: int, mask: Mask
-) -> Iterator[SamplesMissing]:
-    if blocks := tuple(map(recording.window, stretches(mask))):
-        share, shown = float(mask.mean()), longest(blocks)
-        yield SamplesMissing(channel.column, number, share, shown, len(blocks) - len(shown))
-
-
-def _frozen(
-    recording: Recording, channel: Quantity, number: int, values: FloatArray
-) -> Iterator[ValuesFrozen]:
-    follower = number if channel is SPEED else number + 1
-    moving = recording.speed_of(follower)[1:] > MOVING
-    repeats = stretches((values[1:] == values[:-1]) & moving)
-    most = max(repeats, key=len, default=None)
-    if most and len(most) * recording.sample_time > FROZEN:
-        # A stretch of k repeats is k + 1 equal samples.
-        equal = Stretch(most.first, most.last + 1)
-        yield ValuesFrozen(channel.column, follower, recording.window(equal))

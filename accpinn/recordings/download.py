@@ -188,14 +188,8 @@ class _Publisher:
         if self.should_stop():
             raise _Stopped
         Path(place).unlink()  # Pooch's file could be read by its owner alone
-        transfer = pooch.HTTPDownloader(
-            progressbar=_Progress(self, run),
-            chunk_size=_CHUNK,
-            timeout=(CONNECT, self.stall),
-            headers={"Accept-Encoding": "identity"},  # so that lengths are those of the file
-        )
         try:
-            transfer(url, place, None)
+            self._transfer(run, url, Path(place))
         except requests.HTTPError as fault:
             status = _status(fault)
             if status in BUSY:
@@ -218,33 +212,27 @@ class _Publisher:
                 " differs); it was not kept."
             )
 
+    def _transfer(self, run: Run, url: str, place: Path) -> None:
+        whole = {"Accept-Encoding": "identity"}  # so that lengths are those of the file
+        patience = (CONNECT, self.stall)
+        with (
+            requests.get(url, stream=True, timeout=patience, headers=whole) as answer,
+            place.open("wb") as file,
+        ):
+            answer.raise_for_status()
+            size, received = int(answer.headers.get("Content-Length", 0)) or None, 0
+            for chunk in answer.iter_content(_CHUNK):
+                received += file.write(chunk)
+                if received > LIMIT_BYTES:
+                    raise RecordingError(f"{run.key}: the file is far too large for a recording.")
+                if self.on_transfer:
+                    self.on_transfer(Transfer(run, received, size))
+                if self.should_stop():
+                    raise _Stopped
+
 
 def _status(fault: requests.HTTPError) -> int:
     return fault.response.status_code if fault.response is not None else 0
-
-
-class _Progress:
-    """The progress of a transfer as Pooch counts it; ends one that is stopped or far too large."""
-
-    def __init__(self, publisher: _Publisher, run: Run) -> None:
-        self._publisher, self._run = publisher, run
-        self.total = self.received = 0
-
-    def update(self, size: int) -> None:
-        self.received += size
-        if self.received > LIMIT_BYTES:
-            raise RecordingError(f"{self._run.key}: the file is far too large for a recording.")
-        if self._publisher.on_transfer:
-            known = self.total or None
-            self._publisher.on_transfer(Transfer(self._run, self.received, known))
-        if self._publisher.should_stop():
-            raise _Stopped
-
-    def reset(self) -> None:
-        self.received = 0
-
-    def close(self) -> None:
-        """Nothing is open."""
 
 
 def _require_run(run: Run, place: Path) -> None:

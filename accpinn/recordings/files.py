@@ -102,28 +102,30 @@ class File:
 
     def read(self, trajectory: str | None = None, is_kept: bool = True) -> Recording:
         """The recording of a trajectory, or the only one; a given mapping may be remembered."""
-        if self.runs:
-            kind = "trajectories" if self.mapping else "platoons"
-            recording = choose_run(self.content, self.runs, trajectory, kind).read()
-            is_sound = not any(
-                isinstance(found, ValuesOutOfRange) and found.is_in_another_unit
-                for found in recording.findings
-            )  # else units are probably wrong, and they would be for the next file, too
-            if self.mapping and is_kept and is_sound and not self.is_remembered:
-                remember(self.mapping, layout_of(self.content).names)
-            return recording
-        if trajectory is not None and not self.is_unknown:
+        if trajectory is not None and not self.runs and not self.is_unknown:
             fault = "an OpenACC file is one run, without trajectories"
             raise self.content.refusal(fault, "leave the trajectory out")
+        kind = "trajectories" if self.mapping else "platoons"
+        run = choose_run(self.content, self.runs, trajectory, kind) if self.runs else None
         try:
-            return openacc.read(self.content)
+            recording = run.read() if run else openacc.read(self.content)
         except RecordingError as fault:
-            if not self.is_unknown:
+            cure = "name its columns"
+            if self.mapping and self.is_remembered:
+                cure = "map its columns again, which were read as those of an earlier file"
+            elif not self.is_unknown:
                 raise
             sentence = str(fault).removesuffix(".")
-        raise RecordingError(
-            f"{sentence}, or name its columns: on page Data, by --mapping, in Python by mapping=."
-        )
+            raise RecordingError(
+                f"{sentence}, or {cure}: on page Data, by --mapping, in Python by mapping=."
+            ) from fault
+        is_sound = not any(
+            isinstance(found, ValuesOutOfRange) and found.is_in_another_unit
+            for found in recording.findings
+        )  # else units are probably wrong, and they would be for the next file, too
+        if self.mapping and is_kept and is_sound and not self.is_remembered:
+            remember(self.mapping, layout_of(self.content).names)
+        return recording
 
 
 def opened(source: Source, name: str | None = None, mapping: CsvMapping | None = None) -> File:

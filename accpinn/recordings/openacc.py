@@ -8,13 +8,11 @@ one clear sentence.
 Data format: Makridis et al., Transportation Research Part C 125, 2021, 103047.
 """
 
-import csv
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +23,7 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.recordings import Mode, Recording
 from accpinn.recordings.source import Source, SourceFile, excerpt, read_bytes
 from accpinn.recordings.tables import HEADER_BYTES, Columns, Layout, cells_of, read_columns
+from accpinn.storage import packaged_rows
 from accpinn.units import FloatArray
 
 PUBLISHED_AT = "https://jeodpp.jrc.ec.europa.eu/ftp/jrc-opendata/TransportExpData/JRCDBT0001/LATEST"
@@ -55,7 +54,7 @@ class Run:
 @cache
 def catalogue() -> tuple[Run, ...]:
     """All runs, by campaign and name; part10 follows part9."""
-    rows = _rows("catalogue.csv")
+    rows = packaged_rows("recordings", "catalogue.csv")
     runs = [Run(row["campaign"], row["file"], row["sha256"] or None) for row in rows]
     return tuple(sorted(runs, key=lambda run: (run.campaign, _natural(run.file))))
 
@@ -66,10 +65,7 @@ def _natural(name: str) -> list[str | int]:
 
 
 def find(names: Sequence[str]) -> tuple[Run, ...]:
-    """The runs that campaigns or files name; all of them where nothing is named.
-
-    Args:
-        names: campaigns, files, or both as "Casale/part7.csv"; case does not matter.
+    """The runs of campaigns, of files, or of both as "Casale/part7.csv"; of no name all.
 
     Raises:
         ConfigError: for a name that is not in the catalogue, or a file that two campaigns have.
@@ -116,12 +112,8 @@ def _key(name: str) -> str:
 
 @cache
 def _makes() -> dict[str, tuple[str, str]]:
-    return {row["spelling"]: (row["make"], row["model"]) for row in _rows("makes.csv")}
-
-
-def _rows(name: str) -> Iterator[dict[str, str]]:
-    text = files("accpinn.recordings").joinpath(name).read_text(encoding="utf-8")
-    return csv.DictReader(text.split("\n"))
+    rows = packaged_rows("recordings", "makes.csv")
+    return {row["spelling"]: (row["make"], row["model"]) for row in rows}
 
 
 LONGEST_NAME = 80

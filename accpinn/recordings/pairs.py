@@ -204,12 +204,8 @@ def _recording(pairs: Sequence[Columns], begins: Sequence[int], is_only: bool) -
     """The recording of a platoon; V vehicles are one more than its pairs.
 
     Its time runs from the first sample of any pair to the last one; where a pair has none, the
-    channels that only it knows are missing.
-
-    Args:
-        pairs: those of the platoon, first vehicle first.
-        begins: at which sample of the first pair's time each begins.
-        is_only: whether the file holds no other platoon.
+    channels that only it knows are missing. ``begins`` are the samples of the first pair's time at
+    which each pair begins.
 
     Raises:
         RecordingError: about the first row that is wrong.

@@ -92,11 +92,7 @@ def excerpt(text: str, length: int = 30) -> str:
 
 
 def read_bytes(source: Source, name: str | None) -> SourceFile:
-    """Read a file that holds text of a bearable size.
-
-    Args:
-        source: path of the file, or the bytes of an upload.
-        name: file name to show; by default that of the path.
+    """Read a file that holds text of a bearable size; by default its path names it.
 
     Raises:
         RecordingError: when the file cannot be read, is too large or is no text.

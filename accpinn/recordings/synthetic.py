@@ -179,13 +179,9 @@ def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
 def gauss_markov(
     shape: tuple[int, ...], step: Seconds, memory: Seconds, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw a stationary first-order Gauss-Markov process of deviation 1 along the first axis.
+    """Draw a stationary first-order Gauss-Markov process (N, ..) of deviation 1 along N.
 
-    Args:
-        shape: (N, ..)
-        step: between its samples.
-        memory: time after which the correlation has fallen to 1/e.
-        rng: draws it.
+    Its correlation has fallen to 1/e after ``memory``.
     """
     from scipy.signal import lfilter  # takes a second to import, which few need
 

@@ -20,6 +20,7 @@ from accpinn.segment.cut import DURATION
 from accpinn.segment.quality import (
     LARGE_CONDITION,
     MOST_CAR_FOLLOWING,
+    REGIMES,
     Grade,
     Quality,
     Question,
@@ -148,7 +149,7 @@ def regimes_table(info: SegmentInfo, regimes: Regimes) -> Table:
     shares = np.transpose(regimes.shares)
     filled = [
         (Column(name.capitalize(), "%", 0), percent_cells(share))
-        for name, share in zip(regimes.names, shares, strict=True)
+        for name, share in zip(REGIMES, shares, strict=True)
     ]
     followers = (Column("Follower"), info.labels[1:])
     return Table.of(f"Regimes, {where(info)}", [followers, *filled])

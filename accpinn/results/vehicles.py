@@ -22,6 +22,7 @@ from accpinn.platoon.leader import Sinusoid
 from accpinn.segment import SegmentInfo
 from accpinn.stability import StabilityReport, stability_report
 from accpinn.stability.criteria import response
+from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.result import Result
 from accpinn.units import Estimate, MetresPerSecond, RadiansPerSecond
 
@@ -68,15 +69,20 @@ class KnownVehicles:
         stored = self.result.known_answer if self.result else None
         return float(np.median(stored.speeds)) if stored else Sinusoid.speed
 
-    def growth(self, order: Sequence[int], omega: RadiansPerSecond) -> Estimate | None:
+    def growth(
+        self, order: Sequence[int], omega: RadiansPerSecond | None = None
+    ) -> Estimate | None:
         """How much a disturbance at ω grows along a platoon, by index of each of its vehicles.
 
-        None where no uncertainty is known, or a vehicle is not determined.
+        Without ω, at the frequency at which it grows most. None where no uncertainty is known, or
+        a vehicle is not determined.
         """
         if self.uncertainty is None:
             return None
         lower, upper = growth(self.uncertainty, tuple(order), omega)
-        gain = np.abs(response(self.vehicles.parameters[[*order]], np.array([omega]))).prod()
+        platoon = self.vehicles.parameters[[*order]]
+        at = head_to_tail_peaks(platoon).omega[-1] if omega is None else omega
+        gain = np.abs(response(platoon, np.array([at]))).prod()
         return Estimate(float(gain), lower, upper) if np.isfinite(lower) else None
 
     def at_speed(self, speed: MetresPerSecond) -> "KnownVehicles":

@@ -25,7 +25,6 @@ from accpinn.recordings import (
     ValuesOutOfRange,
     Window,
     listed,
-    longest,
     vehicle_label,
 )
 from accpinn.recordings.mapping import MappingRemembered
@@ -113,9 +112,8 @@ class BlocksMissing(Finding, frozen=True):
     """Where, in the recording's time."""
 
     def _words(self, about: Labelled) -> Words:
-        shown = longest(self.windows)
-        where = listed(shown, len(self.windows) - len(shown))
-        return {"are": "is" if len(self.columns) == 1 else "are", "where": where}
+        are = "is" if len(self.columns) == 1 else "are"
+        return {"are": are, "where": listed(self.windows)}
 
 
 class RegimesExcluded(Finding, frozen=True):
@@ -206,8 +204,7 @@ class _Platoon:
     @property
     def driven_by_hand(self) -> DrivenByHand | None:
         """The followers without ACC; None where all have it or manual driving is excluded."""
-        hand = next((f for f in self.findings if isinstance(f, DrivenByHand)), None)
-        return None if hand and not hand.by_flag and "manual" in self.excluded_regimes else hand
+        return next((f for f in self.findings if isinstance(f, DrivenByHand)), None)
 
     @property
     def followers(self) -> int:

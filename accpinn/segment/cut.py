@@ -215,19 +215,21 @@ def disjoint_windows(
 
 @dataclass(frozen=True, eq=False)
 class _Platoon:
-    """The channels of consecutive vehicles over a whole recording, short blocks bridged."""
+    """The channels of consecutive vehicles over a whole recording."""
 
     recording: Recording
     columns: tuple[str, ...]
     """(2M+1,) their names in the file: speeds, leader first, then gaps."""
     values: FloatArray
-    """(N, 2M+1) in m/s and m; NaN where a block could not be bridged."""
+    """(N, 2M+1) in m/s and m; straight lines where nothing was measured."""
     missing: Mask
     """(N, 2M+1) True where nothing was measured, bridged or not."""
+    unbridged: Mask
+    """(N, 2M+1) True where that is so for too long."""
 
     def bridged_among(self, rows: Stretch) -> list[Bridged]:
         """The finding of each column that has bridged samples among ``rows``."""
-        findings, is_bridged = [], self.missing & np.isfinite(self.values)
+        findings, is_bridged = [], self.missing & ~self.unbridged
         for column, bridged in zip(self.columns, is_bridged.T, strict=True):
             spans = stretches(bridged)
             blocks = [b for b in spans if b.last >= rows.first and b.first <= rows.last]
@@ -239,8 +241,8 @@ class _Platoon:
     def missing_among(self, rows: Stretch) -> list[BlocksMissing]:
         """The unbridged samples among ``rows``; columns that miss the same ones are together."""
         together: dict[tuple[Stretch, ...], list[str]] = {}
-        for column, values in zip(self.columns, self.values.T, strict=True):
-            if blocks := stretches(np.isnan(values[rows.rows])):
+        for column, unbridged in zip(self.columns, self.unbridged.T, strict=True):
+            if blocks := stretches(unbridged[rows.rows]):
                 together.setdefault(blocks, []).append(column)
         findings = []
         for blocks, columns in together.items():
@@ -250,36 +252,27 @@ class _Platoon:
             findings.append(BlocksMissing(tuple(columns), share, windows))
         return findings
 
-    def filled(self) -> FloatArray:
-        """(N, 2M+1) the values, straight lines where they are missing."""
-        time, filled = self.recording.time, self.values.copy()
-        for values in filled.T:
-            known = ~np.isnan(values)
-            values[:] = np.interp(time, time[known], values[known])
-        return filled
-
     def complete(self) -> tuple[Window, ...]:
         """The windows of at least `MINIMUM_DURATION` without a missing value."""
-        complete = stretches(np.isfinite(self.values).all(axis=1))
+        complete = stretches(~self.unbridged.any(axis=1))
         windows = (self.recording.window(stretch) for stretch in complete)
         return tuple(window for window in windows if window.duration >= MINIMUM_DURATION - SLACK)
 
 
 def _platoon(recording: Recording, vehicles: tuple[int, ...]) -> _Platoon:
-    """Speeds and gaps of the vehicles, short blocks filled linearly."""
+    """Speeds and gaps of the vehicles, missing ones on straight lines."""
     channels = {SPEED.of(number): recording.speed_of(number) for number in vehicles}
     channels |= {GAP.of(number): recording.gap_behind(number) for number in vehicles[:-1]}
     values = np.column_stack(list(channels.values()))
     missing: Mask = np.isnan(values)
-    time = recording.time
-    for series in values.T:
-        for block in stretches(np.isnan(series)):
+    time, unbridged = recording.time, missing.copy()
+    for series, absent, long in zip(values.T, missing.T, unbridged.T, strict=True):
+        for block in stretches(absent):
             enclosed = block.first > 0 and block.last < recording.samples - 1
             length = recording.window(block).duration + recording.sample_time
-            if enclosed and length <= BRIDGE + SLACK:
-                ends = [block.first - 1, block.last + 1]
-                series[block.rows] = np.interp(time[block.rows], time[ends], series[ends])
-    return _Platoon(recording, tuple(channels), values, missing)
+            long[block.rows] = not enclosed or length > BRIDGE + SLACK
+        series[:] = np.interp(time, time[~absent], series[~absent])
+    return _Platoon(recording, tuple(channels), values, missing, unbridged)
 
 
 def _incomplete(platoon: _Platoon, rows: Stretch, missing: BlocksMissing) -> IncompleteWindow:
@@ -350,7 +343,7 @@ def _on_grid(
     step = recording.sample_time
     count = math.floor((window.duration + SLACK) / step) + 1
     time: FloatArray = np.arange(count, dtype=np.float64) * step
-    values: FloatArray = platoon.filled()[source.rows].round(DECIMALS)
+    values: FloatArray = platoon.values[source.rows].round(DECIMALS)
     missing = platoon.missing[source.rows]
     if recording.is_even:
         return time, values, missing

@@ -64,7 +64,7 @@ from accpinn.segment import (
     RegimesExcluded,
     Segment,
 )
-from accpinn.segment.cut import MINIMUM_DURATION, SLACK
+from accpinn.segment.cut import MINIMUM_DURATION
 from accpinn.units import (
     FloatArray,
     Mask,
@@ -203,7 +203,6 @@ class Regimes:
     """(N, M) indices into `REGIMES`."""
     mode_known: tuple[bool, ...]
     """(M,) whether driver modes were at hand, so that manual driving could be seen."""
-    names: tuple[str, ...] = REGIMES
     measured: Mask | None = None
     """(N, M) whether speed and gap were measured, so that they count in shares; None if all."""
 
@@ -215,7 +214,7 @@ class Regimes:
     def shares(self) -> tuple[tuple[float, ...], ...]:
         """(M, 4) share of the measured instants in each regime, 0 to 1; nan without any."""
         measured = True if self.measured is None else self.measured
-        holds = [np.where(measured, self.codes == k, np.nan) for k in range(len(self.names))]
+        holds = [np.where(measured, self.codes == k, np.nan) for k in range(len(REGIMES))]
         return tuple(map(tuple, known_mean(np.stack(holds, axis=-1)).tolist()))
 
 
@@ -271,17 +270,19 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
     chosen = tuple(name for name in EXCLUDABLE if name in named)
     if not chosen:
         return segment
-    excluded = np.isin(regimes.codes, [regimes.names.index(name) for name in chosen])
+    excluded = np.isin(regimes.codes, [REGIMES.index(name) for name in chosen])
     if not excluded.any():
         return replace(segment, findings=(*segment.findings, NothingToExclude(chosen)))
     mask = ~excluded if segment.mask is None else segment.mask & ~excluded
     shares = tuple((~mask).mean(axis=0).tolist())
     finding = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
+    is_gone = DrivenByHand if "manual" in chosen else ()  # no estimate rests on that time any more
+    kept = tuple(f for f in segment.findings if not isinstance(f, is_gone) or f.by_flag)
     part = replace(
         segment,
         mask=mask,
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
-        findings=(*segment.findings, finding),
+        findings=(*kept, finding),
     )
     _refuse_too_little(part, chosen)
     return part
@@ -361,12 +362,9 @@ def rate(segment: Segment, recording: Recording, quality: Quality) -> tuple[Rati
     by_hand = _of(segment.findings, DrivenByHand)
     contradicting = _of(segment.findings, GapContradictsSpeeds)
     wrong = (*contradicting, *_of(quality.findings, GapsNegative))
-    within = recording.time + SLACK >= segment.window.start
-    within &= recording.time - SLACK <= segment.window.end
-    modes = recording.mode[within][:, followers]
+    rows = recording.rows(segment.window)
+    modes = recording.mode[rows, followers]
     is_human, no_mode = (bool((modes == mode).any()) for mode in (Mode.HUMAN, Mode.UNKNOWN))
-    first, *_, last = np.flatnonzero(within)
-    rows = slice(first, last + 1)
     no_agreement = any(agreement(recording, number, rows) is None for number in ahead)
     is_near = bool(_of(still, NearEquilibrium))
     is_partly = not min(quality.car_following) >= MOST_CAR_FOLLOWING

@@ -111,7 +111,7 @@ class Analysis:
         named = parse_regimes(excluded) if excluded else ()
         return cls(
             Source.of(recording),
-            _numbers(recording, vehicles),
+            vehicles_of(recording, vehicles),
             tuple(windows) or (Window(0.0, DURATION),),
             case,
             tuple(regime for regime in EXCLUDABLE if regime in named),
@@ -254,7 +254,8 @@ def _settings(method: str, given: Any) -> dict[str, Any]:
     return dict(given.to_json())
 
 
-def _numbers(recording: Recording, vehicles: str | Sequence[int] | None) -> tuple[int, ...]:
+def vehicles_of(recording: Recording, vehicles: str | Sequence[int] | None) -> tuple[int, ...]:
+    """The numbers of vehicles as a text or numbers name them; by default see `default_vehicles`."""
     if vehicles is None:
         return default_vehicles(recording)
     if isinstance(vehicles, str):

@@ -175,7 +175,7 @@ class WindowJob:
     file: Path
     analyses: tuple[Analysis, ...]
     """The window asked of several methods."""
-    modes: tuple[str, ...]
+    mode_sources: tuple[str, ...]
     """(M,) as `plan` gives them."""
     recording: dict[str, Any]
     """What rows say of the recording."""
@@ -194,7 +194,7 @@ def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Computed:
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
         posterior = window_posterior(segment, analysis.case, analysis.model)
-        rows = rows_of(result, posterior, job.recording, job.modes)
+        rows = rows_of(result, posterior, job.recording, job.mode_sources)
         return Computed(analysis, rows, posterior.likely)
     except AccpinnError as fault:
         return Computed(analysis, reason=str(fault))
@@ -226,7 +226,7 @@ def cut_windows(
         except AccpinnError as fault:
             yield fault
         else:
-            yield WindowJob(file, (analysis,), place.modes, about, segment)
+            yield WindowJob(file, (analysis,), place.mode_sources, about, segment)
 
 
 class _Batch:

@@ -46,9 +46,7 @@ WORKERLESS: Seconds = 180.0
 def connected(workers: int | None, scheduler: str | None) -> "Iterator[Client]":
     """A client of a scheduler with workers: the one at an address, or one on this machine.
 
-    Args:
-        workers: how many on this machine; by default one for each processor.
-        scheduler: the address.
+    By default there is one worker on this machine for each processor.
 
     Raises:
         RecordingError: when it cannot be reached, has no workers, or these lack the package.
@@ -158,11 +156,7 @@ def run_all(
 ) -> Iterator[tuple[Job, Any, int] | None]:
     """Keep workers busy until all jobs have ended, or the caller asks for no more.
 
-    Args:
-        client: of their scheduler.
-        run: what a worker does with a job.
-        jobs: each is asked for when a worker has room for it.
-        is_local: whether the workers are those of this machine.
+    A job is asked for when a worker has room for it.
 
     Yields:
         Each job that has ended, its answer or the exception in place of one, and how many jobs run

@@ -29,7 +29,7 @@ from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, PAPER
 from accpinn.recordings import Recording
 from accpinn.segment import Segment
-from accpinn.segment.quality import EXCLUDABLE, exclude_regimes, label_regimes
+from accpinn.segment.quality import EXCLUDABLE, REGIMES, exclude_regimes, label_regimes
 from accpinn.study import Analysis
 from accpinn.study.result import Parts, Result
 from accpinn.study.run import estimate
@@ -228,7 +228,7 @@ def sensitivity(
     regimes = label_regimes(plain, recording)
     rows: list[SensitivityResult] = []
     for choice, names in CHOICES.items():
-        codes = [regimes.names.index(name) for name in names]
+        codes = [REGIMES.index(name) for name in names]
         share = tuple(sum(shares[code] for code in codes) for shares in regimes.shares)
         for method in COMPARED:
             row = SensitivityResult(choice, share, method)

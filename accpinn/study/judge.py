@@ -271,11 +271,9 @@ def subjects_of(
 ) -> tuple[Subject, ...]:
     """The followers of a recording that models can be judged on.
 
-    Args:
-        recording: the data.
-        vehicles: consecutive numbers, leader first; by default see `default_vehicles`.
-        windows: to leave out in turn; by default each follower's windows in car-following under
-            ACC. Of fewer than three, blocks are left out.
+    Vehicles are consecutive numbers, leader first; by default see `default_vehicles`. By default
+    each follower's windows in car-following under ACC are left out in turn, and of fewer than three
+    windows blocks.
 
     Raises:
         SegmentError: where there is none.
@@ -318,12 +316,7 @@ def judge(
     models: Sequence[str],
     should_stop: Callable[[], bool] | None = None,
 ) -> Iterator[tuple[Judgement, ...]]:
-    """Judge one model after the other; yields the judgements so far after each.
-
-    Args:
-        subjects: the followers, all of which are searched at once.
-        models: keys of the registry.
-        should_stop: asked several times a second; True ends after the models that are done.
+    """Judge one model after the other, on all followers at once; yields the judgements so far.
 
     Raises:
         ConfigError: for an unknown model.

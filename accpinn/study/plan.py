@@ -49,10 +49,9 @@ from accpinn.segment.cut import (
     SLACK,
     chains,
     complete_windows,
-    default_vehicles,
     longest_in,
-    parse_vehicles,
 )
+from accpinn.study import vehicles_of
 from accpinn.units import FloatArray, Mask, Seconds, stretches
 
 DEPARTURE: Seconds = 10.0
@@ -82,18 +81,14 @@ class PlannedWindow:
     vehicles: tuple[int, ...]
     """(M+1,) leader first."""
     window: Window
-    modes: tuple[str, ...]
-    """(M,) "ACC" by the driver mode, "ACC by flag" by the file's flag, or "unknown"."""
+    mode_sources: tuple[str, ...]
+    """(M,) what says that ACC drives: "driver" mode or the file's "flag"; else empty."""
 
 
 def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
-    """The windows of a recording, in the order of chains and time.
+    """The windows of a recording, in the order of chains and time, none longer than ``longest`` s.
 
     A follower whose gap contradicts the speeds there has none.
-
-    Args:
-        recording: what to cut.
-        longest: of a window, in s; infinite for whole stretches.
     """
     planned: list[PlannedWindow] = []
     for chain in _short_chains(recording):
@@ -103,7 +98,7 @@ def plan(recording: Recording, longest: Seconds) -> tuple[PlannedWindow, ...]:
         for column, pair in zip(allowed.T, pairwise(chain), strict=True):
             alone = column.copy()
             for window in together:
-                alone &= ~_inside(recording.time, window)
+                alone[recording.rows(window)] = False
             windows = _windows(recording, alone, longest)
             planned += [_planned(recording, pair, window) for window in windows]
     return tuple(planned)
@@ -135,9 +130,9 @@ def _sound(recording: Recording, number: int, longest: Seconds) -> Mask:
         if contradiction.is_in_another_unit:  # the units of the whole file are others
             return np.zeros_like(allowed)
         for window in _windows(recording, allowed, longest):
-            first, *_, last = np.flatnonzero(_inside(recording.time, window))
-            value = agreement(recording, number - 1, slice(first, last + 1), of_ranks=True)
-            allowed[first : last + 1] &= value is not None and value >= AGREEMENT_LIMIT
+            rows = recording.rows(window)
+            value = agreement(recording, number - 1, rows, of_ranks=True)
+            allowed[rows] &= value is not None and value >= AGREEMENT_LIMIT
     return allowed
 
 
@@ -146,20 +141,14 @@ def car_following(
 ) -> tuple[Window, ...]:
     """The windows in which all chosen followers are in car-following under ACC, with all channels.
 
-    Args:
-        recording: what to cut.
-        vehicles: consecutive numbers, leader first, also as "1-5"; by default see
-            `default_vehicles`.
-        longest: of a window, in s.
+    Vehicles are consecutive numbers, leader first, also as "1-5"; by default see
+    `default_vehicles`. No window is longer than ``longest`` s.
 
     Raises:
         SegmentError: where there is none.
     """
-    if vehicles is None:
-        vehicles = default_vehicles(recording)
-    elif isinstance(vehicles, str):
-        vehicles = parse_vehicles(vehicles)
-    allowed = np.column_stack([qualifies(recording, number) for number in vehicles[1:]])
+    _, *followers = vehicles_of(recording, vehicles)
+    allowed = np.column_stack([qualifies(recording, number) for number in followers])
     windows = _windows(recording, np.asarray(allowed.all(axis=1)), longest)
     if not windows:
         raise SegmentError(
@@ -185,7 +174,7 @@ def qualifies(recording: Recording, number: int) -> Mask:
         return np.zeros(recording.samples, bool)
     complete = np.zeros(recording.samples, bool)
     for window in complete_windows(recording, (number - 1, number)):
-        complete |= _inside(recording.time, window)
+        complete[recording.rows(window)] = True
     allowed: Mask = complete & ~by_hand
     speed, gap = recording.speed_of(number), recording.gap_behind(number - 1)
     # A bridged sample has no time gap of its own and counts as its neighbours do.
@@ -196,10 +185,6 @@ def qualifies(recording: Recording, number: int) -> Mask:
         if inside and recording.window(stretch).duration <= DEPARTURE:
             away[stretch.rows] = False
     return allowed & ~away
-
-
-def _inside(time: FloatArray, window: Window) -> Mask:
-    return (time >= window.start - SLACK) & (time <= window.end + SLACK)
 
 
 def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Window]:
@@ -216,21 +201,18 @@ def _windows(recording: Recording, allowed: Mask, longest: Seconds) -> list[Wind
 
 
 def _planned(recording: Recording, vehicles: Sequence[int], window: Window) -> PlannedWindow:
-    rows = _inside(recording.time, window)
-    modes = []
-    for number in vehicles[1:]:
-        known = (recording.mode[rows, number - 1] == Mode.ACC).any()
-        flagged = "ACC by flag" if recording.acc_flag == ACC_FLAG else "unknown"
-        modes.append("ACC" if known else flagged)
-    return PlannedWindow(tuple(vehicles), window, tuple(modes))
+    rows = recording.rows(window)
+    by_flag = "flag" if recording.acc_flag == ACC_FLAG else ""
+    followers = np.array(vehicles[1:]) - 1
+    known = (recording.mode[rows, followers] == Mode.ACC).any(axis=0)
+    sources = tuple("driver" if by_driver else by_flag for by_driver in known)
+    return PlannedWindow(tuple(vehicles), window, sources)
 
 
 def files_of(sources: Sources, study: Path | None = None) -> list[Path]:
     """The files of a batch: each once, those of a folder in the order of their names.
 
-    Args:
-        sources: as `batch` takes them.
-        study: the folder of the results, which may lie among them.
+    The study's folder may lie among them, and does not count.
 
     Raises:
         RecordingError: when a source does not exist, or holds no CSV file.

@@ -453,14 +453,7 @@ def result_of(
     fits: tuple[Fit, ...],
     recording: Recording | None = None,
 ) -> Result:
-    """The result of fits that exist already.
-
-    Args:
-        analysis: what was asked.
-        segments: (K,) the data.
-        fits: (K,) the fit on each window.
-        recording: where the data were cut from.
-    """
+    """The result of fits that exist already, one for each of the windows' segments (K,)."""
     return Result(
         analysis=analysis,
         infos=tuple(segment.info for segment in segments),

@@ -1,13 +1,13 @@
 """One row a (recording, window, follower, method): its columns, and how a fit becomes rows."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from accpinn.channels import PARAMETERS, by_key
+from accpinn.channels import by_key
 from accpinn.errors import ParameterError
 from accpinn.evaluation.closed_loop import TrackingErrors, collision_times
 from accpinn.inference.window_posterior import WindowPosterior
@@ -16,6 +16,7 @@ from accpinn.model.registry import FOLLOWING, value_of
 from accpinn.recordings import unnamed
 from accpinn.recordings.openacc import make_and_model
 from accpinn.stability import stability_report
+from accpinn.storage import packaged_rows
 from accpinn.study.result import Result
 from accpinn.units import known_mean
 
@@ -33,59 +34,23 @@ class RowColumn:
 
 OF_ANSWER = {p.name: p.unit for model in FOLLOWING.values() for p in model.parameters}
 """The parameters that the answer's model may have, with their units."""
-COLUMNS: tuple[RowColumn, ...] = (
-    RowColumn("campaign", "string", "", "campaign or data set"),
-    RowColumn("file", "string", "", "file name of the recording"),
-    RowColumn("trajectory", "string", "", "of a table with several: which one"),
-    RowColumn("sha256", "string", "", "of the recording"),
-    RowColumn("date", "string", "", "ISO 8601, from the header"),
-    RowColumn("start", "double", "s", "of the window, from the recording's first sample"),
-    RowColumn("duration", "double", "s", "of the window"),
-    RowColumn("vehicle", "int64", "", "the follower's number in the file, 1 = first"),
-    RowColumn("leader", "int64", "", "number of the chain's first vehicle, whose speed is given"),
-    RowColumn("name", "string", "", "the follower's, as in the header"),
-    RowColumn("make", "string", "", "in one spelling; empty where the file names no vehicles"),
-    RowColumn("model", "string", "", "in one spelling; empty where the header does not tell"),
-    RowColumn("distance_setting", "string", "", "as in the header"),
-    RowColumn("mode", "string", "", "ACC, or unknown where neither drivers nor flag tell"),
-    RowColumn("mode_source", "string", "", "what the mode rests on: driver, flag or nothing"),
-    RowColumn("method", "string", "", "key of the estimation method"),
-    RowColumn("case", "string", "", "I: one parameter set for all followers; II: one for each"),
-    *(RowColumn(quantity.key, "double", quantity.unit,
-                f"{quantity.name.lower()}, the method's estimate")
-      for quantity in PARAMETERS),
-    *(RowColumn(f"{quantity.key}_{end}", "double", quantity.unit, f"{word} end of the interval")
-      for quantity in PARAMETERS for end, word in (("low", "lower"), ("high", "upper"))),
-    RowColumn("answer_model", "string", "", "key of the answer's model"),
-    *(RowColumn(f"answer_{key}", "double", unit,
-              f"{key} of the window by itself under the answer's model; empty if it has none")
-      for key, unit in OF_ANSWER.items()),
-    RowColumn("level", "double", "", "how often the intervals cover the truth, if the model holds"),
-    RowColumn("l2_stable", "bool", "", "L₂ string stability of the estimate"),
-    RowColumn("linf_stable", "bool", "", "L∞ string stability of the estimate, exact criterion"),
-    RowColumn("linf_gain", "double", "", "‖h‖₁ of the estimate"),
-    RowColumn("p_l2_stable", "double", "", "probability of L₂ string stability under that model"),
-    RowColumn("p_linf_stable", "double", "", "probability of L∞ string stability under that model"),
-    RowColumn("mean_time_gap", "double", "s", "mean of p/v over the instants in motion"),
-    RowColumn("mean_speed", "double", "m/s", "the follower's"),
-    RowColumn("median_speed", "double", "m/s",
-              "the follower's; a model that is no CTHP is string stable or not at this speed"),
-    RowColumn("lowest_speed", "double", "m/s", "a time gap below it is extrapolated"),
-    RowColumn("highest_speed", "double", "m/s", "a time gap above it is extrapolated"),
-    RowColumn("speed_deviation", "double", "m/s", "standard deviation of the follower's speed"),
-    RowColumn("surrogate_mae", "double", "m", "of the space-gap: the method's own trajectories"),
-    RowColumn("closed_loop_mae", "double", "m", "of the space-gap: simulation behind the leader"),
-    RowColumn("collision_time", "double", "s", "in that simulation, from the recording's start"),
-    RowColumn("outcome", "string", "", "how the estimation ended"),
-    RowColumn("seconds", "double", "s", "duration of the estimation for all followers together"),
-)  # fmt: skip
+
+
+def _columns() -> Iterator[RowColumn]:
+    for cells in packaged_rows("study", "columns.csv"):
+        is_template = "{name}" in cells["name"]
+        for name, unit in OF_ANSWER.items() if is_template else [("", "")]:
+            yield RowColumn(*(cell.format(name=name, unit=unit) for cell in cells.values()))
+
+
+COLUMNS: tuple[RowColumn, ...] = tuple(_columns())
 
 
 def rows_of(
     result: Result,
     posterior: WindowPosterior,
     recording: Mapping[str, Any],
-    modes: tuple[str, ...],
+    mode_sources: tuple[str, ...],
 ) -> list[dict[str, Any]]:
     """One row a follower, with the keys of `COLUMNS`; None where a value is unknown.
 
@@ -93,7 +58,7 @@ def rows_of(
         result: of one window, with its data.
         posterior: of the window under the answer's model.
         recording: what is known of the recording: its facts, file, trajectory and SHA-256.
-        modes: (M,) as `plan` gives them.
+        mode_sources: (M,) as `plan` gives them.
     """
     fit, uncertainty, evaluation = result.fit, result.uncertainty, result.evaluation
     (segment,) = result.segments
@@ -119,14 +84,13 @@ def rows_of(
     rows = []
     for k, (number, name) in enumerate(zip(segment.vehicles[1:], segment.names[1:], strict=True)):
         make, model = ("", "") if name == unnamed(number) else make_and_model(name)
-        mode, _, by_flag = modes[k].partition(" by ")
         row = shared | {
             "vehicle": number,
             "name": name,
             "make": make,
             "model": model,
-            "mode": mode,
-            "mode_source": "" if mode == "unknown" else by_flag or "driver",
+            "mode": "ACC" if mode_sources[k] else "unknown",
+            "mode_source": mode_sources[k],
             "p_l2_stable": l2[k],
             "p_linf_stable": linf[k],
             **{

@@ -20,6 +20,7 @@ import tempfile
 import zipfile
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
+from importlib.resources import files
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -69,36 +70,11 @@ MARKS = {
     "file for SUMO": b"<!-- car-following model ",
 }
 """What stands among the first bytes of every such file, in lower case."""
-
-ATTRIBUTION_TEXT = """\
-Data
-
-If the recording named in result.json is one of the OpenACC database, then the figures, curves
-and, where they are included, the speeds and gaps in this file derive from it:
-"OpenACC. An open database of car-following experiments to study the properties of commercial ACC
-systems", (c) European Union, European Commission, Joint Research Centre, licensed under
-CC BY 4.0 (https://creativecommons.org/licenses/by/4.0/),
-DOI 10.2905/9702C950-C80F-4D2F-982F-44D06EA0009F. Described in M. Makridis, K. Mattas, A. Anesiadou
-and B. Ciuffo, Transportation Research Part C 125, 103047, 2021. Name both when you pass this file
-on or publish what is in it. What was changed is said in result.json under "infos": a window was
-cut, and samples may have been bridged, resampled or left out.
-
-Method
-
-T. Apostolakis and K. Ampountolas, "Physics-inspired neural networks for parameter learning of
-adaptive cruise control systems", IEEE Transactions on Vehicular Technology, 2024. Please cite that
-paper for the method.
-"""
+ATTRIBUTION_TEXT = files("accpinn.study").joinpath("attribution.txt").read_text("utf-8")
 
 
 def named(result: Result, name: str = "", note: str = "", with_data: bool = False) -> Result:
-    """The result as it goes into a file, every part computed.
-
-    Args:
-        result: any that did not diverge.
-        name: of the user's choice; may be empty.
-        note: of any length up to a few pages; may be empty.
-        with_data: whether speeds and space-gaps of the window go in.
+    """The result as it goes into a file, every part computed; its data only if that is asked for.
 
     Raises:
         SnapshotError: for a training that diverged, or texts that are too long.
@@ -222,9 +198,7 @@ def save(result: Result, path: str | os.PathLike[str]) -> Path:
 def writable_path(target: Path, kind: str) -> Path:
     """The file that is made, or replaced, by writing to ``target``; links are followed.
 
-    Args:
-        target: where a user wants the file.
-        kind: a key of `MARKS`; nothing is replaced but a file of its own kind.
+    Nothing is replaced but a file of its own kind, a key of `MARKS`.
 
     Raises:
         SnapshotError: where something else stands, or no file can be made.

@@ -35,14 +35,9 @@ class Library(Shelf):
         self.cap_count = cap_count
 
     def add(self, content: Result | bytes, owner: str = "") -> str:
-        """Keep a snapshot, or the bytes of one, once they are known to be whole.
+        """Keep a snapshot, or the bytes of one once they are known to be whole; its short name.
 
-        Args:
-            content: of a snapshot.
-            owner: a digest of who saves it; one that is there already stays whose it was.
-
-        Returns:
-            Its short name.
+        The owner is a digest of who saves it; one that is there already stays whose it was.
 
         Raises:
             SnapshotError: for damaged bytes, a full library, or a folder that cannot be written to.

@@ -156,12 +156,7 @@ class Study:
             database.execute("insert or replace into files values (?, ?)", values)
 
     def refuse(self, path: Path, reasons: Sequence[str]) -> None:
-        """Keep what of a file cannot be used, in place of what was said of that path before.
-
-        Args:
-            path: where the file is.
-            reasons: one for each recording in it, or one for the whole file.
-        """
+        """Keep why a file, or recordings in it, cannot be used, in place of earlier reasons."""
         values = [(str(path), path.name, reason) for reason in reasons]
         with self._writing() as database:
             database.execute("delete from refused where path = ?", (str(path),))
@@ -191,9 +186,7 @@ class Study:
     def add(self, file: str, computed: Computed) -> None:
         """Keep what came of an analysis, in place of one by an earlier version of its method.
 
-        Args:
-            file: name of the recording's file, by which rows are ordered.
-            computed: what came of the analysis.
+        Rows are ordered by the name of the recording's file.
         """
         analysis, place = computed.analysis, _place(computed.analysis)
         _, *followers = analysis.vehicles
@@ -218,10 +211,10 @@ class Study:
     def publish(self) -> None:
         """Make the Parquet file, the list of failures and the schema from what is known so far."""
         with _told(self.folder):
-            _write_parquet(self.folder / RESULTS, _rows(self._database))
+            _write_parquet(self.folder / RESULTS, read_rows(self.folder))
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
-            writer.writerows([Failure._fields, *_failures(self._database)])
+            writer.writerows([Failure._fields, *read_failures(self.folder)])
             write_whole(self.folder / FAILURES, text.getvalue().encode())
             schema = {
                 "format": FORMAT,
@@ -253,7 +246,7 @@ def written(folder: Path, request: Request) -> Iterator[Study]:
             database = stack.enter_context(_connected(folder))
             database.execute("pragma journal_mode = wal")
             database.execute("pragma synchronous = normal")
-            kept = _request(database)
+        kept = read_request(folder)
         if kept and _shared(kept) != _shared(request):
             window, case, model = _shared(kept)
             raise ConfigError(
@@ -323,8 +316,10 @@ def read_rows(folder: Path) -> Iterator[dict[str, Any]]:
     Raises:
         StudyError: where there is no study, or it is damaged.
     """
+    asked = "select rows from answers order by file, sha256, start, leader, method"
     with _read(folder) as database:
-        yield from _rows(database)
+        for (document,) in database.execute(asked):
+            yield from map(msgspec.structs.asdict, _read_rows(document))
 
 
 def read_posteriors(folder: Path, width: int) -> dict[tuple[str, Seconds, int], FloatArray]:
@@ -338,14 +333,23 @@ def read_posteriors(folder: Path, width: int) -> dict[tuple[str, Seconds, int], 
 
 def read_failures(folder: Path) -> tuple[Failure, ...]:
     """What has no result, in the order of files; see `read_rows`."""
+    asked = (
+        "select file, null as start, null as vehicle, reason from refused union all"
+        " select file, start, vehicle, reason from answers where reason is not null"
+        " order by file, start, vehicle, reason"
+    )
     with _read(folder) as database:
-        return tuple(_failures(database))
+        return tuple(msgspec.convert(row, Failure) for row in database.execute(asked))
 
 
 def read_request(folder: Path) -> Request | None:
     """What a study was last asked to do; None where that is not known; see `read_rows`."""
     with _read(folder) as database:
-        return _request(database)
+        row = database.execute("select document from request").fetchone()
+        request = msgspec.json.decode(row[0], type=Request) if row else None
+        if request and request.model not in FOLLOWING:
+            raise ValueError(f"its model {request.model[:40]} is not known")
+        return request
 
 
 def state_of(folder: Path) -> tuple[int, ...]:
@@ -379,30 +383,6 @@ def _connected(folder: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
-def _rows(database: sqlite3.Connection) -> Iterator[dict[str, Any]]:
-    asked = "select rows from answers order by file, sha256, start, leader, method"
-    for (document,) in database.execute(asked):
-        yield from map(msgspec.structs.asdict, _read_rows(document))
-
-
-def _failures(database: sqlite3.Connection) -> Iterator[Failure]:
-    asked = (
-        "select file, null as start, null as vehicle, reason from refused union all"
-        " select file, start, vehicle, reason from answers where reason is not null"
-        " order by file, start, vehicle, reason"
-    )
-    for row in database.execute(asked):
-        yield msgspec.convert(row, Failure)
-
-
-def _request(database: sqlite3.Connection) -> Request | None:
-    row = database.execute("select document from request").fetchone()
-    request = msgspec.json.decode(row[0], type=Request) if row else None
-    if request and request.model not in FOLLOWING:
-        raise ValueError(f"its model {request.model[:40]} is not known")
-    return request
-
-
 @contextmanager
 def _told(folder: Path) -> Iterator[None]:
     """Turn a fault of the disk, of SQLite or of a document in it into a sentence for the user."""
@@ -433,9 +413,6 @@ def _told(folder: Path) -> Iterator[None]:
 
 def study_path(name: str) -> Path:
     """The folder of the study of that name, which need not exist.
-
-    Args:
-        name: letters, digits, spaces, points and hyphens.
 
     Raises:
         ConfigError: for what is no name, and for a link that leads out of the folder of studies.

@@ -363,15 +363,9 @@ def training_task(
 ) -> Task[Result]:
     """The answer to one analysis, with all that a page shows of it; a stored one is there at once.
 
-    A stopped training of an equal analysis goes on from its checkpoint.
-
-    Args:
-        owner: who asked; a finished training is entered among what this session has shown.
-        analysis: what is asked.
-        recording: that it is asked of; None where only the data of its window are at hand.
-        store: where results and checkpoints are kept.
-        segments: those data; by default they are cut from the recording.
-        anew: begin at the first iteration, whatever checkpoint there is.
+    A stopped training of an equal analysis goes on from its checkpoint, if it is not to begin anew.
+    A finished one is entered among what its owner's session has shown. The data are given or cut
+    from the recording.
     """
 
     def answer(context: TaskContext | None) -> Result:

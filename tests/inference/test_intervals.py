@@ -121,6 +121,14 @@ def test_the_growth_along_a_platoon_is_that_of_its_vehicles_draws(segment: Segme
     draws = uncertainty.draws
     platoon = replace(uncertainty, draws=draws[:, [0, 0]])
     assert growth(platoon, (0, 1), omega) == growth(platoon, (0, 0), omega), "Case I"
+    top = uncertainty.peak_gain
+    ends = np.array([top.lower[0], top.upper[0]])
+    assert growth(platoon, (0, 1)) == pytest.approx(ends**2, rel=1e-3), "of the largest gain"
+    undamped = draws.everything.copy()
+    undamped[: len(undamped) // 5, :, 5] = 9.0  # a delay
+    undamped = replace(uncertainty, draws=Parameters.of(undamped))
+    assert np.isinf(growth(undamped, (0, 1))[1])
+    assert np.isinf(growth(undamped, (0, 1), omega)[1])
 
 
 def _gain(one: Parameters, omega: float) -> complex:

@@ -38,6 +38,14 @@ def test_the_truth_of_simulated_platoons_is_found(key: str) -> None:
         assert near[0].values == pytest.approx(near[1].values, rel=0.05)
 
 
+def test_a_held_delay_that_is_shorter_than_a_step_is_kept() -> None:
+    model, truth = FOLLOWING["idm-delay"], np.array([[1.0, 1.8, 1.2, 4.0, 40.0, 0.1]])
+    windows = followed(model, truth, 1, 0.03, 100.0)
+    (found,) = estimate(model, Drives.of(windows, model), [[0]], held=(("delay", 0.1),))
+    assert found.converged
+    assert found.theta == pytest.approx(truth[0], rel=0.1)
+
+
 def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
     model = FOLLOWING["idm"]
     (window,) = followed(model, TRUTHS["idm"][:1], 7, noise=0.03, seconds=75.0)

@@ -64,7 +64,7 @@ def test_parameters_survive_files_and_processes(parameters: Parameters) -> None:
     again = pickle.loads(pickle.dumps(parameters))
     assert (again, hash(again)) == (parameters, hash(parameters))
     many = Parameters.of(np.tile(parameters.complete, (40, 1, 1)))
-    assert restore(Parameters, *dump(many, "fit")) == many, "kept beside the tree"
+    assert restore(Parameters, *dump(many)) == many, "kept beside the tree"
 
 
 def test_stacks_and_indices_keep_the_terms() -> None:

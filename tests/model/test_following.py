@@ -55,6 +55,16 @@ def test_the_cthp_is_its_closed_form(key: str) -> None:
     assert run.speeds == pytest.approx(exact.speeds, abs=1e-8)
 
 
+@pytest.mark.parametrize("delay", [0.05, 0.5])
+def test_seldom_samples_and_a_short_delay_do_not_diverge(delay: float) -> None:
+    model, starts = FOLLOWING["cthp-s0-delay"], (np.array([23.0]), np.array([36.0]))
+    theta, seldom = np.array([0.08, 0.3, 0.8, 6.0, delay]), slice(None, None, 10)
+    exact = cthp.simulate(Parameters(*theta[:4], 0.0, delay)[None], TIME[seldom], DRIVE[seldom],
+                          *starts)  # fmt: skip
+    run = model.simulate(theta, TIME[seldom], DRIVE[seldom], *starts)
+    assert run.gaps == pytest.approx(exact.gaps, abs=0.02)
+
+
 @pytest.mark.parametrize("key", [base.key for base in BASES])
 def test_an_acceleration_is_the_same_in_numpy_and_torch(key: str) -> None:
     torch = pytest.importorskip("torch")

@@ -69,6 +69,10 @@ def test_a_mapping_is_remembered_for_the_same_columns_only(tmp_path: Path) -> No
     assert MappingRemembered() in again.findings
     assert MappingRemembered() not in first.findings
     assert opened(raw, "next.csv").mapping == mapping
+    slow = foreign(frame)
+    slow["clock"] = 1000 * (slow["clock"] - slow["clock"][0])
+    with pytest.raises(RecordingError, match="as those of an earlier file"):
+        read(slow.to_csv(index=False).encode(), "slow.csv")
     other = foreign(frame).rename(columns={"note": "remark"}).to_csv(index=False).encode()
     with pytest.raises(RecordingError, match="--mapping"):
         read(other, "other.csv")

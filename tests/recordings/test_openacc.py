@@ -144,9 +144,9 @@ def test_5_names_and_columns_disagree(
     ("last", "columns", "values", "finding"),
     [
         (149, ["Speed2", "IVS1", "IVS2"], np.nan,
-         data.SamplesMissing("Speed", 2, share=0.125, windows=(Window(10.0, 14.9),), shorter=0)),
+         data.SamplesMissing("Speed", 2, share=0.125, windows=(Window(10.0, 14.9),))),
         (103, ["IVS2"], np.nan,
-         data.SamplesMissing("IVS", 2, share=0.01, windows=(Window(10.0, 10.3),), shorter=0)),
+         data.SamplesMissing("IVS", 2, share=0.01, windows=(Window(10.0, 10.3),))),
         (101, ["Speed3", "IVS2"], -0.018,
          data.ValuesOutOfRange("Speed", 3, 2, extreme=-0.018, share=0.005)),
         (101, ["IVS1"], -2.5, data.ValuesOutOfRange("IVS", 1, 2, extreme=-2.5, share=0.005)),
@@ -177,8 +177,13 @@ def test_6_the_longest_blocks_are_listed_and_a_standing_vehicle_is_not_frozen() 
         frame.loc[first:last, "Speed3"] = np.nan
     recording = read(csv(frame), "run.csv")
     missing = found(data.SamplesMissing, recording)
-    assert missing.windows == (Window(5.0, 5.3), Window(9.0, 9.1), Window(13.0, 13.6))
-    assert missing.shorter == 2
+    assert len(missing.windows) == 5
+    places = "5–5.3 s, 9–9.1 s, 13–13.6 s and in 2 shorter blocks."
+    assert missing.sentence(recording).endswith(places)
+    assert not any(isinstance(finding, data.ValuesFrozen) for finding in recording.findings)
+    coarse = platoon().iloc[::10]
+    coarse.iloc[5:7, coarse.columns.get_loc("Speed2")] = 20.0
+    recording = read(csv(coarse), "run.csv")
     assert not any(isinstance(finding, data.ValuesFrozen) for finding in recording.findings)
 
 

@@ -15,6 +15,7 @@ from accpinn.methods.pinn.config import FAST
 from accpinn.model.cthp import Case, Parameters
 from accpinn.recordings import LittleLeaderMotion, Mode, Recording
 from accpinn.recordings.openacc import read
+from accpinn.results.messages import messages
 from accpinn.results.recording import MEANING, WORDS
 from accpinn.segment import NothingToExclude, RegimesExcluded, Segment
 from accpinn.segment.cut import cut
@@ -299,6 +300,18 @@ class TestExcluding:
         expected = np.isin(regimes.codes, [FOLLOWING, MANUAL])
         assert np.array_equal(chosen.mask, expected)
         assert np.array_equal(chosen.gaps, segment.gaps)
+
+    def test_no_estimate_is_said_to_rest_on_a_driver_who_is_left_out(
+        self, recording: Recording
+    ) -> None:
+        mode = recording.mode.copy()
+        mode[300:400, 1] = Mode.HUMAN
+        segment = cut(run := replace(recording, mode=mode), 0, 60)
+        regimes = label_regimes(segment, run)
+        assert segment.driven_by_hand
+        for names, is_said in ((["manual"], False), (["catching up"], True)):
+            chosen = exclude_regimes(segment, regimes, names)
+            assert any("a driver" in said for said in messages(chosen.findings, chosen)) == is_said
 
     def test_what_does_not_occur_leaves_the_data_as_they_are(self) -> None:
         regimes = Regimes(np.full((1801, 2), FOLLOWING, np.uint8), (True, True))

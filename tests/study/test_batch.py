@@ -335,7 +335,7 @@ def test_a_complete_recording_is_cut_from_its_start() -> None:
     found = recording(platoon(3, 4000))
     assert windows(found) == [((1, 2, 3), 0, 150), ((1, 2, 3), 150, 300), ((1, 2, 3), 300, 399.9)]
     assert windows(found, np.inf) == [((1, 2, 3), 0, 399.9)]
-    assert {one.modes for one in plan(found, 150)} == {("ACC by flag",) * 2}
+    assert {one.mode_sources for one in plan(found, 150)} == {("flag",) * 2}
     # The rest of 49.9 s is too short to say anything.
     assert windows(found, 350.0) == [((1, 2, 3), 0, 350)]
 
@@ -365,8 +365,8 @@ def test_manual_driving_and_missing_samples_end_a_stretch_of_those_they_concern(
     frame.loc[missing, "Speed3"] = np.nan
     found = recording(frame)
     assert windows(found, np.inf) == expected
-    modes = {mode for one in plan(found, 300) for mode in one.modes}
-    assert modes == ({"ACC"} if expected else set())
+    sources = {source for one in plan(found, 300) for source in one.mode_sources}
+    assert sources == ({"driver"} if expected else set())
 
 
 @pytest.mark.parametrize(

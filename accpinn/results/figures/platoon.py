@@ -105,7 +105,7 @@ def close_up(run: PlatoonRun) -> Span:
         return max(first, min(run.collisions[0].time, last - width / 2) - width / 2), last
     if isinstance(leader, Sinusoid):
         return max(first, end - width), end
-    start = max(first, leader.settle - 5.0)
+    start = max(first, min(leader.settle, end) - 5.0)
     return start, min(end, start + width)
 
 

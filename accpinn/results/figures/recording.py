@@ -17,7 +17,7 @@ from accpinn.recordings import Mode, Recording, Window
 from accpinn.results.figures import style
 from accpinn.segment import Segment, SegmentInfo, time_gaps
 from accpinn.segment.cut import longest_in
-from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, STANDSTILL, Regimes
+from accpinn.segment.quality import CATCHING_UP, FOLLOWING, MANUAL, REGIMES, STANDSTILL, Regimes
 from accpinn.units import FloatArray, Seconds, stretches
 
 MISSING = "#c22f4f"
@@ -171,7 +171,7 @@ def driver_ribbons(recording: Recording, vehicles: Sequence[int]) -> list[style.
 
 def regime_ribbons(segment: Segment, regimes: Regimes) -> list[style.Part]:
     """A trace for each follower and regime that occurs, over the recording's time."""
-    looks = {code: (regimes.names[code], colour, 8.0 if code else 3.0)
+    looks = {code: (REGIMES[code], colour, 8.0 if code else 3.0)
              for code, colour in REGIME_COLOURS.items()}  # fmt: skip
     looks[MISSED] = ("missing", MISSING, 8.0)
     measured = True if regimes.measured is None else regimes.measured

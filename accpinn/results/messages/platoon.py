@@ -72,10 +72,10 @@ def known_growth(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> str:
     grows, known = growth_of(subject, cast, run), subject.uncertainty
     if grows is None or known is None:
         return ""
-    return (
-        f"{percent(known.level)} interval of the last follower's amplitude: {three(grows.lower)} to"
-        f" {three(grows.upper)} times the leader's."
-    )
+    ends = f"{three(grows.lower)} to {three(grows.upper)} times the leader's."
+    if np.isinf(grows.upper):
+        ends = f"{three(grows.lower)} times the leader's or more."
+    return f"{percent(known.level)} interval of the last follower's amplitude: {ends}"
 
 
 def by_linearisation(run: PlatoonRun) -> str:

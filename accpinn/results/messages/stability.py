@@ -205,7 +205,7 @@ def along_platoon(subject: KnownVehicles) -> str:
             "Some followers amplify, but others damp more, so no frequency grows along the platoon."
         )
     omega = platoon.peaks[-1].omega
-    ends = subject.growth(range(len(subject.vehicles)), omega) if omega else None
+    ends = subject.growth(range(len(subject.vehicles))) if omega else None
     return (
         f"A disturbance at {three(omega)} rad/s grows {grown(platoon.l2_weak.value, ends)} from the"
         " leader to the last follower."

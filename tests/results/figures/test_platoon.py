@@ -66,6 +66,13 @@ def test_a_collision_ends_lines_with_a_cross(collision: PlatoonRun) -> None:
     assert max(ended.x) <= collision.collisions[-1].time
 
 
+def test_a_disturbance_after_the_end_leaves_the_last_seconds_to_be_drawn() -> None:
+    run = simulate_platoon(ASTAZERO.parameters[:1], SpeedStep(settle=400.0))
+    span = figures.close_up(run)
+    assert span == (295.0, 300.0)
+    assert legend(figures.profiles(run, Cast(ASTAZERO, (0,)), span))
+
+
 def test_recorded_followers_are_dotted_and_named() -> None:
     segment = driven(MIXED)
     leader = Recorded(segment.start + segment.time, segment.speeds[:, 0])
