@@ -94,6 +94,11 @@ def joined(parts: Sequence[str]) -> str:
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
+def capital(words: str) -> str:
+    """The words with a capital at the beginning."""
+    return words[:1].upper() + words[1:]
+
+
 def percent(share: float) -> str:
     """A share as in a sentence, "35 %"; below 1 % with one significant digit."""
     return f"{100 * share:.0f} %" if share >= 0.01 else f"{100 * share:.1g} %"

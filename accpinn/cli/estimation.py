@@ -43,7 +43,6 @@ from accpinn.results.documents import (
     incidents,
     judgement_document,
     notes,
-    warnings,
 )
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import about_answer, cards, papers_estimate
@@ -69,7 +68,6 @@ from accpinn.study.plan import AUTO
 from accpinn.study.result import Result
 from accpinn.study.run import run
 from accpinn.study.snapshot import check_texts, named, save, writable_path
-from accpinn.units import Seconds
 
 _SETTINGS = ("preset", "initial", "iterations", "lbfgs", "seed", "threads")
 """Options that only a method with settings has."""
@@ -261,13 +259,13 @@ def run_compare(options: argparse.Namespace) -> int:
     if not results:
         raise refused[0].fault
     whole = answered(results[0], analysis, recording)
-    found = whole, results, refused, recording.duration
+    found = whole, results, refused
     show_result(options, lambda: describe_comparison(*found), lambda: _comparison_text(*found))
     return 0
 
 
 def _comparison_text(
-    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
+    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...]
 ) -> str:
     first, info = results[0], results[0].info
     each, forms, answer = range(info.followers), first.adequacy.forms, _answer_texts(whole)
@@ -281,8 +279,7 @@ def _comparison_text(
     said = [
         *(f"{name_of(r.fit)}: {said}." for r in results if (said := papers_estimate(r.fit))),
         *(f"{row.method} has no result: {row.fault}" for row in refused),
-        *messages(info.findings, info),
-        *warnings(first, duration),
+        *messages((*info.findings, *first.weaknesses), info),
         *(
             f"{result.fit.method}: {sentence}"
             for result in results

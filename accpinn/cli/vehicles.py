@@ -16,16 +16,21 @@ from accpinn.results.documents import check_document
 from accpinn.results.messages import messages
 from accpinn.results.messages.answer import against_answer, assumption
 from accpinn.results.messages.platoon import (
-    Places,
     disturbance,
     growth_of,
     known_growth,
     smallest_gap,
 )
-from accpinn.results.messages.stability import against_measured, headline, reason, reasons
+from accpinn.results.messages.stability import (
+    against_measured,
+    headline,
+    platoon_reasons,
+    reason,
+    reasons,
+)
 from accpinn.results.tables.stability import amplitude_table, known_table
-from accpinn.results.vehicles import KnownVehicles, known_vehicles
-from accpinn.stability import StabilityReport, VehicleStability, Verdict
+from accpinn.results.vehicles import Cast, KnownVehicles, known_vehicles
+from accpinn.stability import VehicleStability, Verdict
 
 PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 MOST_VEHICLES = 100
@@ -131,21 +136,24 @@ def _describe_report(subject: KnownVehicles) -> dict[str, Any]:
             "head_to_tail_peaks": [vars(peak) for peak in platoon.peaks],
             "head_to_tail_linf": platoon.linf.gain.tolist(),
             "head_to_tail_linf_error": platoon.linf.error.tolist(),
-            **{name: _verdict(getattr(platoon, name), report) for name in PLATOON},
+            **{
+                name: _verdict(*said)
+                for name, said in zip(PLATOON, platoon_reasons(subject), strict=True)
+            },
         },
     }
 
 
 def _describe_vehicle(vehicle: VehicleStability) -> dict[str, Any]:
     smallest = vehicle.smallest_tau
-    properties = {
-        "l2": {"criterion": vehicle.l2.value},
-        "linf_paper": {"criterion": vehicle.linf_paper.value},
-        "linf_exact": {"gain": vehicle.linf_gain},
-    }
+    verdicts = (
+        ("l2", vehicle.l2, {"criterion": vehicle.l2.value}),
+        ("linf_paper", vehicle.linf_paper, {"criterion": vehicle.linf_paper.value}),
+        ("linf_exact", vehicle.linf_exact, {"gain": vehicle.linf_gain}),
+    )
     return {
         **fields(vehicle.parameters, *PARAMETER_KEYS, *TERMS),
-        **{key: own | _verdict(getattr(vehicle, key), vehicle) for key, own in properties.items()},
+        **{key: own | _verdict(v, reason(v, vehicle)) for key, v, own in verdicts},
         **fields(vehicle, "crossover", "onset", "overshoot", "damping_ratio"),
         "peak": vars(vehicle.peak),
         "poles": [[pole.real, pole.imag] for pole in vehicle.poles],
@@ -164,8 +172,8 @@ def _describe_uncertainty(known: Uncertainty, k: int) -> dict[str, Any]:
     }
 
 
-def _verdict(verdict: Verdict, of: VehicleStability | StabilityReport) -> dict[str, Any]:
-    return {**fields(verdict, "stable", "marginal"), "reason": reason(verdict, of)}
+def _verdict(verdict: Verdict, why: str) -> dict[str, Any]:
+    return {**fields(verdict, "stable", "marginal"), "reason": why}
 
 
 def _report_text(subject: KnownVehicles) -> str:
@@ -193,12 +201,11 @@ def run_simulate(options: argparse.Namespace) -> int:
     vehicles = subject.vehicles
     order = _order(len(vehicles), options.vehicles)
     result = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
-    are_equal = len(vehicles) == 1 < len(order)
-    places = Places(() if are_equal else vehicles.spoken)
-    warnings = (*messages(result.findings, places), *against_answer(subject.result))
+    cast = Cast(vehicles, tuple(order))
+    warnings = (*messages(result.findings, cast), *against_answer(subject.result))
 
     def document() -> dict[str, Any]:
-        waves, grows = result.amplitudes, growth_of(subject, order, result)
+        waves, grows = result.amplitudes, growth_of(subject, cast, result)
         assert waves is not None  # behind a sinusoid there are some
         measured = waves.measured.tolist()
         return {
@@ -213,9 +220,9 @@ def run_simulate(options: argparse.Namespace) -> int:
         }
 
     def text() -> str:
-        labels = [places.label(k) for k in range(len(result.largest_deviation))]
-        growth, known = disturbance(result, places), known_growth(subject, order, result)
-        said = filter(None, (growth, known, smallest_gap(result, places)))
+        labels = [cast.label(k) for k in range(len(result.largest_deviation))]
+        growth, known = disturbance(result, cast), known_growth(subject, cast, result)
+        said = filter(None, (growth, known, smallest_gap(result, cast)))
         notes = [f"Note: {warning}" for warning in warnings]
         return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])
 

@@ -33,7 +33,6 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import interp1d
 
 from accpinn.errors import ParameterError
 from accpinn.model.cthp import TERMS, Parameters, Term, Trajectories
@@ -257,6 +256,8 @@ class FollowingModel:
             (K+1, 2, M, ..) gaps and speeds; what diverges is not finite.
         """
         if (divided := self._divided(theta, step)) > 1:
+            from scipy.interpolate import interp1d  # takes most of a second
+
             at = np.linspace(0.0, len(ahead) - 1.0, divided * (len(ahead) - 1) + 1)
             fine = interp1d(np.arange(len(ahead)), ahead, axis=0, copy=False)(at)
             return self.integrate(theta, fine, gaps, speeds, step / divided)[::divided]

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError
 from accpinn.model import cthp
 from accpinn.model.accelerations import CTHP, CTHP_S0, FVDM, IDM
@@ -55,8 +56,8 @@ def following_model(key: str) -> FollowingModel:
 
 
 def value_of(model: str, parameters: cthp.Parameters, name: str) -> FloatArray:
-    """(..) one parameter of a model's sets (..), by its name."""
-    if not parameters.own.shape[-1]:
+    """(..) one parameter of a model's sets (..), by its name; also α, β, τ of a linearisation."""
+    if name in PARAMETER_KEYS or not parameters.own.shape[-1]:
         return np.asarray(getattr(parameters, name))
     return parameters.own[..., FOLLOWING[model].names.index(name)]
 

@@ -13,7 +13,6 @@ from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
 from accpinn.findings import Finding, Labelled
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.inference.gain_check import GainCheck
-from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import LEVEL, Uncertainty
 from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.maximum_likelihood import disturbance_sizes
@@ -30,7 +29,7 @@ from accpinn.study.comparison import Refused, Spread
 from accpinn.study.judge import Judgement, ModelScore, wins
 from accpinn.study.result import Result
 from accpinn.study.snapshot import ATTRIBUTION_TEXT
-from accpinn.units import Estimate, MetresPerSecond, Seconds
+from accpinn.units import Estimate, MetresPerSecond
 
 if TYPE_CHECKING:  # loads pandas, which few commands need
     from accpinn.study.groups import Groups
@@ -74,7 +73,7 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
 
 
 def describe_comparison(
-    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...], duration: Seconds
+    whole: Result, results: tuple[Result, ...], refused: tuple[Refused, ...]
 ) -> dict[str, Any]:
     """The comparison as the command-line contract has it, beside the answer of all windows."""
     first, info = results[0], results[0].info
@@ -84,7 +83,7 @@ def describe_comparison(
         "windows": [fields(part.window, "start", "duration") for part in whole.infos],
         "rows": [_row(row) | {"caution": papers_estimate(row.fit) or None} for row in results],
         "refused": [{"method": row.method, "reason": str(row.fault)} for row in refused],
-        "warnings": warnings(first, duration),
+        "warnings": messages(first.weaknesses, info),
         "forms": [
             _form(form, vehicle, k)
             for form in first.adequacy.forms
@@ -391,8 +390,8 @@ def _values(parameters: Parameters, model: str) -> list[dict[str, float]]:
 
     A model that is no CTHP has its own parameters, and α, β and τ of its linearisation.
     """
-    columns = [(column.key, at) for at, column in columns_of(model)]
-    return [{name: row[at] for name, at in columns} for row in parameters.everything.tolist()]
+    columns = {name: value_of(model, parameters, name).tolist() for name in columns_of(model)}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _ends(lower: Parameters, upper: Parameters, model: str) -> list[dict[str, list[float]]]:
@@ -449,9 +448,3 @@ def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:
     findings += result.uncertainty.findings if with_intervals else ()
     findings += [*result.answer.findings, *result.gain_checks]
     return tuple(dict.fromkeys([*done, *messages(findings, result.info)]))
-
-
-def warnings(result: Result, duration: Seconds) -> tuple[str, ...]:
-    """On identifiability, and what would improve it; the same for all methods."""
-    about = (result.info, result.quality, result.uncertainty)
-    return messages(identifiability(*about, result.fit.case, duration), result.info)

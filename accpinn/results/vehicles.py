@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from accpinn.errors import ParameterError
+from accpinn.findings import capital
 from accpinn.inference.gain_check import GainCheck
 from accpinn.inference.intervals import Uncertainty, from_draws, growth
 from accpinn.methods.fit import Outcome
@@ -105,6 +106,48 @@ class KnownVehicles:
                 every[~kept, k] = np.resize(every[kept, k], ((~kept).sum(), every.shape[2]))
             known = from_draws(there.parameters, Parameters.of(every), known.level, known.method)
         return replace(self, vehicles=there, uncertainty=known, checks=(), speed=speed)
+
+
+@dataclass(frozen=True)
+class Cast:
+    """Who drives in a simulated platoon: some vehicles, by their indices in driving order.
+
+    In the vehicles' own order each goes by its own name, otherwise by its place.
+    """
+
+    vehicles: ParameterSet
+    order: tuple[int, ...]
+    source: str = "platoon"
+
+    @property
+    def is_in_order(self) -> bool:
+        """Whether each vehicle drives once, in its own place."""
+        return self.order == tuple(range(len(self.vehicles)))
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """(M+1,) for legends, leader first."""
+        own = [self.vehicles.labels[k] for k in self.order]
+        if not self.is_in_order:
+            own = [f"Follower {place}: {label}" for place, label in enumerate(own, 1)]
+        return ("Leader", *own)
+
+    @property
+    def numbers(self) -> tuple[str, ...]:
+        """(M+1,) in place of labels beside a line: numbers in a recording, or the places."""
+        if self.is_in_order and self.vehicles.numbered:
+            return ("L", *map(str, self.vehicles.vehicles[1:]))
+        return tuple(map(str, range(1 + len(self.order))))
+
+    def label(self, place: int) -> str:
+        """The name of the vehicle in a place, 0 for the leader, at the beginning of a sentence."""
+        return capital(self.spoken(place))
+
+    def spoken(self, place: int) -> str:
+        """The same within a sentence."""
+        if not place:
+            return "the leader"
+        return self.vehicles.spoken[place - 1] if self.is_in_order else f"follower {place}"
 
 
 def where(info: SegmentInfo, case: Case | None = None, windows: Sequence[SegmentInfo] = ()) -> str:

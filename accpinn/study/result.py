@@ -21,8 +21,10 @@ from accpinn import __version__
 from accpinn.errors import AccpinnError, ConfigError, ParameterError, SegmentError
 from accpinn.evaluation import Evaluation, evaluate
 from accpinn.evaluation.closed_loop import closed_loop
+from accpinn.findings import Finding
 from accpinn.inference.answer import Answer, answer
 from accpinn.inference.gain_check import GainCheck, gain_checks
+from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty, intervals
 from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
@@ -186,6 +188,12 @@ class Result:
         """Intervals of the fit's parameters, and of what follows from them, if its model holds."""
         held = self.analysis.law.held
         return self._part("uncertainty", lambda: intervals(self._every_window, self.fit, held=held))
+
+    @property
+    def weaknesses(self) -> tuple[Finding, ...]:
+        """Which parameters the data determine only weakly, and what would narrow intervals."""
+        about = (self.info, self.quality, self.uncertainty, self.fit.case)
+        return identifiability(*about, self.facts.get("duration"))
 
     @property
     def answer(self) -> Answer:

@@ -12,7 +12,7 @@ import streamlit as st
 from accpinn.evaluation.closed_loop import simulated, tracking_errors
 from accpinn.evaluation.whiteness import CONFIDENCE, residual_correlations
 from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import INCREASE, WIDE, identifiability, profiles
+from accpinn.inference.identifiability import INCREASE, WIDE, profiles
 from accpinn.inference.intervals import OutsideInterval, interval_ends
 from accpinn.methods.fit import ParameterTrack
 from accpinn.methods.pinn.config import CALIBRATED, PRESETS
@@ -348,8 +348,7 @@ def _show_identifiability(shown: _Shown) -> None:
     uncertainty = row.uncertainty
     case, adequacy = shown.workspace.asked.case, shown.workspace.adequacy
     st.markdown(f"**{escape_markdown(registry.TITLES[row.fit.model])} in this window**")
-    quality, duration = row.quality, row.facts.get("duration")
-    warnings = identifiability(segment.info, quality, uncertainty, case, duration)
+    quality, warnings = row.quality, row.weaknesses
     show.messages(messages(warnings, segment), "warning")
     if not warnings:
         show.messages(

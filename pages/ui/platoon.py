@@ -24,7 +24,7 @@ from accpinn.results.messages import platoon as words
 from accpinn.results.messages.answer import against_answer
 from accpinn.results.messages.stability import not_acc, probabilities
 from accpinn.results.tables.stability import amplitude_table
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import parse_vehicles
 from accpinn.stability.head_to_tail import head_to_tail_peaks
@@ -88,10 +88,9 @@ def show_page(workspace: Workspace) -> None:
         order = _choose_order(workspace, chosen, windows, numbers)
         leader, recorded = _choose_leader(workspace, source, order, windows)
     run = simulate_platoon(chosen.parameters[order], leader, model=chosen.model)
-    places = words.Places(chosen.spoken) if figures.is_in_order(chosen, order) else words.PLACES
-    cast = figures.cast_of(chosen, order)
+    cast = Cast(chosen, tuple(order))
     themselves = recorded if recorded and _are_recorded(source, cast, recorded) else None
-    _show_answer(workspace, source, order, run, places, recorded)
+    _show_answer(workspace, source, run, cast, recorded)
     _show_charts(workspace, run, cast, recorded)
     tabs(workspace, TABS, {
         "Amplitudes": lambda: _show_amplitudes(workspace, run, cast, themselves),
@@ -101,7 +100,7 @@ def show_page(workspace: Workspace) -> None:
     })  # fmt: skip
 
 
-def _are_recorded(source: KnownVehicles, cast: figures.Cast, recorded: Segment) -> bool:
+def _are_recorded(source: KnownVehicles, cast: Cast, recorded: Segment) -> bool:
     """Whether a platoon is the recorded one: in Case I all followers have one parameter set."""
     if source.result and source.result.fit.case == "I":
         return len(cast.labels) == len(recorded.labels)
@@ -118,16 +117,15 @@ def open_panels(workspace: Workspace) -> None:
 def _show_answer(
     workspace: Workspace,
     source: KnownVehicles,
-    order: Sequence[int],
     run: PlatoonRun,
-    places: words.Places,
+    cast: Cast,
     recorded: Segment | None,
 ) -> None:
     chosen = source.vehicles
     with st.container(border=True):
-        said = f"{words.disturbance(run, places)} {not_acc(chosen)}".rstrip()
+        said = f"{words.disturbance(run, cast)} {not_acc(chosen)}".rstrip()
         st.markdown(f"{escape_markdown(source.origin)}\n\n#### {escape_markdown(said)}")
-        details = f"{words.smallest_gap(run, places)} {words.by_linearisation(run)}".rstrip()
+        details = f"{words.smallest_gap(run, cast)} {words.by_linearisation(run)}".rstrip()
         if recorded:
             leader = f"{recorded.labels[0]} as recorded, {recorded.source}, {recorded.window}"
             details = (
@@ -138,7 +136,7 @@ def _show_answer(
             )
         if source.uncertainty:
             odds = probabilities(chosen, source.uncertainty)
-            known = words.known_growth(source, order, run)
+            known = words.known_growth(source, cast, run)
             details += f" Simulated with the estimated parameters. {known} {odds}"
         elif not source.result:
             details += f" {words.GIVEN_SIMULATION}"
@@ -149,11 +147,11 @@ def _show_answer(
             frame.ask_which_model(workspace, label, "platoon_next", "tertiary")
     # The answer names the collisions already.
     others = [finding for finding in run.findings if not isinstance(finding, Collision)]
-    show.messages(messages(others, places), "warning")
+    show.messages(messages(others, cast), "warning")
 
 
 def _show_charts(
-    workspace: Workspace, run: PlatoonRun, cast: figures.Cast, recorded: Segment | None
+    workspace: Workspace, run: PlatoonRun, cast: Cast, recorded: Segment | None
 ) -> None:
     """Both charts; of a recorded leader all of the run, with or without its followers."""
     measured, linear, is_whole = recorded, run.linear, False
@@ -183,7 +181,7 @@ def _show_charts(
             " that distances between the vehicles and their motion are seen.",
         )  # fmt: skip
         show.key(
-            zip(cast.labels, cast.colours, strict=True),
+            zip(cast.labels, figures.colours_of(cast), strict=True),
             dashed="linear prediction" if linear else "",
             dotted="recorded" if measured else "",
         )
@@ -322,7 +320,7 @@ def _peak(
 
 
 def _show_amplitudes(
-    workspace: Workspace, run: PlatoonRun, cast: figures.Cast, recorded: Segment | None
+    workspace: Workspace, run: PlatoonRun, cast: Cast, recorded: Segment | None
 ) -> None:
     """Amplitudes along the platoon, on the user's scale, beside their table."""
     left, right = st.columns(2, gap="large")
@@ -339,13 +337,13 @@ def _show_amplitudes(
         show.chart(figures.amplitude_by_vehicle(run, cast, in_db, recorded), "platoon_amplitude")
     with right:
         table = amplitude_table(run, cast.labels, recorded)
-        show.table(table, cast.colours)
+        show.table(table, figures.colours_of(cast))
         if run.collisions:
             st.caption("A dash: the vehicle, or one ahead of it, has collided.")
         show.downloads(table, "platoon_amplitudes", "amplitudes")
 
 
-def _show_map(run: PlatoonRun, cast: figures.Cast) -> None:
+def _show_map(run: PlatoonRun, cast: Cast) -> None:
     st.caption(
         "Each vehicle's speed relative to the speed before the disturbance."
         f" {_seconds_shown(run, figures.stretch(run))}"
@@ -353,7 +351,7 @@ def _show_map(run: PlatoonRun, cast: figures.Cast) -> None:
     show.chart(figures.speed_map(run, cast), "platoon_map")
 
 
-def _show_animation(run: PlatoonRun, cast: figures.Cast) -> None:
+def _show_animation(run: PlatoonRun, cast: Cast) -> None:
     st.caption(
         "Seen from the leader: press Play or drag the slider."
         f" {_seconds_shown(run, watched(run))} Squares mark the cars, not to scale: from"

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from accpinn import Brake, Parameters, Sinusoid, SpeedStep, simulate_platoon
 from accpinn.errors import ParameterError
-from accpinn.model.published import CASALE
+from accpinn.model.published import CASALE, ParameterSet
 from accpinn.platoon import (
     SETTLED,
     Amplitudes,
@@ -25,6 +25,7 @@ from accpinn.platoon import (
 )
 from accpinn.platoon.leader import Leader, Recorded
 from accpinn.results.messages.platoon import disturbance
+from accpinn.results.vehicles import Cast
 from accpinn.stability.criteria import response
 from accpinn.units import FloatArray
 from tests.support.driving import motion
@@ -236,7 +237,9 @@ def test_what_a_vehicle_that_is_itself_unstable_does_is_no_oscillation() -> None
     run = simulate_platoon(platoon, Sinusoid(amplitude=0.1, duration=120.0))
     assert np.isfinite(run.amplitudes.predicted).tolist() == [True, True, False, False]
     assert np.isfinite(run.amplitudes.settled).tolist() == [True, True, False, False]
-    assert "without limit" in disturbance(run)
+    assert "without limit" in disturbance(
+        run, Cast(ParameterSet("", tuple("ABC"), platoon), (0, 1, 2))
+    )
 
 
 def test_without_damping_it_never_settles() -> None:

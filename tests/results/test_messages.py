@@ -21,7 +21,7 @@ from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import CTHPS, FOLLOWING, TITLES
-from accpinn.platoon import AFTER_COLLISION, simulate_platoon
+from accpinn.platoon import AFTER_COLLISION, PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
@@ -30,14 +30,14 @@ from accpinn.results.messages import answer as on_answer
 from accpinn.results.messages import platoon as on_platoon
 from accpinn.results.messages import stability as on_stability
 from accpinn.results.messages import summary as on_result
-from accpinn.results.messages.stability import headline, reason
+from accpinn.results.messages.stability import headline, platoon_reasons, reasons
 from accpinn.results.messages.summary import Check, checks
 from accpinn.results.recording import driver_summary, suggestion_reasons
 from accpinn.results.tables import Marked
 from accpinn.results.tables.answer import answer_table
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment.suggestion import Suggestion
-from accpinn.stability import StabilityReport, assessment, stability_report
+from accpinn.stability import assessment, stability_report
 from accpinn.study.batch import BatchProgress
 from accpinn.study.groups import group
 from accpinn.study.studies import Failure
@@ -73,14 +73,19 @@ def posterior(*stable: float) -> Any:
     return SimpleNamespace(probability_l2=np.array(stable), peak_gain=gains, level=0.9)
 
 
-def reason_for(report: StabilityReport, name: str) -> str:
-    """The reason of a verdict of the platoon, or else of its first vehicle."""
-    of = report.vehicles[0] if hasattr(report.vehicles[0], name) else report.platoon
-    return reason(getattr(of, name), report if of is report.platoon else of)
+PLATOON = ("l2_strict", "l2_weak", "linf_strict", "linf_weak")
 
 
 def platoons(name: str, *vehicles: Parameters) -> str:
-    return reason_for(stability_report(row(*vehicles)), name)
+    """The reason of a verdict of the platoon."""
+    _, why = platoon_reasons(KnownVehicles(named(*vehicles)))[PLATOON.index(name)]
+    return why
+
+
+def behind_a_wave(*vehicles: Parameters) -> tuple[PlatoonRun, Cast]:
+    """The run of vehicles that go by their places."""
+    cast = Cast(named(AUDI), (0,) * len(vehicles))
+    return simulate_platoon(row(*vehicles), Sinusoid(0.214)), cast
 
 
 def batches(*given: dict[str, Any]) -> str:
@@ -122,9 +127,9 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
      ["V1 amplifies", "V2 is L₂ string stable", "V3 may or may not"]),
     (lambda: on_stability.probabilities(named(LOUD, CALM, LOUD), posterior(0.0, 1.0, math.nan)),
      ["under 1 %", "over 99 %", "not determined"]),
-    (lambda: platoons("l2_strict", CALM, TESLA), ["Follower 2", "by up to 4 %"]),
+    (lambda: platoons("l2_strict", CALM, TESLA), ["V2", "by up to 4 %"]),
     (lambda: platoons("linf_strict", AUDI, CALM, BMW),
-     ["Follower 1 and follower 3", "follower 1 the most"]),
+     ["V1 and V3", "V1 the most"]),
     (lambda: platoons("l2_weak", TESLA, DAMPED, DAMPED), ["others damp"]),
     (lambda: platoons("l2_weak", AUDI, UNDAMPED, CALM), ["0.500 rad/s", "without limit"]),
     (lambda: platoons("linf_weak", CALM, CALM), ["No follower"]),
@@ -132,11 +137,11 @@ SAID: list[tuple[Callable[[], str], list[str]]] = [
     (lambda: platoons("linf_weak", FAST_SCALES, SLOW_SCALES), ["time scales"]),
     (lambda: on_stability.grown(1.00002), ["less than 0.5 %"]),
     (lambda: on_stability.grown(3.4, Estimate(3.4, 2.0, math.inf)), ["3.4-fold (2.0 or more)"]),
-    (lambda: on_platoon.disturbance(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
+    (lambda: on_platoon.disturbance(*behind_a_wave(*[AUDI] * 8)),
      ["Follower 6 collides at 88 s", "follower 5 at 114 s", "at least"]),
-    (lambda: on_platoon.smallest_gap(simulate_platoon(row(*[AUDI] * 8), Sinusoid(0.214))),
+    (lambda: on_platoon.smallest_gap(*behind_a_wave(*[AUDI] * 8)),
      [AFTER_COLLISION]),
-    (lambda: on_platoon.smallest_gap(simulate_platoon(row(CALM, CALM), Sinusoid(0.214))),
+    (lambda: on_platoon.smallest_gap(*behind_a_wave(CALM, CALM)),
      ["58.2 m", "follower 1 at 251 s"]),
     (lambda: on_stability.criteria_differ(KnownVehicles(named(TESLA, CALM))),
      ["V1 meets"]),
@@ -329,7 +334,6 @@ def test_vehicles_without_a_comparison_are_named_in_one_sentence() -> None:
     assert both == tuple(check.sentence(vehicles) for check in checks[:2])
 
 
-NAMES = ("l2", "linf_paper", "linf_exact", "l2_strict", "l2_weak", "linf_strict", "linf_weak")
 HEADWAYS = stability_report(TESLA).vehicles[0].smallest_tau
 
 
@@ -339,8 +343,8 @@ HEADWAYS = stability_report(TESLA).vehicles[0].smallest_tau
 @example(Parameters(8e6, 1e9, 0.0))  # amplifies by less than one part in 10⁹
 @settings(max_examples=50)
 def test_every_reason_is_one_sentence_without_odd_numbers(vehicle: Parameters) -> None:
-    report = stability_report(row(vehicle, AUDI))
-    for text in (reason_for(report, name) for name in NAMES):
+    said = reasons(KnownVehicles(named(vehicle, AUDI)))
+    for text in [why for _, verdicts in said for _, why in verdicts]:
         assert text.endswith(".")
         assert not [odd for odd in (". ", "nan", "inf ", "None") if odd in text]
 

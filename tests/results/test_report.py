@@ -123,7 +123,7 @@ def test_pictures_show_the_data_or_else_the_methods_curves() -> None:
 
 
 def test_the_platoon_is_that_of_the_study() -> None:
-    run, pictures, who = platoon_pictures(whole())
+    run, _, pictures, who = platoon_pictures(whole())
     assert who == "The 4 followers in their order"
     assert run.leader.frequency == known_vehicles(whole()).report.platoon.peaks[-1].omega
     assert run.trajectories.gaps.shape[1] == 4

@@ -18,10 +18,10 @@ from accpinn.model.registry import FOLLOWING
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.recordings.files import read
-from accpinn.results.figures.platoon import cast_of, profiles
+from accpinn.results.figures.platoon import profiles
 from accpinn.results.messages.platoon import by_linearisation
 from accpinn.results.report import training_pictures
-from accpinn.results.vehicles import known_vehicles
+from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
 from accpinn.study import Analysis
@@ -101,7 +101,7 @@ def test_a_small_disturbance_grows_as_linearised_and_a_large_one_does_not() -> N
         near, Brake(1e-3, 1.0, 6.0, 1.0, speed=20.0, duration=100), model="idm"
     )
     np.testing.assert_allclose(braking.linear.speeds, braking.trajectories.speeds, atol=1e-4)
-    cast = cast_of(ParameterSet("", tuple("abc"), near, model="idm"), [0, 1, 2])
+    cast = Cast(ParameterSet("", tuple("abc"), near, model="idm"), (0, 1, 2))
     drawn = profiles(braking, cast, linear=braking.linear)
     dashed = [line.y for line in drawn.data if line.line.dash == "dash"]
     assert len(dashed) == 6

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from accpinn.channels import SPEED
 from accpinn.platoon import PlatoonRun
 from accpinn.results.figures import style
-from accpinn.results.figures.platoon import CAR_LENGTH, Cast, close_up, samples
+from accpinn.results.figures.platoon import CAR_LENGTH, close_up, colours_of, samples
+from accpinn.results.vehicles import Cast
 from accpinn.units import FloatArray, Seconds
 
 FRAMES = 60
@@ -47,7 +48,8 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
     chart.axis("y", visible=False, range=[-1, 1])
     chart.axis("y2", SPEED.axis, range=[low - rim, high + rim])
     chart.level("y", -0.55, {"color": style.LEADER, "width": 1})
-    look, names = {"color": cast.colours, "line": {"width": 0}}, [*map(html.escape, cast.labels)]
+    paints, names = colours_of(cast), [*map(html.escape, cast.labels)]
+    look = {"color": paints, "line": {"width": 0}}
     places, now = pictures[0]
     square = {"symbol": "square", "size": 13}
     chart.dots(
@@ -59,7 +61,7 @@ def animation(run: PlatoonRun, cast: Cast) -> go.Figure:
         mode="lines+markers", line={"color": style.LEADER, "width": 1.2},
         marker=look | {"size": 10},
     )  # fmt: skip
-    for name, colour in zip(cast.labels, cast.colours, strict=True):  # for `with_legend`
+    for name, colour in zip(cast.labels, paints, strict=True):  # for `with_legend`
         chart.dots([None], [None], name, 1, marker=square | {"color": colour})
     figure = chart.figure()
     figure.frames = [

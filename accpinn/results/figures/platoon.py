@@ -3,8 +3,6 @@
 import colorsys
 import html
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
 
@@ -15,11 +13,12 @@ from plotly.colors import hex_to_rgb, sample_colorscale
 
 from accpinn.channels import GAP, SPEED, TIME
 from accpinn.model.cthp import Trajectories
-from accpinn.model.published import ASTAZERO, ParameterSet
+from accpinn.model.published import ASTAZERO
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid
 from accpinn.results.figures import style
 from accpinn.results.figures.stability import colours
+from accpinn.results.vehicles import Cast
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Metres, Seconds, stretches
 
@@ -70,38 +69,14 @@ View = Literal["observer", "leader", "road"]
 that the vehicles' distances fill the axes and their motion is seen; the leader; or the road."""
 
 
-@dataclass(frozen=True)
-class Cast:
-    """Labels and colours of a leader and its M followers, M+1 each."""
-
-    labels: tuple[str, ...]
-    colours: tuple[str, ...]
-    numbers: tuple[str, ...]
-    """What stands beside a line in place of the label: the number in a recording, or the place."""
-
-
-def cast_of(vehicles: ParameterSet, order: Sequence[int]) -> Cast:
-    """Followers by their indices in ``vehicles``; repeated ones get shades of one colour.
-
-    In the vehicles' own order each has its own label, otherwise its place and label.
-    """
-    in_order = is_in_order(vehicles, order)
-    total, seen = Counter(order), Counter[int]()
-    recorded = in_order and vehicles.numbered
-    names, paints, numbers = ["Leader"], [style.LEADER], ["L" if recorded else "0"]
-    for place, k in enumerate(order, 1):
-        label = vehicles.labels[k]
-        names.append(label if in_order else f"Follower {place}: {label}")
+def colours_of(cast: Cast) -> list[str]:
+    """(M+1,) the colour of each vehicle, leader first; one that is repeated gets shades of it."""
+    total, seen, paints = Counter(cast.order), Counter[int](), [style.LEADER]
+    for k in cast.order:
         share = seen[k] / (total[k] - 1) if total[k] > 1 else None
-        paints.append(_shade(colours(vehicles)[k], share))
-        numbers.append(str(vehicles.vehicles[k + 1] if recorded else place))
+        paints.append(_shade(colours(cast.vehicles)[k], share))
         seen[k] += 1
-    return Cast(tuple(names), tuple(paints), tuple(numbers))
-
-
-def is_in_order(vehicles: ParameterSet, order: Sequence[int]) -> bool:
-    """Whether each vehicle drives once, in its own place."""
-    return [*order] == [*range(len(vehicles))]
+    return paints
 
 
 def _shade(colour: str, share: float | None) -> str:
@@ -146,23 +121,23 @@ def profiles(
     chart = style.Chart(
         "platoon-profiles", height, style.stack(0.58, 0.42, spacing=0.06), (SPEED, GAP)
     )
-    driven = run.valid
+    driven, paints = run.valid, colours_of(cast)
     start, end = span or (-np.inf, np.inf)
     rows = np.flatnonzero((driven.time >= start - 1e-9) & (driven.time <= end + 1e-9))
     if measured:
-        time, paints = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
+        time, own = measured.start + measured.time, style.vehicle_colours(measured.vehicles)
         for k, label in enumerate(measured.labels[1:]):
             speeds, gaps = measured.measured_speeds[:, k + 1], measured.measured_gaps[:, k]
-            _draw(chart, time, f"{label}, measured", paints[k + 1], speeds, gaps, width=1.3,
+            _draw(chart, time, f"{label}, measured", own[k + 1], speeds, gaps, width=1.3,
                   dash="dot", opacity=MEASURED_OPACITY, legendrank=100 + k)  # fmt: skip
     if linear:
         for k, label in enumerate(cast.labels[1:]):
             speeds, gaps = linear.speeds[rows, k + 1], linear.gaps[rows, k]
-            _draw(chart, linear.time[rows], f"{label}, linear", cast.colours[k + 1], speeds, gaps,
+            _draw(chart, linear.time[rows], f"{label}, linear", paints[k + 1], speeds, gaps,
                   width=1.2, dash="dash", opacity=MEASURED_OPACITY)  # fmt: skip
     for k in [*range(1, len(cast.labels)), 0]:  # the leader last, on top
         below = driven.gaps[rows, k - 1] if k else None
-        _draw(chart, driven.time[rows], cast.labels[k], cast.colours[k], driven.speeds[rows, k],
+        _draw(chart, driven.time[rows], cast.labels[k], paints[k], driven.speeds[rows, k],
               below, width=WIDTHS[k > 0], legendrank=k)  # fmt: skip
     if np.nanmin(driven.gaps[rows]) < CLOSE:
         chart.level("y2", 0, {"color": SLOWER, "width": 1.5, "dash": "dash"})
@@ -324,7 +299,7 @@ def amplitude_by_vehicle(
                 places[part], scaled(values)[part], name, width=1.5, text=names[part],
                 hover=f"%{{text}}<br>{name.lower()} %{{y:.3f}} {unit}<extra></extra>",
                 mode="markers" if wave or part.start else "lines+markers",
-                marker={"size": 10, "color": cast.colours[part], "symbol": symbol,
+                marker={"size": 10, "color": colours_of(cast)[part], "symbol": symbol,
                         "line": {"width": 2}},
             )  # fmt: skip
     what = "Amplitude of speed" if wave else "Largest speed deviation"
@@ -396,11 +371,12 @@ def paper_panels() -> tuple[tuple[str, go.Figure], ...]:
         reach[k] = max(reach.get(k, 0.0), 1.05 * float(run.largest_deviation.max()))
     panels = []
     for letter, (k, frequency), run in zip("acbd", PANELS, runs, strict=True):
-        cast, driven = cast_of(ASTAZERO, [k] * PANEL_FOLLOWERS), run.trajectories
+        cast, driven = Cast(ASTAZERO, (k,) * PANEL_FOLLOWERS), run.trajectories
+        paints = colours_of(cast)
         chart = style.Chart(f"platoon-panel-{letter}", 300, channels=(SPEED,))
         chart.axis("y", range=[run.leader.speed - reach[k], run.leader.speed + reach[k]])
         for j in [*range(1, PANEL_FOLLOWERS + 1), 0]:
-            _draw(chart, driven.time, cast.labels[j], cast.colours[j], driven.speeds[:, j],
+            _draw(chart, driven.time, cast.labels[j], paints[j], driven.speeds[:, j],
                   points=PANEL_POINTS, width=WIDTHS[j > 0], legendrank=j)  # fmt: skip
         title = f"({letter}) {ASTAZERO.labels[k]} at {frequency:g} rad/s: {_fate(run)}"
         panels.append((title, chart.figure()))

@@ -15,9 +15,8 @@ from accpinn.evaluation.closed_loop import closed_loop_findings, collision_times
 from accpinn.inference.prediction import GapBand
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.model.registry import CTHPS, PAPER, has_terms_of
+from accpinn.model.registry import FOLLOWING, PAPER, has_terms_of, value_of
 from accpinn.results.figures import style
-from accpinn.results.tables import Column
 from accpinn.results.tables.estimates import EVERY_FOLLOWER, columns_of
 from accpinn.segment import Segment, SegmentInfo
 from accpinn.units import FloatArray, Seconds, stretches
@@ -75,8 +74,8 @@ def training_figures(
 ) -> dict[str, go.Figure]:
     """Loss and parameters over iterations, by name; the arguments are of `parameter_history`."""
     return {"loss": loss_history(history)} | {
-        column.key: parameter_history(history, which, segment, truth, solved, model)
-        for which, (_, column) in enumerate(_curves(model))
+        name: parameter_history(history, which, segment, truth, solved, model)
+        for which, name in enumerate(FOLLOWING[model].names)
     }
 
 
@@ -125,34 +124,28 @@ def parameter_history(
     parameters. The true parameters, one entry a follower, are dashed, those of least squares
     dotted; only those of the model's kind are compared.
     """
-    at, column = _curves(model)[which]
-    values = history.parameters.everything[:, :, at]
+    name = FOLLOWING[model].names[which]
+    column, values = columns_of(model)[name], value_of(model, history.parameters, name)
     sets = values.shape[1]
-    names, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
+    labels, colours = segment.labels[1:], style.vehicle_colours(segment.vehicles)[1:]
     if sets < segment.followers:
-        names, colours = (EVERY_FOLLOWER,), [style.SHARED]
+        labels, colours = (EVERY_FOLLOWER,), [style.SHARED]
     ends = _interval(history, which)
     is_cthp = not column.group
     title = TITLES[column.key] if is_cthp else f"{column.group}: {column.title}"
     chart = _Course(history, title, f"parameter-{which}")
-    for k, (name, colour) in enumerate(zip(names, colours, strict=True)):
+    for k, (label, colour) in enumerate(zip(labels, colours, strict=True)):
         if ends is not None:
             chart.band(chart.iterations, ends[0][:, k], ends[1][:, k], colour, 0.125)
-        chart.course(values[:, k], name, colour)
+        chart.course(values[:, k], label, colour)
     seen = [values.ravel(), *(end[-1] for end in ends or ())]
     for reference, look in ((truth, style.TRUTH), (solved, SOLVED)):
         if reference and has_terms_of(model, reference):
-            seen.append(reference.everything[:sets, at])
+            seen.append(value_of(model, reference, name)[:sets])
             for value, colour in zip(seen[-1].tolist(), colours, strict=False):
                 chart.level("y", value, look | {"color": colour})
     chart.axis("y", column.heading, range=style.limits(np.concatenate(seen)) or None)
     return chart.figure()
-
-
-def _curves(model: str) -> list[tuple[int, Column]]:
-    """α, β, τ and the further terms of a CTHP; another model's own parameters."""
-    every = [*columns_of(model)]
-    return every if model in CTHPS else every[3:]
 
 
 def _interval(history: History, which: int) -> tuple[FloatArray, FloatArray] | None:

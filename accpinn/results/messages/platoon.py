@@ -1,15 +1,12 @@
 """A simulated platoon in sentences: how the disturbance grows, and the smallest gap."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
 from accpinn.findings import joined, percent
 from accpinn.platoon import AFTER_COLLISION, PlatoonRun
 from accpinn.platoon.leader import Sinusoid
-from accpinn.results.messages.stability import MAY_AMPLIFY, capital, three
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.messages.stability import MAY_AMPLIFY, three
+from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.units import Estimate
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
@@ -18,40 +15,17 @@ SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""
 
 
-@dataclass(frozen=True)
-class Places:
-    """Names the vehicles of a platoon by their place, 0 for the leader."""
-
-    names: tuple[str, ...] = ()
-    """(M,) names of the followers within a sentence; by default their places."""
-    source: str = "platoon"
-
-    def label(self, number: int) -> str:
-        """The name at the beginning of a sentence."""
-        return capital(self.spoken(number))
-
-    def spoken(self, number: int) -> str:
-        """The name within a sentence."""
-        if not number:
-            return "the leader"
-        return self.names[number - 1] if self.names else f"follower {number}"
-
-
-PLACES = Places()
-"""The vehicles of a `PlatoonRun` whose names are not known."""
-
-
-def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
-    """The growth of the disturbance up to the last follower; ``places`` name the vehicles."""
+def disturbance(run: PlatoonRun, cast: Cast) -> str:
+    """The growth of the disturbance up to the last follower."""
     wave, moved = run.amplitudes, run.largest_deviation
     measured = wave.measured if wave and wave.periods else None
     what = "largest speed deviation" if measured is None else "oscillation"
     what += " so far" if wave and not wave.periods else ""
     if run.collisions:
         first, *others = run.collisions
-        hit = f"{places.label(first.follower)} collides at {first.time:.0f} s"
+        hit = f"{cast.label(first.follower)} collides at {first.time:.0f} s"
         if others:
-            later = [f"{places.spoken(other.follower)} at {other.time:.0f} s" for other in others]
+            later = [f"{cast.spoken(other.follower)} at {other.time:.0f} s" for other in others]
             hit += f", then {joined(later)}"
         worst = int(moved.argmax())
         if not (worst and moved[0] > 0):
@@ -59,9 +33,9 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         is_ended = worst >= run.survivors
         extent = "at least" if is_ended else "up to"
         most = f"{extent} {three(moved[worst] / moved[0])} times as much as the leader's"
-        return f"{hit}; speeds deviate {most} ({places.spoken(worst)})."
+        return f"{hit}; speeds deviate {most} ({cast.spoken(worst)})."
     if wave and run.linear is None and not np.isfinite(wave.predicted).all():
-        vehicle = places.spoken(int(np.isinf(wave.predicted).argmax()))
+        vehicle = cast.spoken(int(np.isinf(wave.predicted).argmax()))
         return f"The oscillation of {vehicle} grows without limit."
     sizes = moved if measured is None else measured
     if not sizes[0] > 0:
@@ -76,10 +50,10 @@ def disturbance(run: PlatoonRun, places: Places = PLACES) -> str:
         return f"The {what} {last}"
     most = f"grows to {three(sizes[largest] / sizes[0])} times the leader's"
     last = f"is {three(ratio)} times at the last follower: {size}."
-    return f"The {what} {most} at {places.spoken(largest)}, and {last}"
+    return f"The {what} {most} at {cast.spoken(largest)}, and {last}"
 
 
-def growth_of(subject: KnownVehicles, order: Sequence[int], run: PlatoonRun) -> Estimate | None:
+def growth_of(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> Estimate | None:
     """The last follower's amplitude by the leader's, with its interval.
 
     None where no uncertainty is known, behind a leader that is no sinusoid or of which no period
@@ -90,12 +64,12 @@ def growth_of(subject: KnownVehicles, order: Sequence[int], run: PlatoonRun) -> 
         return None
     if run.amplitudes and not run.amplitudes.periods:
         return None
-    return subject.growth(order, leader.frequency)
+    return subject.growth(cast.order, leader.frequency)
 
 
-def known_growth(subject: KnownVehicles, order: Sequence[int], run: PlatoonRun) -> str:
+def known_growth(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> str:
     """The interval of that in a sentence; empty where there is none."""
-    grows, known = growth_of(subject, order, run), subject.uncertainty
+    grows, known = growth_of(subject, cast, run), subject.uncertainty
     if grows is None or known is None:
         return ""
     ends = f"{three(grows.lower)} to {three(grows.upper)} times the leader's."
@@ -119,13 +93,13 @@ def by_linearisation(run: PlatoonRun) -> str:
     )
 
 
-def smallest_gap(run: PlatoonRun, places: Places = PLACES) -> str:
-    """The smallest gap of a run, or that a collision ends it; ``places`` name the vehicles."""
+def smallest_gap(run: PlatoonRun, cast: Cast) -> str:
+    """The smallest gap of a run, or that a collision ends it."""
     if run.collisions:
         return AFTER_COLLISION
     k = int(run.minimum_gap.argmin())
     gap = round(run.minimum_gap[k], 1) + 0.0
     return (
-        f"The smallest gap is {gap:.1f} m, that of {places.spoken(k + 1)} at"
+        f"The smallest gap is {gap:.1f} m, that of {cast.spoken(k + 1)} at"
         f" {run.minimum_gap_time[k]:.0f} s."
     )

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf, isnan
 
-from accpinn.findings import Labelled, joined, percent, probability, spelled
+from accpinn.findings import Labelled, capital, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
@@ -76,57 +76,39 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
 
 def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
     """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
-    report, vehicles = subject.report, subject.vehicles
     found = [
         (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
-        for label, own in zip(vehicles.labels, report.vehicles, strict=True)
+        for label, own in zip(subject.vehicles.labels, subject.report.vehicles, strict=True)
     ]
-    if len(found) > 1:
-        platoon = report.platoon
-        verdicts = (platoon.l2_strict, platoon.l2_weak, platoon.linf_strict, platoon.linf_weak)
-        said = [
-            (verdict, reason(verdict, report, vehicles.spoken, _growth_of(subject)))
-            for verdict in verdicts
-        ]
-        found.append(("The platoon", said))
-    return found
+    return [*found, ("The platoon", platoon_reasons(subject))] if len(found) > 1 else found
 
 
-def _growth_of(subject: KnownVehicles) -> Estimate | None:
-    """The platoon's largest growth with its interval, where that is known."""
-    amplified = subject.report.platoon.peaks[-1].omega
-    return subject.growth(range(len(subject.vehicles))) if amplified else None
+def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:
+    """The platoon's verdicts by L₂, strict and weak, and by L∞, each with its reason."""
+    report, names = subject.report, subject.vehicles.spoken
+    verdicts, platoon = report.vehicles, report.platoon
+    return [
+        (
+            platoon.l2_strict,
+            _strict("disturbances", names, [(v.l2, v.peak.gain) for v in verdicts]),
+        ),
+        (platoon.l2_weak, along_platoon(subject)),
+        (
+            platoon.linf_strict,
+            _strict("peaks", names, [(v.linf_exact, v.linf_gain) for v in verdicts]),
+        ),
+        (platoon.linf_weak, _peaks_along(report)),
+    ]
 
 
-def along_platoon(subject: KnownVehicles) -> str:
-    """How much a disturbance grows from the leader to the last of several vehicles, and why."""
-    report = subject.report
-    return reason(report.platoon.l2_weak, report, grows=_growth_of(subject))
-
-
-def reason(
-    verdict: Verdict,
-    of: VehicleStability | StabilityReport,
-    names: Sequence[str] = (),
-    grows: Estimate | None = None,
-) -> str:
-    """The reason for a verdict, in one sentence.
-
-    Args:
-        verdict: a verdict of ``of``.
-        of: the vehicle; or the report, for a verdict on its platoon.
-        names: (M,) names of the followers within a sentence; by default their places.
-        grows: the platoon's largest growth with its interval, where it is known.
-    """
-    if isinstance(of, StabilityReport):
-        if verdict.criterion in (Criterion.L2_STRICT, Criterion.LINF_STRICT):
-            return _strict(verdict, of, names)
-        return _weak(verdict, of, grows)
-    if of.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
-        return str(of.behaviour.value)
+def reason(verdict: Verdict, vehicle: VehicleStability) -> str:
+    """The reason for a verdict on a vehicle, in one sentence."""
+    if vehicle.behaviour in (Behaviour.NO_GAP_CONTROL, Behaviour.NO_REACTION):
+        return str(vehicle.behaviour.value)
     if verdict.criterion is Criterion.L2:
-        return _l2(of)
-    return _linf_paper(of) if verdict.criterion is Criterion.LINF_PAPER else _linf_exact(of)
+        return _l2(vehicle)
+    is_paper = verdict.criterion is Criterion.LINF_PAPER
+    return _linf_paper(vehicle) if is_paper else _linf_exact(vehicle)
 
 
 def _l2(vehicle: VehicleStability) -> str:
@@ -197,19 +179,14 @@ def _linf_exact(vehicle: VehicleStability) -> str:
     return f"The vehicle oscillates, so its impulse response changes sign, and {peak}."
 
 
-def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> str:
-    """The followers that amplify."""
-    if verdict.criterion is Criterion.L2_STRICT:
-        what, verdicts = "disturbances", [(v.l2, v.peak.gain) for v in report.vehicles]
-    else:
-        what, verdicts = "peaks", [(v.linf_exact, v.linf_gain) for v in report.vehicles]
-    names = names or [f"follower {k}" for k in range(1, len(verdicts) + 1)]
+def _strict(what: str, names: Sequence[str], verdicts: Sequence[tuple[Verdict, float]]) -> str:
+    """The followers that amplify disturbances or peaks, by their verdicts and gains."""
     pairs = zip(names, verdicts, strict=True)
-    gains = {name: gain for name, (own_verdict, gain) in pairs if not own_verdict.stable}
+    gains = {name: gain for name, (verdict, gain) in pairs if not verdict.stable}
     amplifying = [*gains]
     if not amplifying:
         return f"No follower amplifies {what}."
-    extent = grown(verdict.value)
+    extent = grown(max(gains.values()))
     if len(amplifying) == 1:
         return f"{capital(amplifying[0])} amplifies {what} {extent}."
     if len(set(gains.values())) == 1:
@@ -218,28 +195,36 @@ def _strict(verdict: Verdict, report: StabilityReport, names: Sequence[str]) -> 
     return f"{capital(joined(amplifying))} amplify {what}, {worst} the most: {extent}."
 
 
-def _weak(verdict: Verdict, report: StabilityReport, grows: Estimate | None) -> str:
-    """The growth up to the last follower."""
-    platoon, ends = report.platoon, None
-    if verdict.criterion is Criterion.L2_WEAK:
-        if platoon.l2_strict.stable:
-            return "No follower amplifies disturbances, so neither does the platoon."
-        if verdict.stable:
-            return (
-                "Some followers amplify, but others damp more, so no frequency grows along the"
-                " platoon."
-            )
-        at = f"A disturbance at {three(platoon.peaks[-1].omega)} rad/s grows"
-        ends = grows
-    else:
-        if platoon.linf_strict.stable:
-            return "No follower amplifies peaks, so neither does the platoon."
-        if isnan(verdict.value):
-            return "The vehicles' time scales differ too much for this to be computed."
-        if verdict.stable:
-            return "As far as can be computed, no peak grows from the leader to the last follower."
-        at = "A peak of the speed deviation can grow"
-    return f"{at} {grown(verdict.value, ends)} from the leader to the last follower."
+def along_platoon(subject: KnownVehicles) -> str:
+    """How much a disturbance grows from the leader to the last of several vehicles, and why."""
+    platoon = subject.report.platoon
+    if platoon.l2_strict.stable:
+        return "No follower amplifies disturbances, so neither does the platoon."
+    if platoon.l2_weak.stable:
+        return (
+            "Some followers amplify, but others damp more, so no frequency grows along the platoon."
+        )
+    omega = platoon.peaks[-1].omega
+    ends = subject.growth(range(len(subject.vehicles))) if omega else None
+    return (
+        f"A disturbance at {three(omega)} rad/s grows {grown(platoon.l2_weak.value, ends)} from the"
+        " leader to the last follower."
+    )
+
+
+def _peaks_along(report: StabilityReport) -> str:
+    """How much a peak of the speed deviation can grow up to the last follower."""
+    verdict = report.platoon.linf_weak
+    if report.platoon.linf_strict.stable:
+        return "No follower amplifies peaks, so neither does the platoon."
+    if isnan(verdict.value):
+        return "The vehicles' time scales differ too much for this to be computed."
+    if verdict.stable:
+        return "As far as can be computed, no peak grows from the leader to the last follower."
+    return (
+        f"A peak of the speed deviation can grow {grown(verdict.value)} from the leader to the last"
+        " follower."
+    )
 
 
 def grown(gain: float, ends: Estimate | None = None, level: float | None = None) -> str:
@@ -434,8 +419,3 @@ def probabilities(chosen: ParameterSet, uncertainty: Uncertainty) -> str:
     pairs = zip(chosen.labels, uncertainty.probability_l2.tolist(), strict=True)
     parts = (f"{label} {'not determined' if isnan(p) else probability(p)}" for label, p in pairs)
     return f"Probability of L₂ string stability: {', '.join(parts)}."
-
-
-def capital(words: str) -> str:
-    """The words with a capital at the beginning."""
-    return words[:1].upper() + words[1:]

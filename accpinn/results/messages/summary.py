@@ -11,7 +11,7 @@ import numpy as np
 from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual
 from accpinn.findings import joined, percent, spelled, who
 from accpinn.inference.answer import Answer
-from accpinn.inference.identifiability import WIDE, identifiability, wide_intervals
+from accpinn.inference.identifiability import WIDE, wide_intervals
 from accpinn.inference.intervals import SYMBOLS, Uncertainty
 from accpinn.inference.model_adequacy import Adequacy
 from accpinn.inference.prediction import GapBand
@@ -255,17 +255,16 @@ def about_data(snapshot: Result) -> tuple[tuple[str, str], ...]:
 
 def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     """Cautions, by the part of the report they belong to."""
-    info, quality, uncertainty = snapshot.info, snapshot.quality, snapshot.uncertainty
-    case, duration = snapshot.fit.case, snapshot.facts.get("duration")
+    info = snapshot.info
     on_data = [finding for part in snapshot.infos for finding in part.findings]
     on_parameters = (
         *snapshot.fit.findings,
-        *uncertainty.findings,
-        *identifiability(info, quality, uncertainty, case, duration),
+        *snapshot.uncertainty.findings,
+        *snapshot.weaknesses,
         *snapshot.evaluation.whiteness.findings,
     )
     return {
-        "data": tuple(dict.fromkeys(messages((*on_data, *quality.findings), info))),
+        "data": tuple(dict.fromkeys(messages((*on_data, *snapshot.quality.findings), info))),
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
         "closed_loop": messages(snapshot.evaluation.all_findings, info),
     }

@@ -29,6 +29,7 @@ from accpinn.channels import GAP, SPEED, TIME
 from accpinn.errors import ParameterError
 from accpinn.methods.fit import History
 from accpinn.model.cthp import Trajectories
+from accpinn.model.registry import value_of
 from accpinn.platoon import PlatoonRun, simulate_platoon
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.figures import platoon as platoon_figures
@@ -53,7 +54,7 @@ from accpinn.results.tables import STYLE, Column, Table, template
 from accpinn.results.tables import estimates as tables
 from accpinn.results.tables.answer import answer_table
 from accpinn.results.tables.stability import criteria_part, known_table
-from accpinn.results.vehicles import known_vehicles
+from accpinn.results.vehicles import Cast, known_vehicles
 from accpinn.segment import SegmentInfo
 from accpinn.stability import Criterion
 from accpinn.stability.lagged import is_lagged
@@ -148,11 +149,10 @@ def tables_of(snapshot: Result) -> dict[str, Table]:
 def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
     """What the template tells: with the modules of sentences and tables, which it asks itself."""
     subject, motion = known_vehicles(snapshot), motion_picture(snapshot)
-    vehicles = subject.vehicles
     sheets = {name: _sheet(table, name) for name, table in tables_of(snapshot).items()}
     fits, responses = [*fit_pictures(snapshot)], [*stability_pictures(snapshot)]
     training = [*training_pictures(snapshot)]
-    run, platoon, repeated = platoon_pictures(snapshot) or (None, (), "")
+    run, cast, platoon, repeated = platoon_pictures(snapshot) or (None, None, (), "")
     parts = (fits[:1] + responses[:1], [motion] if motion else [], fits[1:], training,
              responses[1:], platoon)  # fmt: skip
     names = ("first_page", "motion", "fits", "training", "stability_pictures", "platoon")
@@ -174,7 +174,7 @@ def _story(snapshot: Result, checked: Verification) -> dict[str, Any]:
             for label, said in (on_stability.reasons(subject) if subject.has_report else ())
         ],
         "run": run,
-        "places": on_platoon.Places(vehicles.spoken if len(vehicles) > 1 else ()),
+        "cast": cast,
         "repeated": repeated,
         "checked": checked,
         "checks": Markup(verification_table(checked).to_html()),
@@ -272,7 +272,9 @@ def stability_pictures(snapshot: Result) -> Iterator[Picture]:
     yield Picture("map", with_legend(chart), about)
 
 
-def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Picture], str] | None:
+def platoon_pictures(
+    snapshot: Result,
+) -> tuple[PlatoonRun, Cast, tuple[Picture, Picture], str] | None:
     """The followers in their order, or eight like the only one, at the frequency amplified most."""
     subject = known_vehicles(snapshot)
     vehicles = subject.vehicles
@@ -288,7 +290,7 @@ def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Pictu
         run = simulate_platoon(vehicles.parameters[order], leader, model=vehicles.model)
     except ParameterError:
         return None
-    cast = platoon_figures.cast_of(vehicles, order)
+    cast = Cast(vehicles, tuple(order))
     profiles = with_legend(platoon_figures.profiles(run, cast, linear=run.linear))
     shades = " Light to dark: first to last follower." if len(vehicles) == 1 else ""
     dashed = " Dashed: by the linearisation." if run.linear else ""
@@ -300,7 +302,7 @@ def platoon_pictures(snapshot: Result) -> tuple[PlatoonRun, tuple[Picture, Pictu
     who = f"The {len(order)} followers in their order"
     if len(vehicles) == 1:
         who = f"{FOLLOWERS} vehicles like {vehicles.labels[0]}"
-    return run, pictures, who
+    return run, cast, pictures, who
 
 
 def bundle(snapshot: Result) -> bytes:
@@ -352,9 +354,9 @@ def _history(history: History, info: SegmentInfo, model: str) -> str:
     sets = history.parameters.values.shape[1]
     followers = ("all",) if sets == 1 and info.followers > 1 else info.vehicles[1:]
     for k, follower in enumerate(followers):
-        for at, column in tables.columns_of(model):
-            name = Column(f"{column.key} {follower}", column.unit).csv_name
-            columns[name] = history.parameters.everything[:, k, at]
+        for key, column in tables.columns_of(model).items():
+            name = Column(f"{key} {follower}", column.unit).csv_name
+            columns[name] = value_of(model, history.parameters, key)[:, k]
     return _csv(columns)
 
 

@@ -7,7 +7,7 @@ from math import isnan
 from accpinn.inference.answer import SPEEDS, Answer, Span
 from accpinn.model import registry
 from accpinn.model.cthp import Case
-from accpinn.model.registry import CTHPS
+from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.results.tables import (
     Cell,
     Column,
@@ -34,9 +34,9 @@ ORDER = ("tau", "s0", "alpha", "beta", "lag", "delay")
 
 
 def columns_of(model: str) -> dict[str, Column]:
-    """The parameters of a model by their names, in the order in which they are shown."""
-    columns = {column.key: column for _, column in estimates.columns_of(model)}
-    names = [name for name in ORDER if name in columns] if model in CTHPS else [*columns][3:]
+    """A model's own parameters by name, in the order in which they are shown."""
+    columns = estimates.columns_of(model)
+    names = filter(columns.get, ORDER) if model in CTHPS else FOLLOWING[model].names
     return {name: columns[name] for name in names}
 
 

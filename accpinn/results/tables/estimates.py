@@ -15,7 +15,7 @@ from accpinn.inference.model_adequacy import ModelForm
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.registry import METHODS
 from accpinn.methods.state_space import EXTRA
-from accpinn.model.cthp import TERMS, Case, Parameters
+from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, value_of
 from accpinn.results.tables import (
     Cell,
@@ -42,7 +42,7 @@ TERM_COLUMNS = (
     Column("λ", "s", 2, key="lag", may_be_held=True),
     Column("d", "s", 2, key="delay", may_be_held=True),
 )
-"""Terms beside the CTHP, in the order of `TERMS`."""
+"""Terms beside the CTHP, in the order of `cthp.TERMS`."""
 OWN_DIGITS = 3
 """Decimals of the parameters of other models."""
 GAP_MAE = "MAE of the space-gap"
@@ -133,20 +133,19 @@ def row_labels(info: SegmentInfo, numbers: Sequence[int]) -> tuple[str, ...]:
     return tuple(info.label(number) if number else EVERY_FOLLOWER for number in numbers)
 
 
-def columns_of(model: str) -> Iterator[tuple[int, Column]]:
-    """The parameters of a model with their places in `Parameters.everything`.
+def columns_of(model: str) -> dict[str, Column]:
+    """The parameters of a model by name, α, β and τ first.
 
     Those of a model that is no CTHP stand behind the linearisation at the median speed.
     """
-    yield from enumerate(PARAMETER_COLUMNS)
-    if model in CTHPS:
-        for term in FOLLOWING[model].terms:
-            yield 3 + TERMS.index(term), TERM_COLUMNS[TERMS.index(term)]
-        return
-    following = FOLLOWING[model]
-    for at, own in enumerate(following.parameters, 6):
-        about = (own.symbol, own.unit, OWN_DIGITS, following.title)
-        yield at, Column(*about, key=own.name, may_be_held=True)
+    following, columns = FOLLOWING[model], (*PARAMETER_COLUMNS, *TERM_COLUMNS)
+    if following.is_cthp:
+        return {column.key: column for column in columns if column.key in following.names}
+    own = {
+        p.name: Column(p.symbol, p.unit, OWN_DIGITS, following.title, key=p.name, may_be_held=True)
+        for p in following.parameters
+    }
+    return {column.key: column for column in PARAMETER_COLUMNS} | own
 
 
 def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[int, Column]]:
@@ -155,12 +154,12 @@ def shown_columns(parameters: Parameters, model: str = PAPER) -> Iterator[tuple[
     They are α, β and τ, and of s₀, λ and d those that a set has: τ alone says little beside an s₀.
     A model that is no CTHP has the s₀ of its linearisation, and then its own parameters.
     """
-    own = () if model in CTHPS else [*columns_of(model)][len(PARAMETER_COLUMNS) :]
+    own = () if model in CTHPS else [*columns_of(model).values()][len(PARAMETER_COLUMNS) :]
     yield from enumerate(PARAMETER_COLUMNS)
     for at, column in enumerate(TERM_COLUMNS[: 1 if own else None], len(PARAMETER_COLUMNS)):
         if np.nan_to_num(parameters.complete[:, at]).any():
             yield at, replace(column, key="linearised_s0") if own else column
-    yield from own
+    yield from enumerate(own, 6)
 
 
 def parameter_cells(

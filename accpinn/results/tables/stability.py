@@ -133,16 +133,15 @@ def _posterior(
 
 
 def amplitude_table(
-    run: PlatoonRun, labels: Sequence[str] = (), recorded: Segment | None = None
+    run: PlatoonRun, labels: Sequence[str], recorded: Segment | None = None
 ) -> Table:
     """One row a vehicle, leader first: behind a sinusoid amplitudes, and else largest deviations.
 
     A vehicle that collides, and each one behind it, has no amplitude and no smallest gap; where it
-    collides, it says when. Labels (M+1,) are by default the places. Where the run's leader was
-    recorded, the window in which the vehicles themselves drove behind it stands beside.
+    collides, it says when. Labels are (M+1,). Where the run's leader was recorded, the window in
+    which the vehicles themselves drove behind it stands beside.
     """
     waves, driving, followers = run.amplitudes, run.survivors, len(run.minimum_gap)
-    labels = labels or ["Leader", *(f"Follower {k + 1}" for k in range(followers))]
     sizes: list[Filled] = [(Column("Largest deviation", "m/s", 2), run.largest_deviation)]
     if waves:
         alive = np.arange(followers + 1) < driving

@@ -10,7 +10,6 @@ import streamlit as st
 
 from accpinn.evaluation.closed_loop import simulated
 from accpinn.inference.answer import HeterogeneousFollowers
-from accpinn.inference.identifiability import identifiability
 from accpinn.inference.intervals import Uncertainty
 from accpinn.methods.fit import History, Outcome
 from accpinn.methods.regression import Regression
@@ -196,7 +195,7 @@ def _parameter_table(result: Result) -> Table:
 
 def _show_fit(result: Result, table: Table, follower: int) -> None:
     """Errors, what happens in simulation, and what the intervals take for granted."""
-    info, fit, uncertainty = result.info, result.fit, result.uncertainty
+    info, fit = result.info, result.fit
     took = f"{fit.seconds:.1f} s" if fit.seconds < 60 else show.format_duration(fit.seconds)
     cost = f"{fit.iterations:,} iterations in {took}, {fit.network_weights:,} network weights."
     cache = " From the cache: this exact request was trained before." if fit.cached else ""
@@ -210,9 +209,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     if events := messages(result.evaluation.all_findings, info):
         show.warnings(events, "the closed-loop simulation")
         st.caption("The simulation continues, and the closed-loop errors include what follows.")
-    duration = result.facts.get("duration")
-    weak = identifiability(info, result.quality, uncertainty, fit.case, duration)
-    show.messages(messages(weak, info), "warning")
+    show.messages(messages(result.weaknesses, info), "warning")
     show.messages(messages(fit.findings, info))
     band = result.gap_band
     said = [words.about_band(result)] if band else []

@@ -34,7 +34,7 @@ from accpinn.results.figures import recording as on_recording
 from accpinn.results.figures import stability as on_stability
 from accpinn.results.figures import training as on_training
 from accpinn.results.figures.style import on_paper
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment.quality import label_regimes
 from accpinn.stability.measured_gain import measured_gain
 from accpinn.study.groups import group
@@ -67,7 +67,7 @@ def simulated(collides: bool) -> Any:
     """A run of eight Audis and its cast."""
     named = replace(ASTAZERO, names=(NAME,) * 4, labels=(NAME,) * 4)
     leader = Sinusoid(0.214) if collides else SpeedStep()
-    return simulate_platoon(ASTAZERO.parameters[[0] * 8], leader), platoon.cast_of(named, [0] * 8)
+    return simulate_platoon(ASTAZERO.parameters[[0] * 8], leader), Cast(named, (0,) * 8)
 
 
 def judged() -> Any:

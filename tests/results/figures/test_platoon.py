@@ -11,12 +11,13 @@ from accpinn.platoon.leader import Brake, Leader, Recorded, Sinusoid, SpeedStep
 from accpinn.results.figures import platoon as figures
 from accpinn.results.figures.animation import animation
 from accpinn.results.figures.style import FOLLOWERS
+from accpinn.results.vehicles import Cast
 from tests.support.driving import MIXED, driven
 from tests.support.figures import legend, named
 
-AUDIS = figures.cast_of(ASTAZERO, [0] * 8)
-ALL = figures.cast_of(ASTAZERO, [0, 1, 2, 3])
-EIGHT = figures.cast_of(ASTAZERO, [2] * 8)
+AUDIS = Cast(ASTAZERO, (0,) * 8)
+ALL = Cast(ASTAZERO, (0, 1, 2, 3))
+EIGHT = Cast(ASTAZERO, (2,) * 8)
 
 
 @pytest.fixture(scope="module")
@@ -68,14 +69,14 @@ def test_a_disturbance_after_the_end_leaves_the_last_seconds_to_be_drawn() -> No
     run = simulate_platoon(ASTAZERO.parameters[:1], SpeedStep(settle=400.0))
     span = figures.close_up(run)
     assert span == (295.0, 300.0)
-    assert legend(figures.profiles(run, figures.cast_of(ASTAZERO, [0]), span))
+    assert legend(figures.profiles(run, Cast(ASTAZERO, (0,)), span))
 
 
 def test_recorded_followers_are_dotted_and_named() -> None:
     segment = driven(MIXED)
     leader = Recorded(segment.start + segment.time, segment.speeds[:, 0])
     run = simulate_platoon(ASTAZERO.parameters[:3], leader)
-    figure = figures.profiles(run, figures.cast_of(ASTAZERO, [0, 1, 2]), measured=segment)
+    figure = figures.profiles(run, Cast(ASTAZERO, (0, 1, 2)), measured=segment)
     for k, label in enumerate(segment.labels[1:]):
         speed, gap = (trace for trace in figure.data if trace.name == f"{label}, measured")
         np.testing.assert_allclose(speed.y, segment.speeds[:, k + 1], rtol=1e-6)
@@ -168,4 +169,4 @@ def test_animated_vehicles_vanish_with_a_collision_and_are_named(collision: Plat
         assert gone == [k for k, end in enumerate(ends(collision)) if now > end + 0.05]
     assert gone == [5, 6, 7, 8]
     entries = [(trace.name, trace.marker.color) for trace in legend(figure)]
-    assert entries == list(zip(AUDIS.labels, AUDIS.colours, strict=True))
+    assert entries == list(zip(AUDIS.labels, figures.colours_of(AUDIS), strict=True))

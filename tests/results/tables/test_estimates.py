@@ -18,7 +18,7 @@ from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Recorded, Sinusoid, SpeedStep
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
-from accpinn.results.figures.platoon import amplitude_by_vehicle, cast_of
+from accpinn.results.figures.platoon import amplitude_by_vehicle
 from accpinn.results.recording import quality_table
 from accpinn.results.tables import Table
 from accpinn.results.tables.estimates import (
@@ -40,7 +40,7 @@ from accpinn.results.tables.stability import (
     stability_table,
     verdict_table,
 )
-from accpinn.results.vehicles import KnownVehicles
+from accpinn.results.vehicles import Cast, KnownVehicles
 from accpinn.segment.cut import cut
 from accpinn.stability import assessment, stability_report
 from accpinn.stability.measured_gain import measured_gain
@@ -239,24 +239,24 @@ def test_the_measured_gain_as_a_table() -> None:
 def test_behind_a_recorded_leader_what_the_vehicles_did_stands_beside() -> None:
     leader = Recorded(SEGMENT.time, SEGMENT.speeds[:, 0])
     run = simulate_platoon(LEARNED, leader)
-    table, moved = amplitude_table(run, (), SEGMENT), "Largest deviation"
+    table, moved = amplitude_table(run, SEGMENT.labels, SEGMENT), "Largest deviation"
     assert column(table, "Simulated", moved) == run.largest_deviation.tolist()
     away = np.abs(SEGMENT.speeds - SEGMENT.speeds[0, 0]).max(axis=0)
     np.testing.assert_allclose(column(table, "Recorded", moved), away)
     assert column(table, "Recorded", "Smallest gap") == [None, *SEGMENT.gaps.min(axis=0)]
-    drawn = amplitude_by_vehicle(run, cast_of(ASTAZERO, (0, 1)), False, SEGMENT)
+    drawn = amplitude_by_vehicle(run, Cast(ASTAZERO, (0, 1)), False, SEGMENT)
     (beside,) = (trace for trace in drawn.data if trace.name == "Recorded")
     np.testing.assert_allclose(beside.y, away)
 
 
 def test_amplitudes_and_smallest_gaps() -> None:
     wave = simulate_platoon(ASTAZERO.parameters, Sinusoid(0.25))
-    table = amplitude_table(wave)
-    assert column(table, "Vehicle")[:2] == ["Leader", "Follower 1"]
+    table = amplitude_table(wave, Cast(ASTAZERO, (0, 1, 2, 3)).labels)
+    assert column(table, "Vehicle")[:2] == ["Leader", "Audi A6"]
     assert column(table, "Amplitude") == wave.amplitudes.measured.tolist()
     assert column(table, "Smallest gap") == [None, *wave.minimum_gap.tolist()]
     crash = simulate_platoon(ASTAZERO.parameters[[0] * 8], Sinusoid(0.214))
-    table = amplitude_table(crash)
+    table = amplitude_table(crash, Cast(ASTAZERO, (0,) * 8).labels)
     assert 1 < crash.survivors < len(table.rows)
     amplitudes, gaps = column(table, "Amplitude"), column(table, "Smallest gap")
     assert np.isnan(amplitudes[crash.survivors :]).all()
