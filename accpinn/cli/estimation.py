@@ -27,6 +27,7 @@ from accpinn.cli.options import (
 from accpinn.cli.output import interruptible, note, show_result
 from accpinn.cli.recordings import option
 from accpinn.errors import ConfigError
+from accpinn.findings import joined
 from accpinn.methods import TaskContext
 from accpinn.methods.fit import OnProgress, Outcome, Progress
 from accpinn.methods.maximum_likelihood import KEY
@@ -297,8 +298,19 @@ def run_judge(options: argparse.Namespace) -> int:
     blocks of a few.
     """
     models = named_keys(options.models, JUDGED, following_model)
-    if options.leave_out:
-        raise ConfigError("leave-out: models are judged on whole windows; leave --leave-out away.")
+    usual: dict[str, Any] = {
+        "leave_out": (),
+        "hold": [],
+        "model": None,
+        "methods": "all",
+        "case": "II",
+    }
+    if idle := [n for n, default in usual.items() if (getattr(options, n) or default) != default]:
+        listed = joined([f"--{name.replace('_', '-')}" for name in idle])
+        raise ConfigError(
+            "models: each is judged on whole windows of single cars, all parameters free; leave"
+            f" {listed} out."
+        )
     asked, recording = chosen_analysis(options)
     one = Window(options.start, options.start + options.duration)
     is_usual = options.windows in (None, AUTO) and one == Window(0.0, DURATION)

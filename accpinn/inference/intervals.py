@@ -22,7 +22,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.window_posterior import joint_posterior, parameters_of
-from accpinn.methods import one_thread
+from accpinn.methods import one_thread, simulation
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.cthp import Case, Parameters
@@ -57,7 +57,7 @@ FEW = 50
 ENDS = ("centre", "lower", "upper")
 """Fields of `Uncertainty` that hold parameters of the followers."""
 
-Cause = Literal["disturbances", "apart", "unfinished", "stopped", "diverged"]
+Cause = Literal["disturbances", "apart", "closed loop", "unfinished", "stopped", "diverged"]
 CAUSES: dict[Outcome, Cause] = {
     Outcome.STOPPED: "stopped",
     Outcome.DIVERGED: "diverged",
@@ -75,6 +75,8 @@ _BIAS = (
 WHY: dict[Cause, str] = {
     "disturbances": _BIAS,
     "apart": "the likelihood has a long tail or several maxima here",
+    "closed loop": "errors of a closed loop add up, so its best fit scatters more than the interval"
+    " says; prefer the answer",
     "unfinished": f"more iterations may change it, or {_BIAS}",
     "stopped": "training was stopped before its end",
     "diverged": "training diverged",
@@ -393,5 +395,7 @@ def _findings(segment: Segment, fit: Fit, compared: Uncertainty) -> list[Uncerta
 
 def _cause(fit: Fit) -> Cause:
     """Why an estimate may lie outside: bias, or an irregular likelihood for unbiased methods."""
+    if fit.method == simulation.KEY:
+        return "closed loop"
     unbiased = fit.method == KEY or fit.config.get("preset") == UNBIASED
     return "apart" if unbiased else CAUSES.get(fit.outcome, "disturbances")

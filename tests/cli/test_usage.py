@@ -60,6 +60,7 @@ JUDGE = ("compare", STUDY, "--models")
         (2, "krauss is not known", [*JUDGE, "krauss"]),
         (2, "--leave-out", [*JUDGE, "cthp", "--leave-out", "standstill"]),
         (1, "too short to judge models by", [*JUDGE, "cthp", "--duration", 50]),
+        (2, "leave --hold and --case out", [*JUDGE, "idm", "--hold", "T=0.5", "--case", "I"]),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_ends_in_one_line(

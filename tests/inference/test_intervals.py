@@ -75,6 +75,8 @@ def test_estimates_outside_are_found_with_a_cause(
     assert uncertainty.inside[0].tolist() == [True, False, False]
     (found,) = uncertainty.findings
     assert found == OutsideInterval(2, ("β", "τ"), cause)
+    (found,) = intervals(segment, replace(fit, method="simulation")).findings
+    assert found.cause == "closed loop", "which fits no accelerations"
 
 
 def test_a_posterior_of_few_different_draws_is_reported(
