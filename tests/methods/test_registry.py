@@ -151,12 +151,6 @@ class TestEvery:
             assert (estimate(tiny, "II").parameters.values[:, :2] >= 0).all()
 
     @every_method
-    def test_handles_ten_followers(self, estimate: Estimator) -> None:
-        fit = estimate(driven((LAW,) * 10, noise=0.02), "II")
-        assert len(set(fit.parameters)) == 10
-        np.testing.assert_allclose(fit.parameters.values, [LAW] * 10, rtol=0.2)
-
-    @every_method
     def test_survives_a_recording_of_noise(self, estimate: Estimator) -> None:
         rng = np.random.default_rng(0)
         values = 100 * rng.standard_normal((301, 5))

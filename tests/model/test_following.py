@@ -12,7 +12,7 @@ from accpinn.model import cthp
 from accpinn.model.accelerations import IDM
 from accpinn.model.following import FollowingModel
 from accpinn.model.published import ASTAZERO, CASALE, CASALE_STARTS, VICOLUNGO
-from accpinn.model.registry import BASES, CTHPS, FOLLOWING, following_model
+from accpinn.model.registry import CTHPS, FOLLOWING, following_model
 from accpinn.stability.criteria import response
 from tests.stability.references import TABLE
 from tests.support.command import ROOT
@@ -53,15 +53,6 @@ def test_the_cthp_is_its_closed_form(key: str) -> None:
     run = model.simulate(theta, *part, *starts, substeps=16 if model.is_late else 4)
     assert run.gaps == pytest.approx(exact.gaps, abs=1e-8)
     assert run.speeds == pytest.approx(exact.speeds, abs=1e-8)
-
-
-@pytest.mark.parametrize("key", [base.key for base in BASES])
-def test_an_acceleration_is_the_same_in_numpy_and_torch(key: str) -> None:
-    torch = pytest.importorskip("torch")
-    model, at = FOLLOWING[key], np.array([[30.0, 12.0], [25.0, 8.0], [24.0, 9.0]])
-    tensors = torch.tensor(at), torch.tensor(model.typical)
-    by_torch = model.acceleration(*tensors[0], tensors[1], torch).numpy()
-    assert by_torch == pytest.approx(model.acceleration(*at, model.typical, np), rel=1e-12)
 
 
 @pytest.mark.parametrize("model", FOLLOWING.values(), ids=FOLLOWING)
