@@ -176,20 +176,6 @@ def test_a_held_term_keeps_its_value_exactly(held: dict[str, float]) -> None:
     assert given.typical.tau.std() > 0.01
 
 
-@pytest.mark.parametrize(
-    ("model", "name", "value", "fault"),
-    [
-        ("cthp", "s0", 4.0, "s0 cannot be held; cthp has no term to hold"),
-        ("cthp-s0-lag", "delay", 0.5, "delay cannot be held; cthp-s0-lag has s0, lag to hold"),
-        ("cthp-s0", "alpha", 0.1, "alpha cannot be held; cthp-s0 has s0 to hold"),
-        ("cthp-s0", "s0", np.nan, "s0 = nan is not allowed; choose -30 to 60"),
-    ],
-)
-def test_what_cannot_be_held_is_refused(model: str, name: str, value: float, fault: str) -> None:
-    with pytest.raises(ConfigError, match=f"^hold: {fault}\\.$"):
-        answer([], model=model, held={name: value})
-
-
 def test_case_i_has_one_set_and_case_ii_one_for_each() -> None:
     car = Parameters([ALPHA] * 2, BETA, TAU)
     pair = [disturbed(car, 1, Disturbance(standstill=S0), duration=60.0)]

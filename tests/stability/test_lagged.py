@@ -1,13 +1,10 @@
 """Stability under a lag or a delay: against closed forms, the exact delay, and integration."""
 
-import re
-
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
 from accpinn import Parameters, stability_report
-from accpinn.errors import ParameterError
 from accpinn.results.messages.stability import reason
 from accpinn.stability.criteria import crossovers, peaks, response, step_metrics
 from accpinn.stability.head_to_tail import head_to_tail_gains
@@ -158,22 +155,6 @@ def test_a_vehicle_is_unstable_beyond_rouths_lag_and_the_delay_margin() -> None:
         for values in (stability.peak, overshoot, gain, -stability.margin):
             assert (np.isfinite(values[0]), values[1]) == (True, np.inf)
         assert stability.omega[0] == pytest.approx(resonance, rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("given", "fault"),
-    [
-        ((0.1, 0.3, 1.0, np.nan, 0.0, 0.5), "s0"),
-        ((0.1, 0.3, 1.0, 5.0, -0.1, 0.0), "lag"),
-        ((0.1, 0.3, 1.0, 5.0, 0.0, 1e200), "delay"),
-        ((1e40, 0.3, 1.0, 5.0, 0.0, 0.5), "1e+40"),
-    ],
-)
-def test_terms_beyond_any_vehicle_are_refused_in_a_sentence(
-    given: tuple[float, ...], fault: str
-) -> None:
-    with pytest.raises(ParameterError, match=re.escape(fault)):
-        stability_report(Parameters(*given))
 
 
 def test_one_that_hardly_decays_takes_many_instants_alone() -> None:
