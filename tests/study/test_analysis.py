@@ -161,6 +161,8 @@ class TestRun:
         assert again.quality.leader_deviation == first.quality.leader_deviation
         assert again.recording is recording
         assert problems(again) == []
+        other = run(asked(recording, model="idm"), recording, store=store)
+        assert (other.fit.cached, other.fit.model, other.parts.answer) == (True, "cthp", None)
 
     @pytest.mark.parametrize("content", ["damaged", "truncated", "foreign", "newer", "another"])
     def test_a_file_that_cannot_be_used_is_said_once_and_computed_again(
