@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from accpinn import METHODS, Fit, Recording, Segment, assess_quality, cut, label_regimes
 from accpinn.evaluation import cross_validate, evaluate
 from accpinn.evaluation.closed_loop import (
     DIVERGED,
@@ -22,14 +23,8 @@ from accpinn.evaluation.closed_loop import (
 )
 from accpinn.evaluation.whiteness import whiteness
 from accpinn.methods import least_squares
-from accpinn.methods.fit import Fit
-from accpinn.methods.registry import METHODS
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Parameters, Trajectories
-from accpinn.recordings import Recording
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
-from accpinn.segment.quality import assess_quality, label_regimes
 from accpinn.units import Stretch
 from tests.support.driving import LAW, MIXED, driven, segment_of
 from tests.support.holes import with_holes

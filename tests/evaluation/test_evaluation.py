@@ -18,7 +18,7 @@ from accpinn.evaluation import (
     without,
 )
 from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
-from accpinn.methods import Law, least_squares, splines
+from accpinn.methods import Law, least_squares
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from tests.support.driving import MIXED, driven
@@ -81,20 +81,6 @@ def test_blocks_are_pooled_by_duration() -> None:
     both = of_blocks((first, ClosedLoop(Window(20.0, 50.0), three)))
     assert both.gap_mae[0] == pytest.approx(2.5)
     assert of_blocks((first, ClosedLoop(Window(20.0, 50.0), None))) is None
-
-
-def test_an_evaluation_holds_what_it_is_given_data_for() -> None:
-    recording = read(FOLDER / "synthetic_paper_study.csv")
-    segment = cut(recording, 0.0, 100.0)
-    fit = splines.fit(segment)
-    bare = evaluate(segment, fit)
-    assert bare.blocks == ()
-    assert bare.holdout is bare.out_of_window is None
-    full = evaluate(segment, fit, splines.fit, recording)
-    assert None not in (full.surrogate, full.holdout, full.out_of_window)
-    assert full.out_of_window_seconds > 100.0
-    assert len(full.blocks) == 3
-    assert full.findings == full.out_of_window_findings == ()
 
 
 def test_a_stretch_begins_where_every_follower_is_in_car_following() -> None:

@@ -25,6 +25,7 @@ from accpinn.inference.prediction import SIMULATIONS
 from accpinn.methods import PAPERS, Law, least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
 from accpinn.methods.series import stride_of
+from accpinn.stability.criteria import response
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import LAW, driven, standing_still
@@ -103,7 +104,7 @@ def test_an_end_is_no_sharper_than_the_draws() -> None:
 def test_the_band_of_the_gain_is_that_of_the_draws(segment: Segment) -> None:
     uncertainty, omega = intervals(segment, least_squares.fit(segment)), np.array([0.01, 0.3, 2.0])
     band = gain_band(uncertainty, 0, omega)
-    low = np.abs([_gain(one, 0.3) for one in uncertainty.draws[:, 0]])
+    low = np.abs(response(uncertainty.draws[:, 0], omega)[:, 1])
     # Draws of large weight repeat: an end may be one of them, and so many are neither side of it.
     for beyond in (band.lower[1] - low, low - band.upper[1]):
         assert (beyond > 1e-9).mean() <= 0.05 <= (beyond > -1e-9).mean()
@@ -131,11 +132,6 @@ def test_the_growth_along_a_platoon_is_that_of_its_vehicles_draws(segment: Segme
     undamped = replace(uncertainty, draws=Parameters.of(undamped))
     assert np.isinf(growth(undamped, (0, 1))[1])
     assert np.isinf(growth(undamped, (0, 1), omega)[1])
-
-
-def _gain(one: Parameters, omega: float) -> complex:
-    s = 1j * omega
-    return (one.beta * s + one.alpha) / (s * s + (one.theta[1] + one.beta) * s + one.alpha)
 
 
 @pytest.mark.parametrize(

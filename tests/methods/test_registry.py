@@ -20,14 +20,12 @@ from accpinn.methods.fit import (
     WeaklyDetermined,
 )
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
-from accpinn.methods.series import measured_of, series_of
+from accpinn.methods.series import measured_of
 from accpinn.recordings.openacc import read
 from accpinn.study.comparison import compare
 from accpinn.study.result import Result
-from accpinn.units import Stretch
 from tests.support.command import ROOT
 from tests.support.driving import LAW, MIXED, driven, segment_of, standing_still
-from tests.support.holes import with_holes
 from tests.support.methods import RIVALS as ESTIMATORS
 from tests.support.methods import train
 from tests.support.openacc_files import platoon, recording
@@ -151,12 +149,6 @@ class TestEvery:
             assert (estimate(tiny, "II").parameters.values[:, :2] >= 0).all()
 
     @every_method
-    def test_handles_ten_followers(self, estimate: Estimator) -> None:
-        fit = estimate(driven((LAW,) * 10, noise=0.02), "II")
-        assert len(set(fit.parameters)) == 10
-        np.testing.assert_allclose(fit.parameters.values, [LAW] * 10, rtol=0.2)
-
-    @every_method
     def test_survives_a_recording_of_noise(self, estimate: Estimator) -> None:
         rng = np.random.default_rng(0)
         values = 100 * rng.standard_normal((301, 5))
@@ -176,12 +168,6 @@ def test_the_guides_new_method_takes_a_file_and_a_line(monkeypatch: pytest.Monke
     assert isinstance(row, Result)
     assert row.analysis.method == method.key
     np.testing.assert_allclose(row.parameters.values, sample(NOISE_FREE).truth, rtol=0.1)
-
-
-def test_too_little_that_is_measured_is_refused() -> None:
-    segment = with_holes(sample(NOISY).segment, {2: [Stretch(0, 2899)]})
-    with pytest.raises(SegmentError, match="count and are measured"):
-        series_of([segment], "II")
 
 
 @pytest.mark.parametrize("key", [key for key, one in METHODS.items() if not one.allows_missing])

@@ -15,7 +15,7 @@ from accpinn.recordings import Mode, Recording, Window, agreement, openacc, sour
 from accpinn.recordings.openacc import Run, catalogue, read
 from accpinn.recordings.tables import ModesUnknown
 from accpinn.segment.cut import cut
-from accpinn.study.plan import plan
+from accpinn.study.plan import left_out, plan
 from tests.support.openacc_files import csv, metadata, platoon
 
 F = TypeVar("F", bound=Finding)
@@ -217,6 +217,9 @@ def test_units_that_differ_are_seen_by_how_fast_the_gap_changes(
     assert first.slope == pytest.approx(slope, rel=0.02)
     assert contradicts(recording, 0.0, (1, 2))
     assert not plan(recording, 30.0)
+    told = {type(one) for one in left_out(recording, ())}
+    above = {data.ValuesOutOfRange} if factor == 3.6 else set()
+    assert told == {data.GapContradictsSpeeds} | above
 
 
 def test_9_a_gap_that_contradicts_the_speeds() -> None:

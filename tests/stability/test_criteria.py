@@ -76,10 +76,14 @@ def test_without_alpha_the_smallest_headways_are_the_limits() -> None:
         ((0.1, 0.1, -1.0), "τ = -1 is negative"),
         ((inf, 0.1, 1.0), "α = inf is beyond any vehicle"),
         ((0.1, 1e51, 1.0), "β = 1e.51 is beyond any vehicle"),
+        ((0.1, 0.3, 1.0, nan, 0.0, 0.5), "s0 = nan is beyond any vehicle"),
+        ((0.1, 0.3, 1.0, 5.0, -0.1, 0.0), "lag = -0.1 is beyond any vehicle"),
+        ((0.1, 0.3, 1.0, 5.0, 0.0, 1e200), "delay = 1e.200 is beyond any vehicle"),
+        ((1e40, 0.3, 1.0, 5.0, 0.0, 0.5), "1e.40 with a lag or a delay is beyond any vehicle"),
     ],
 )
-def test_impossible_values_are_refused(vehicle: tuple[float, float, float], words: str) -> None:
-    with pytest.raises(ParameterError, match=f"^Parameter set 2: {words}"):
+def test_impossible_values_are_refused(vehicle: tuple[float, ...], words: str) -> None:
+    with pytest.raises(ParameterError, match=f"^(Parameter set 2:|A gain or headway of) {words}"):
         checked(row(AUDI, Parameters(*vehicle)))
     with pytest.raises(ParameterError, match="no vehicle"):
         checked(Parameters([], [], []))

@@ -11,22 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import accpinn
+from accpinn import METHODS, Parameters, Segment, Store, preset
 from accpinn.errors import AccpinnError, SegmentError
 from accpinn.evaluation.closed_loop import ClosedLoop
 from accpinn.methods.fit import CacheProblem, ParameterTrack
-from accpinn.methods.pinn.config import preset
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Parameters
 from accpinn.recordings import Recording, Window
 from accpinn.recordings.openacc import read
-from accpinn.segment import Segment
 from accpinn.serial import dump, flatten, restore
 from accpinn.study import Analysis, differences
 from accpinn.study import result as module
 from accpinn.study.result import TRACK_INSTANTS, Result
 from accpinn.study.run import estimate, fit_windows, run
 from accpinn.study.snapshot import SCHEMA
-from accpinn.study.store import Store
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import MIXED, driven
 from tests.support.samples import FOLDER, NOISY
@@ -116,8 +112,14 @@ def test_differences_name_what_was_asked_otherwise() -> None:
         ({"windows": "0-60,60-120", "method": "pinn", "preset": "fast"}, "takes one window"),
         ({"windows": "0-60,60-120", "method": "splines"}, "choose one of them"),
         ({"model": "gipps"}, "cthp-s0-delay"),
-        ({"model": "cthp", "hold": {"s0": 4.0}}, "no term"),
+        ({"model": "cthp", "hold": {"s0": 4.0}}, "s0 cannot be held; cthp has no term to hold"),
+        (
+            {"model": "cthp-s0-lag", "hold": {"delay": 0.5}},
+            "delay cannot .* has s0, lag to hold",
+        ),
+        ({"model": "cthp-s0", "hold": {"alpha": 0.1}}, "alpha cannot be .* has s0 to hold"),
         ({"hold": {"s0": 400.0}}, "-30 to 60"),
+        ({"hold": {"s0": np.nan}}, "s0 = nan is not allowed; choose -30 to 60"),
         ({"method": "pinn", "threads": -1}, "threads"),
         ({"method": "pinn", "threads": "2"}, "threads"),
     ],
@@ -159,6 +161,8 @@ class TestRun:
         assert again.quality.leader_deviation == first.quality.leader_deviation
         assert again.recording is recording
         assert problems(again) == []
+        other = run(asked(recording, model="idm"), recording, store=store)
+        assert (other.fit.cached, other.fit.model, other.parts.answer) == (True, "cthp", None)
 
     @pytest.mark.parametrize("content", ["damaged", "truncated", "foreign", "newer", "another"])
     def test_a_file_that_cannot_be_used_is_said_once_and_computed_again(

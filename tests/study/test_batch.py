@@ -1,7 +1,6 @@
 """Batches: which windows they take, every one once, and what is known is not done again."""
 
 import json
-import signal
 import sqlite3
 import subprocess
 import sys
@@ -19,24 +18,19 @@ import pandas as pd
 import pytest
 from distributed import Client, LocalCluster
 
+from accpinn import METHODS, Case, Fit, Parameters, Segment, batch, cut
 from accpinn.cli import main
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.inference.window_posterior import DRAWS, WindowPosterior, count_of
-from accpinn.methods.fit import Fit
-from accpinn.methods.registry import METHODS
-from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import Held
-from accpinn.recordings import GapContradictsSpeeds, Recording, ValuesOutOfRange
+from accpinn.recordings import Recording
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
-from accpinn.segment import Segment
-from accpinn.segment.cut import cut
 from accpinn.study import batch as batches
 from accpinn.study import cluster as clusters
 from accpinn.study import result as results
-from accpinn.study.batch import batch
-from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, left_out, plan
+from accpinn.study.plan import INTERVALS_SECONDS, READ, START, estimate_batch, plan
 from accpinn.study.rows import COLUMNS
 from accpinn.study.studies import FILE, Request, read_failures, read_request
 from accpinn.tasks import Status, TaskQueue
@@ -250,25 +244,6 @@ def test_without_workers_it_ends_with_a_word(
         batch(folder, study, **options)
 
 
-def command(folder: Path, study: Path, scheduler: str) -> list[str]:
-    return [
-        sys.executable, "-m", "accpinn", "batch", str(folder), "--out", str(study), "--window",
-        "60", "--methods", "least-squares", "--scheduler", scheduler, "--json",
-    ]  # fmt: skip
-
-
-@contextmanager
-def running(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        arguments, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
-
-
 def test_a_killed_batch_loses_nothing_and_repeats_little(
     capsys: Capture, cluster: str, tmp_path: Path, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -285,14 +260,15 @@ def test_a_killed_batch_loses_nothing_and_repeats_little(
         with closing(sqlite3.connect(study / FILE)) as database:
             return int(database.execute("select count(*) from answers").fetchone()[0])
 
-    with running(*command(folder, study, cluster)) as process:
+    words = ("batch", folder, "--out", study, "--window", 60, "--methods", "least-squares")
+    words += ("--scheduler", cluster)
+    with subprocess.Popen([sys.executable, "-m", "accpinn", *map(str, words)], cwd=ROOT) as process:
         while results() < 3 and process.poll() is None:
             time.sleep(0.005)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        process.kill()
     before = results()
     assert before < 10
-    found = document(capsys, *command(folder, study, cluster)[3:-1])
+    found = document(capsys, *words)
     assert found.keys() >= {
         "recordings", "refused", "windows", "followers", "rows", "failed", "reused", "seconds"
     }  # fmt: skip
@@ -340,10 +316,6 @@ def test_a_complete_recording_is_cut_from_its_start() -> None:
     assert windows(found, 350.0) == [((1, 2, 3), 0, 350)]
 
 
-def test_a_recording_by_hand_has_no_window() -> None:
-    assert plan(recording(platoon(3, 4000), acc="0"), 300) == ()
-
-
 THREE = (1, 2, 3)
 
 
@@ -380,15 +352,6 @@ def test_long_departures_from_car_following_interrupt_and_a_long_setting_does_no
     frame = platoon(2, 4000)
     frame.loc[rows, "IVS1"] += further
     assert len(windows(recording(frame, "AB"), np.inf)) == count
-
-
-def test_speeds_in_another_unit_have_no_window_and_the_reason_is_told() -> None:
-    frame = platoon(2, 4000)
-    frame[["Speed1", "Speed2"]] *= 5.0
-    found = recording(frame, "AB")
-    assert plan(found, np.inf) == ()
-    kinds = {GapContradictsSpeeds, ValuesOutOfRange}
-    assert {type(one) for one in left_out(found, ())} == kinds
 
 
 def test_a_long_chain_is_taken_in_parts() -> None:

@@ -28,7 +28,6 @@ from accpinn.study import Analysis
 from accpinn.study.comparison import starts
 from accpinn.study.result import Result
 from accpinn.study.snapshot import load
-from accpinn.study.store import Store
 from tests.support.command import STUDY, Capture, document
 from tests.support.following import driven
 from tests.support.openacc_files import csv, metadata
@@ -129,30 +128,14 @@ def test_a_snapshot_of_it_is_the_same_and_is_confirmed(folder: Path) -> None:
     assert str(result).count("\n") <= 10
 
 
-def test_commands_have_the_models_own_parameters(capsys: Capture, folder: Path) -> None:
-    path = file_of(folder / "short.csv", "idm", IDM, 120.0)
-    out = folder / "short.accpinn.zip"
-    found = document(capsys, "fit", path, "--model", "idm", "--intervals", "--out", out)
-    assert (found["model"], found["method"]) == ("idm", "simulation")
-    (row,), (own,), (known,) = found["parameters"], found["answer"], found["intervals"]
-    assert {*FOLLOWING["idm"].names, "alpha", "beta", "tau"} <= row.keys()
-    assert known["T"][0] < row["T"] < known["T"][1]
-    assert list(own["parameters"]) == list(FOLLOWING["idm"].names)
-    held = document(capsys, "fit", path, "--model", "idm", "--hold", "v0=40", "--hold", "b=1.6")
-    for entry in (held["parameters"][0], held["answer"][0]["parameters"]):
-        assert (entry["v0"], entry["b"]) == (pytest.approx(40), pytest.approx(1.6))
-    stable = document(capsys, "stability", out)["vehicles"][0]
-    assert stable["alpha"] > 0
-    swung = document(capsys, "simulate", out, "--vehicles", 3, "--duration", 120)
-    assert len(swung["amplitude"]) == 4
-
-
-def test_the_network_learns_it_where_a_preset_is_named(capsys: Capture, folder: Path) -> None:
+def test_the_network_learns_it_where_a_preset_is_named_and_commands_have_its_parameters(
+    capsys: Capture, folder: Path
+) -> None:
     key = "idm-delay"
     names = FOLLOWING[key].names
     truth, start = np.array([[*IDM[0], 0.4]]), [1, 1, 1, 3, 40, 1]
     path, out = file_of(folder / f"{key}.csv", key, truth, 120.0), folder / f"{key}.accpinn.zip"
-    options = ("--model", key, "--preset", "fast", "--hold", "v0=40")
+    options = ("--model", key, "--preset", "fast", "--hold", "v0=40", "--intervals")
     options += ("--initial", ",".join(map(str, start)))
     found = document(capsys, "fit", path, *options, "--out", out)
     assert (found["model"], found["method"]) == (key, "pinn")
@@ -163,6 +146,14 @@ def test_the_network_learns_it_where_a_preset_is_named(capsys: Capture, folder: 
     assert kept.fit.history.parameters[-1] == kept.parameters
     assert [found["parameters"][0][name] for name in names] == pytest.approx(kept.parameters.own[0])
     assert set(names) <= {picture.name for picture in training_pictures(kept)}
+    (row,), (own,), (known,) = found["parameters"], found["answer"], found["intervals"]
+    assert {*names, "alpha", "beta", "tau"} <= row.keys()
+    assert known["T"][0] < row["T"] < known["T"][1]
+    assert list(own["parameters"]) == list(names)
+    assert row["v0"] == own["parameters"]["v0"] == pytest.approx(40)
+    assert document(capsys, "stability", out)["vehicles"][0]["alpha"] > 0
+    swung = document(capsys, "simulate", out, "--vehicles", 3, "--duration", 120)
+    assert len(swung["amplitude"]) == 4
 
 
 def test_starts_train_the_papers_model_where_there_is_no_other_alpha() -> None:
@@ -198,15 +189,6 @@ def test_an_intercept_is_what_gaps_are_longer_by(method: str, law: Law) -> None:
     np.testing.assert_allclose(further, [0, 0, 0, 6.0, 0, 0], atol=0.05)
     if fit.surrogate:
         assert np.abs(fit.surrogate.gaps - shifted().gaps).max() < 0.5
-
-
-def test_another_model_of_the_answer_does_not_estimate_again(tmp_path: Path) -> None:
-    store, recording = Store(tmp_path), read(STUDY)
-    first = accpinn.fit(recording, 0, 60, method="splines", store=store)
-    other = accpinn.fit(recording, 0, 60, method="splines", model="idm", store=store)
-    assert other.fit.cached
-    assert (first.answer.model, other.answer.model) == ("cthp-s0-delay", "idm")
-    assert other.fit.model == "cthp", "splines estimate the paper's model alone"
 
 
 @pytest.mark.parametrize("model", ["cthp", "cthp-s0"])
