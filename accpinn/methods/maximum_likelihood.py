@@ -140,7 +140,7 @@ def fit(
         KEY,
         segment,
         case,
-        Solution(frozen(theta), frozen(free), active),
+        Solution(frozen(theta), frozen(free), active, complete(form, values)[:, 3:]),
         outcome=Outcome.SOLVED if all(m.converged for m in maxima) else Outcome.FINISHED,
         config={"spacing": step},
         surrogate=surrogate,
@@ -151,11 +151,7 @@ def fit(
             for vehicle, moves in zip(segment.vehicles[1:], moving(segment, case), strict=True)
             if not moves
         ],
-        arrays={
-            "disturbance": disturbance,
-            "unknowns": values,
-        },
-        terms=complete(form, values)[:, 3:],
+        arrays={"disturbance": disturbance, "unknowns": values},
     )
 
 

@@ -7,7 +7,7 @@ at which a sample is missing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Self
 
@@ -28,6 +28,8 @@ class Solution:
     """(3,) or (M, 3) the optimum without the bounds."""
     active: Mask
     """(3,) or (M, 3) whether a component is zero because of the bounds."""
+    terms: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) or (M, 3) s₀, λ and d."""
 
     @classmethod
     def stack(cls, parts: Sequence["Solution"], followers: int) -> Self:
@@ -46,8 +48,9 @@ class Solution:
 
     @property
     def parameters(self) -> Parameters:
-        """α, β, τ within the bounds."""
-        return Parameters.from_theta(self.theta)
+        """α, β, τ within the bounds, and the terms."""
+        alpha, beta, tau = np.moveaxis(Parameters.from_theta(self.theta).values, -1, 0)
+        return Parameters(alpha, beta, tau, *np.moveaxis(self.terms, -1, 0))
 
     @property
     def active_names(self) -> tuple[tuple[str, ...], ...]:
@@ -154,8 +157,8 @@ class Regression:
         """The least-squares θ within the rational driving constraints."""
         return solve_platoon(self.grams(), self.moments(), case)
 
-    def solve_with_intercept(self, case: Case) -> tuple[Solution, FloatArray]:
-        """The same, and s₀ (M,) in m, for dv/dt = X θ - α s₀ + r; nan where α = 0.
+    def solve_with_intercept(self, case: Case) -> Solution:
+        """The same with an s₀, for dv/dt = X θ - α s₀ + r; nan where α = 0.
 
         About their means over the instants that count, rows have no s₀.
         """
@@ -169,4 +172,4 @@ class Regression:
         rest = (term * solution.theta[:, None]).sum(axis=2)[:, 0] - rate[:, 0]
         alpha = solution.theta[:, 0]
         s0 = np.divide(rest, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
-        return solution, s0
+        return replace(solution, terms=np.column_stack([s0, np.zeros((len(s0), 2))]))
