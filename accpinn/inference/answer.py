@@ -393,11 +393,8 @@ def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:
 def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
-    Args:
-        drawn: (K, n, p) draws of its windows under the prior that other cars give, as
-            `WindowPosterior.likely`; nan for a window that does not determine it.
-        model: whose coordinates φ they are.
-        held: terms that keep their values.
+    The draws (K, n, p) of its windows are φ under the prior that other cars give, as
+    `WindowPosterior.likely`; nan for a window that does not determine it.
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")

@@ -106,16 +106,11 @@ def sample(
     held: Held = (),
     others: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[Posterior, ...]:
-    """Sample the posterior of each group, whichever others there are.
+    """Sample the posterior of each of G groups from its maximum (G,) on, by its seed (G,).
 
-    Args:
-        series: the series of G groups.
-        maxima: (G,) the maximum of each group.
-        form: the form of the model.
-        seeds: (G,) of each group's draws.
-        held: terms of the form that keep their values.
-        others: the logarithms (n,) of a further factor of the density at draws (n, P), as what
-            other cars say; enough draws count with it, too.
+    A group's draws do not depend on the other groups. ``others`` gives the logarithms (n,) of a
+    further factor of the density at draws (n, P), as what other cars say; enough draws count with
+    it, too.
     """
     criterion = Criterion(series, form, held)
     rngs = [np.random.default_rng(seed) for seed in seeds]

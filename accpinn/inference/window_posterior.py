@@ -183,12 +183,9 @@ def log_prior_of_likely(model: str, phi: FloatArray, held: Held) -> FloatArray:
 
 
 def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Parameters:
-    """(..) parameters from coordinates (.., p).
+    """(..) parameters from a model's coordinates (.., p).
 
-    Args:
-        model: whose coordinates.
-        phi: (.., p)
-        speed: (..) of the linearisation, in m/s; a CTHP is the same at every speed.
+    The speed (..) in m/s is that of the linearisation; a CTHP is the same at every speed.
     """
     if model not in CTHPS:
         return FOLLOWING[model].linearisations(FOLLOWING[model].values_at(phi), speed)

@@ -297,16 +297,9 @@ class Fit:
         findings: Iterable[MethodFinding] = (),
         **others: Any,
     ) -> Self:
-        """The fit of a bounded least-squares solution.
+        """The fit of a bounded least-squares solution (M, 3), with findings about active bounds.
 
-        Args:
-            method: key of the method.
-            segment: what was fitted.
-            case: "I" or "II".
-            solution: (M, 3)
-            surrogate: see `Fit`.
-            findings: beside those about active bounds.
-            others: further fields of `Fit`.
+        The ``others`` are further fields of `Fit`.
         """
         rows = zip(segment.vehicles[1:], solution.active_names, solution.unconstrained, strict=True)
         bounds = [BoundActive(n, names, tuple(free.tolist())) for n, names, free in rows if names]

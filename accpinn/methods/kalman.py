@@ -79,15 +79,9 @@ class Pairs(NamedTuple):
 def log_likelihood(
     model: StateSpace, measured: FloatArray, pairs: Pairs | None = None
 ) -> FloatArray:
-    """Log L of each of B pairs of a model and measurements.
+    """(B,) log L of pairs of U models and S measurements (N, 3, S) of p, v, u, nan where missing.
 
-    Args:
-        model: U of them.
-        measured: (N, 3, S) p, v, u; nan where missing.
-        pairs: by default of each model and its own measurements.
-
-    Returns:
-        (B,).
+    By default each model meets its own measurements.
     """
     pairs = pairs or Pairs.each(measured.shape[2])
     total = np.zeros(len(pairs.series))
@@ -202,9 +196,7 @@ class Covariance:
     ) -> tuple[FloatArray, FloatArray]:
         """Variances (r, U) and gains (r, n, U) of an instant's measurements.
 
-        Args:
-            rows: those of p, v, u that are there.
-            missing: (U,) where a row's sample is not.
+        The rows of p, v, u are those that are there, but where (U,) a row's sample is missing.
         """
         covariance = self.predicted
         count, size, _ = covariance.shape
@@ -306,9 +298,8 @@ class ConstantGain:
     def over(self, measured: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Innovations (K, 3, B) of measurements (K, 3, B), and the state predicted after them.
 
-        Args:
-            measured: a whole number of blocks, or less than one.
-            state: (n, B) predicted for the first instant.
+        K is a whole number of blocks, or less than one; the state (n, B) is that predicted for the
+        first instant.
         """
         pushes, free, direct, power = self._block
         samples, width, count = measured.shape
@@ -338,16 +329,7 @@ class ConstantGain:
 
 
 def recursion(transition: FloatArray, driven: FloatArray, state: FloatArray) -> FloatArray:
-    """The linear recursion x_{k+1} = F x_k + d_k of B systems.
-
-    Args:
-        transition: (n, n, B) F.
-        driven: (K, n, B) d.
-        state: (n, B) x_0.
-
-    Returns:
-        (K+1, n, B).
-    """
+    """(K+1, n, B) x_{k+1} = F x_k + d_k of B systems, from F (n, n, B), d (K, n, B), x_0 (n, B)."""
     states = np.empty((len(driven) + 1, *state.shape))
     states[0] = state
     for k, push in enumerate(driven):
@@ -458,16 +440,9 @@ def _filtered(
 
 
 def smooth(model: StateSpace, measured: FloatArray) -> FloatArray:
-    """The mean of every state at every instant, given all measurements, before and after.
+    """(N, n, B) the mean of every state, given all measurements (N, 3, B), before and after.
 
     Backward, Durbin and Koopman's r: the measurements of an instant are taken out, last first.
-
-    Args:
-        model: B of them.
-        measured: (N, 3, B) p, v, u; nan where missing.
-
-    Returns:
-        (N, n, B).
     """
     means = np.empty((len(measured), *model.first.shape))
     known = ~np.isnan(measured)

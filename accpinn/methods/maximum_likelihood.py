@@ -109,13 +109,7 @@ def fit(
     law: Law = PAPERS,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
-    """The parameters that make the segment most probable, and the smoothed motion.
-
-    Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-        law: one of the CTHPs.
-        segments: those that the parameters make most probable; by default the segment alone.
+    """The parameters that make all ``segments`` most probable, or the segment; its smoothed motion.
 
     Raises:
         SegmentError: when the window is too short to say anything.
@@ -170,9 +164,7 @@ def _without_bounds(segments: tuple[Segment, ...], case: Case) -> dict[int, Maxi
 def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSize, ...]:
     """One finding a follower, or in Case I one for all; none of another method's fit.
 
-    Args:
-        vehicles: (M+1,) numbers in the file, leader first.
-        fit: of any method.
+    The vehicles (M+1,) are numbers in the file, leader first.
     """
     if fit.method != KEY or "unknowns" not in fit.arrays:
         return ()

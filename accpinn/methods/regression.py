@@ -62,13 +62,9 @@ class Solution:
 
 
 def solve_bounded(gram: FloatArray, moment: FloatArray) -> Solution:
-    """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly.
+    """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly, for a positive semi-definite G (K, K) and m (K,).
 
     Every active set is tried, so the answer is the global optimum; K is 2 or 3 in this package.
-
-    Args:
-        gram: (K, K) G, symmetric positive semi-definite.
-        moment: (K,) m.
     """
     size = len(moment)
     unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
@@ -88,13 +84,7 @@ def solve_bounded(gram: FloatArray, moment: FloatArray) -> Solution:
 def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Solution:
     """`solve_bounded` for each follower (Case II) or for all of them together (Case I).
 
-    Args:
-        grams: (M, 3, 3), one normal matrix a follower.
-        moments: (M, 3).
-        case: "I" or "II".
-
-    Returns:
-        A solution (M, 3); in Case I its rows are equal.
+    From each one's normal matrix (M, 3, 3) and moments (M, 3); in Case I the rows are equal.
     """
     followers = len(grams)
     if case == "I":
@@ -132,13 +122,9 @@ class Regression:
     def of_motion(
         cls, speeds: FloatArray, gaps: FloatArray, rates: FloatArray, mask: Mask | None
     ) -> Self:
-        """The rows of any motion.
+        """The rows of any motion: speeds (N, M+1), gaps (N, M) and the followers' dv/dt (N, M).
 
-        Args:
-            speeds: (N, M+1) in m/s, leader first.
-            gaps: (N, M) in m.
-            rates: (N, M) the followers' dv/dt in m/s².
-            mask: (N, M) True where an instant counts; None where all do.
+        The mask (N, M) is True where an instant counts; None where all do.
         """
         terms = regressors(speeds, gaps)
         if mask is None:

@@ -178,15 +178,8 @@ def estimate(
 ) -> tuple[Estimate, ...]:
     """The best parameters for each of several groups of windows, all searched at once.
 
-    Args:
-        model: what to estimate.
-        drives: the windows.
-        groups: indices of windows that share one parameter set, one or more each.
-        should_stop: asked before every round; True ends the search with what it has.
-        held: parameters that keep their values.
-
-    Returns:
-        One estimate a group.
+    A group is the indices of the windows that share one parameter set, and has one estimate.
+    ``should_stop`` is asked before every round; True ends the search with what it has.
     """
     search = _Search(model, drives, groups, held)
     problems, rng = len(groups), np.random.default_rng(0)
@@ -373,11 +366,7 @@ def estimates(
 ) -> tuple[tuple[list[int], Estimate], ...]:
     """The estimate of each follower that several windows together determine, and whose it is.
 
-    Args:
-        segments: (K,) windows of the same vehicles; each follower is simulated behind the measured
-            vehicle ahead.
-        case: "I" for one estimate of all followers, "II" for one of each.
-        law: any model.
+    Each follower is simulated behind the measured vehicle ahead. Case I has one estimate for all.
 
     Raises:
         SegmentError: where a window is too short, or simulations almost diverge.
@@ -428,15 +417,9 @@ def fit(
     law: Law = PAPERS,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
-    """The parameters of the best closed-loop simulation; the surrogate is that simulation.
+    """The parameters of the best closed-loop simulation of all ``segments``, or of the segment.
 
-    It is that of each follower behind the measured vehicle ahead.
-
-    Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-        law: any model.
-        segments: the windows that the parameters simulate best; by default the segment alone.
+    The surrogate is that of each follower behind the measured vehicle ahead.
 
     Raises:
         SegmentError: where a window is too short.

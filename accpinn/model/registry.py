@@ -177,13 +177,7 @@ def has_terms_of(model: str, parameters: Parameters) -> bool:
 
 
 def time_gap(model: str, parameters: Parameters, speed: ArrayLike) -> FloatArray:
-    """(..) the time gap in equilibrium at a speed in m/s; nan where there is no equilibrium.
-
-    Args:
-        model: whose parameters.
-        parameters: (..)
-        speed: (..) above zero.
-    """
+    """(..) the time gap in equilibrium at a speed (..) in m/s above zero; nan without one."""
     if not parameters.own.shape[-1]:
         return parameters.time_gap(speed)
     theta = np.moveaxis(parameters.own, -1, 0)

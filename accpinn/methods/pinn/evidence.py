@@ -132,14 +132,10 @@ class SplineBasis:
         return grams
 
     def banded(self, forms: FloatArray, grams: FloatArray) -> FloatArray:
-        """The matrix of a sum of squares, in lower banded form.
+        """((degree + 1) O, O K) the matrix of a sum of squares, in lower banded form.
 
-        Args:
-            forms: (E, O, A) each residual's factors of derivatives 0 to A - 1 of O outputs.
-            grams: of these derivatives.
-
-        Returns:
-            ((degree + 1) O, O K); the outputs stand side by side at each function.
+        The forms (E, O, A) are each residual's factors of derivatives 0 to A - 1 of O outputs,
+        ``grams`` those of these derivatives. The outputs stand side by side at each function.
         """
         outputs = forms.shape[1]
         squares = np.einsum("eoa,epb->poab", forms, forms).reshape(outputs, 1, outputs, -1)
@@ -414,13 +410,9 @@ class Evidence(Criterion):
     ) -> tuple[FloatArray, ...]:
         """Criterion (K,), gradient (K, P) and the filter's expected information (K, P, P).
 
-        Slopes are central differences. One-sided ones would not do: α and ατ vary almost together,
-        and the error of their slopes would move them by a fifth of a standard error.
-
-        Args:
-            z: (K, P)
-            groups: (K,) which group each row belongs to.
-            present: (K,) values; the gradient of a row with a lower one is 0.
+        The gradient of a row below its ``present`` value (K,) is 0. Slopes are central differences.
+        One-sided ones would not do: α and ατ vary almost together, and the error of their slopes
+        would move them by a fifth of a standard error.
         """
         value, gradient = np.empty(len(z)), np.zeros(z.shape)
         moves = np.diag(self._moves)[self._order]
