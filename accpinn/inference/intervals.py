@@ -22,7 +22,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.window_posterior import joint_posterior, parameters_of
-from accpinn.methods import one_thread
+from accpinn.methods import Law, one_thread
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.cthp import Case, Parameters
@@ -188,7 +188,7 @@ def intervals(
     if draws < 2:
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    known = shared(segments, fit.case, level, draws, fit.model, held)
+    known = shared(segments, fit.case, level, draws, Law(fit.model, held))
     return with_estimates(known, segments[0], fit)
 
 
@@ -277,12 +277,12 @@ def growth(
 
 @lru_cache(maxsize=64)
 def shared(
-    segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
+    segments: tuple[Segment, ...], case: Case, level: float, draws: int, law: Law
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    posterior = joint_posterior(segments, case, model, held, draws)
-    drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
-    method = EXACT if model in CTHPS else BY_SIMULATION
+    posterior = joint_posterior(segments, case, law, draws)
+    drawn = parameters_of(law.model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+    method = EXACT if law.model in CTHPS else BY_SIMULATION
     return from_draws(Parameters.of(posterior.estimates), drawn, level, method)
 
 

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import Pairs, innovations, log_likelihood
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import (
@@ -28,7 +29,6 @@ from accpinn.methods.state_space import (
     coordinates,
     state_space,
 )
-from accpinn.model.registry import Held
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5
@@ -125,20 +125,14 @@ class Criterion:
     negligible: float = 0.0
     """Gain that is worth no further round; a search that expects less ends."""
 
-    def __init__(
-        self, series: Series, form: Form = "cthp", held: Held = (), is_flat: bool = False
-    ) -> None:
-        """For series, under a form of the model, with some of its terms held at given values.
-
-        Its terms have no prior where it is flat.
-        """
-        self.series, self.form = series, form
-        values = dict(held)
+    def __init__(self, series: Series, law: Law = PAPERS, is_flat: bool = False) -> None:
+        """For series under a CTHP, whose terms have no prior where it is flat."""
+        self.series, self.form, values = series, law.model, dict(law.held)
         unknowns = [
             replace(unknown, start=value, lower=value, upper=value)
             if (value := values.get(unknown.name)) is not None
             else unknown
-            for unknown in coordinates(form)
+            for unknown in coordinates(law.model)
         ]
         self.size = len(unknowns)
         self.lower, self.upper = np.array([unknown.bounds for unknown in unknowns]).T
@@ -213,16 +207,13 @@ class Criterion:
 
 
 def maximise(
-    series: Series,
-    form: Form = "cthp",
-    near: Sequence[FloatArray] | None = None,
-    held: Held = (),
+    series: Series, law: Law = PAPERS, near: Sequence[FloatArray] | None = None
 ) -> tuple[Maximum, ...]:
     """The maximum of each of G groups, the best of several searches.
 
     They begin at ``near`` (S * G, P), coordinates of all groups in turn, else at `STARTS`.
     """
-    criterion = Criterion(series, form, held)
+    criterion = Criterion(series, law)
     if near is None:
         starts = np.tile(criterion.start, (len(STARTS), 1))
         for start, (gains, memory, noise) in zip(starts, STARTS, strict=True):

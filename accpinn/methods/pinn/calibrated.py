@@ -65,10 +65,10 @@ class CalibratedTraining(Training):
         """
         super().__init__(segments[0], case, config)
         self._form = law.model
-        self._evidence = Evidence(series_of(segments, case), self._form, law.held)
+        self._evidence = Evidence(series_of(segments, case), law)
         self._iteration, self._drawn = 0, None
         # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
-        start = joint_maxima(segments, case, self._form, held=law.held)
+        start = joint_maxima(segments, case, law)
         z = np.array([maximum.coordinates for maximum in start])
         self._search = ascend(self._evidence, z, np.arange(len(z)))
         self._at: Ascending = next(self._search)

@@ -41,6 +41,7 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
+from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import LOG_TWO_PI
 from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
@@ -55,7 +56,7 @@ from accpinn.methods.state_space import (
     Form,
     coordinates,
 )
-from accpinn.model.registry import FOLLOWING, PAPER, Held
+from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.units import FloatArray, Mask, Metres, Seconds
 
 DEGREE = 5
@@ -383,16 +384,16 @@ class Evidence(Criterion):
 
     negligible = 3e-4
 
-    def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
+    def __init__(self, series: Series, law: Law = PAPERS) -> None:
         """For series, each with features of its own length, and one of the CTHPs."""
-        super().__init__(series, form, held)
-        names = [unknown.name for unknown in coordinates(form)]
+        super().__init__(series, law)
+        names = [unknown.name for unknown in coordinates(law.model)]
         # First the slopes for what leaves all factors as they are, then those that leave Λ.
         self._order = sorted(range(self.size), key=lambda at: (names[at] != "s0", at not in NOISE))
         self._moves = DIFFERENCE * np.array([METRES if name == "s0" else 1.0 for name in names])
         """(P,) differences of the coordinates."""
         self._terms = [
-            LinearEvidence(measured, series.step, form)
+            LinearEvidence(measured, series.step, law.model)
             for measured in np.moveaxis(series.measured, -1, 0)
         ]
 
