@@ -20,12 +20,7 @@ from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined, p_value
-from accpinn.inference.intervals import (
-    LEVEL,
-    Uncertainty,
-    from_draws,
-    interval_ends,
-)
+from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
 from accpinn.inference.population import CHAINS, KEPT, Car, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (

@@ -21,14 +21,7 @@ from numpy.typing import NDArray
 from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import Pairs, innovations, log_likelihood
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import (
-    COMMON,
-    Form,
-    StateSpace,
-    complete,
-    coordinates,
-    state_space,
-)
+from accpinn.methods.state_space import COMMON, Form, StateSpace, complete, coordinates, state_space
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5

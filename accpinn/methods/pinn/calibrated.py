@@ -16,13 +16,7 @@ import numpy as np
 
 from accpinn.methods import Law
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.likelihood import (
-    Ascending,
-    ascend,
-    log_errors,
-    natural,
-    vanishing,
-)
+from accpinn.methods.likelihood import Ascending, ascend, log_errors, natural, vanishing
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence
