@@ -262,8 +262,7 @@ class _Search:
         count = np.maximum(freedom[0], 1)
         weight = (freedom[1] / squares)[:, None]
         gradient = weight * np.einsum("kcbw,kcbwn->bn", errors, slopes) + z
-        flat = slopes.transpose(2, 0, 1, 3, 4).reshape(len(z), -1, z.shape[1])
-        curvature = weight[..., None] * (flat.transpose(0, 2, 1) @ flat) + np.eye(z.shape[1])
+        curvature = weight[..., None] * _products(slopes) + np.eye(z.shape[1])
         value = 0.5 * freedom[1] * np.log(squares / count) + 0.5 * (z**2).sum(axis=1)
         return np.where(np.isfinite(value), value, np.inf), gradient, curvature
 
@@ -279,15 +278,15 @@ class _Search:
         """The estimates of all groups, with intervals."""
         owner, model = np.arange(len(z)), self._model
         errors, slopes, freedom = self._linear(z, owner)
-        _, _, curvature = self.expanded(z, owner)
         weight = freedom[1] / np.einsum("kcbw,kcbw->b", errors, errors)
         scores = np.einsum("kcbw,kcbwn->kbwn", errors, slopes) * weight[:, None, None]
         ends = np.arange(0, len(scores), max(1, round(BLOCK / self._drives.step)))
         blocks = np.add.reduceat(scores, ends, axis=0)
+        squares = np.add.reduceat(np.einsum("kcbwi,kcbwj->kbwij", slopes, slopes), ends, axis=0)
+        curvature = weight[:, None, None] * _products(slopes) + np.eye(z.shape[1])
         inverse = np.zeros_like(curvature)
         free = np.ix_(owner, self._free, self._free)
         inverse[free] = np.linalg.inv(curvature[free])
-        squares = np.add.reduceat(np.einsum("kcbwi,kcbwj->kbwij", slopes, slopes), ends, axis=0)
         own = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
         left_out = np.linalg.solve(np.eye(z.shape[1]) - own, blocks[..., None])[..., 0]
         meat = np.einsum("kbwi,kbwj->bij", left_out, left_out) + np.eye(z.shape[1])
@@ -339,6 +338,12 @@ class _Search:
         errors[:, :, diverged], slopes[:, :, diverged] = np.inf, 0.0
         samples = counts.sum(axis=(0, 2))
         return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
+
+
+def _products(slopes: FloatArray) -> FloatArray:
+    """(B, n, n) the sums of products of slopes (K+1, 2, B, W, n)."""
+    flat = slopes.transpose(2, 0, 1, 3, 4).reshape(slopes.shape[2], -1, slopes.shape[4])
+    return np.asarray(flat.transpose(0, 2, 1) @ flat)
 
 
 def refuse_short(segment: Segment) -> None:
