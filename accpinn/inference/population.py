@@ -125,8 +125,8 @@ def sampled_population(
 ) -> Car:
     """Sample the typical value of one car and how its windows differ.
 
-    From (K, n, p) draws of equal weight from the posterior of each of K windows, and (K, n) the log
-    density of the prior that these have, up to a constant. Rounds are left out beyond `BURN`.
+    The draws (K, n, p) have equal weight and are from the posterior of each of K windows, whose
+    prior has the log density (K, n), up to a constant. Rounds are left out beyond `BURN`.
     """
     rng = np.random.default_rng(seed)
     count, size, p = drawn.shape

@@ -196,7 +196,7 @@ class Covariance:
     ) -> tuple[FloatArray, FloatArray]:
         """Variances (r, U) and gains (r, n, U) of an instant's measurements.
 
-        The rows of p, v, u are those that are there, but where (U,) a row's sample is missing.
+        The rows are those of p, v, u that are there; ``missing`` (U,) is where a row's sample is not.
         """
         covariance = self.predicted
         count, size, _ = covariance.shape

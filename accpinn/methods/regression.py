@@ -84,7 +84,7 @@ def solve_bounded(gram: FloatArray, moment: FloatArray) -> Solution:
 def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Solution:
     """`solve_bounded` for each follower (Case II) or for all of them together (Case I).
 
-    From each one's normal matrix (M, 3, 3) and moments (M, 3); in Case I the rows are equal.
+    The normal matrices are (M, 3, 3), the moments (M, 3); in Case I the solution's rows are equal.
     """
     followers = len(grams)
     if case == "I":

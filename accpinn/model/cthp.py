@@ -187,7 +187,7 @@ TOUCH: Metres = 1e-6
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
     """(M, N, 3) p, -v, Δv of each follower, which multiply θ in dv/dt.
 
-    From speeds (N, M+1) in m/s, leader first, and gaps (N, M) in m.
+    The speeds are (N, M+1) in m/s, leader first, the gaps (N, M) in m.
     """
     follower = speeds[:, 1:]
     return np.stack([gaps, -follower, speeds[:, :-1] - follower], axis=-1).transpose(1, 0, 2)
