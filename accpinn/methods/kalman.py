@@ -196,7 +196,7 @@ class Covariance:
     ) -> tuple[FloatArray, FloatArray]:
         """Variances (r, U) and gains (r, n, U) of an instant's measurements.
 
-        The rows are those of p, v, u that are there; ``missing`` (U,) is where a row's sample is not.
+        The rows are those of p, v, u that are there; a row's sample may be ``missing`` (U,).
         """
         covariance = self.predicted
         count, size, _ = covariance.shape
