@@ -20,12 +20,7 @@ from scipy.special import chdtrc
 
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined, p_value
-from accpinn.inference.intervals import (
-    LEVEL,
-    Uncertainty,
-    from_draws,
-    interval_ends,
-)
+from accpinn.inference.intervals import LEVEL, Uncertainty, from_draws, interval_ends
 from accpinn.inference.population import CHAINS, KEPT, Car, population_of, sampled_population
 from accpinn.inference.trust import Trust, trust
 from accpinn.inference.window_posterior import (
@@ -36,7 +31,7 @@ from accpinn.inference.window_posterior import (
     possible,
     window_posterior,
 )
-from accpinn.methods import one_thread
+from accpinn.methods import Law, one_thread
 from accpinn.methods.state_space import EXTRA
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
@@ -264,7 +259,7 @@ def answer(
     Raises:
         ConfigError: for a term that the model does not have.
     """
-    return _answer(tuple(segments), case, model, checked_held(model, held or {}))
+    return _answer(tuple(segments), case, Law(model, checked_held(model, held or {})))
 
 
 def checked_held(model: str, held: Mapping[str, float]) -> Held:
@@ -294,8 +289,8 @@ def checked_held(model: str, held: Mapping[str, float]) -> Held:
 
 @lru_cache(maxsize=64)
 @one_thread
-def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -> Answer:
-    windows = [window_posterior(segment, case, model, held) for segment in segments]
+def _answer(segments: tuple[Segment, ...], case: Case, law: Law) -> Answer:
+    model, windows = law.model, [window_posterior(segment, case, law) for segment in segments]
     speeds, followers = median_speeds(segments), range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
     likely = np.array([window.likely for window in windows])
@@ -307,7 +302,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
     estimates = Parameters.of(np.array([window.estimates for window in windows]))
     if model not in CTHPS:
         estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
-    cars = [car_of(likely[:, k], model, held) for k in followers]
+    cars = [car_of(likely[:, k], law) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k], model) for k in followers])
     vehicles = (0,) if segments[0].shares(case) else segments[0].vehicles[1:]
 
@@ -365,7 +360,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, model: str, held: Held) -
         findings=(
             *_unlike_windows(vehicles, len(segments), differ, spreads),
             *((DrawnToOthers(tuple(drawn_away.items())),) if drawn_away else ()),
-            *(_unlike_followers(segments[0], model, held) if segments[0].shares(case) else ()),
+            *(_unlike_followers(segments[0], law) if segments[0].shares(case) else ()),
         ),
     )
 
@@ -390,23 +385,20 @@ def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:
     return SPEEDS[0] if np.median(speeds) < SPEEDS[0] or not held else held[-1]
 
 
-def car_of(drawn: FloatArray, model: str, held: Held = ()) -> Car:
+def car_of(drawn: FloatArray, law: Law) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
-    Args:
-        drawn: (K, n, p) draws of its windows under the prior that other cars give, as
-            `WindowPosterior.likely`; nan for a window that does not determine it.
-        model: whose coordinates φ they are.
-        held: terms that keep their values.
+    The draws (K, n, p) of its windows are φ under the prior that other cars give, as
+    `WindowPosterior.likely`; nan for a window that does not determine it.
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
-    size, count = CHAINS * KEPT, count_of(model)
+    size, count = CHAINS * KEPT, count_of(law.model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing, np.full((size, count, count), np.nan), nothing)
-    free, prior = free_of(model, held), log_prior_of_likely(model, drawn, held)
-    population = population_of(model, count).of(free)
+    free, prior = free_of(law), log_prior_of_likely(law, drawn)
+    population = population_of(law.model, count).of(free)
     left_out = min(LEFT_OUT * len(drawn), MOST_LEFT_OUT)
     sampled = sampled_population(drawn[..., free], prior, population, left_out=left_out)
     value, further = np.tile(drawn[0, 0], (2, size, 1))
@@ -427,9 +419,9 @@ def _unlike_windows(
         yield HeterogeneousWindows(numbers, count, most, max(known, default=None))
 
 
-def _unlike_followers(segment: Segment, model: str, held: Held) -> Iterator[AnswerFinding]:
+def _unlike_followers(segment: Segment, law: Law) -> Iterator[AnswerFinding]:
     """Whether followers of Case I differ, from what each says by itself."""
-    probability = _heterogeneity(window_posterior(segment, "II", model, held).drawn, model)
+    probability = _heterogeneity(window_posterior(segment, "II", law).drawn, law.model)
     if probability < SIGNIFICANCE:
         yield HeterogeneousFollowers(segment.followers, probability)
 

@@ -211,15 +211,7 @@ def profiles(segment: Segment, case: Case = "II") -> tuple[tuple[Profile, ...], 
 def _profile(
     gram: FloatArray, moment: FloatArray, power: float, theta: FloatArray, which: int
 ) -> Profile:
-    """The profile of α, β or τ.
-
-    Args:
-        gram: (3, 3) XᵀX.
-        moment: (3,) Xᵀ dv/dt.
-        power: Σ (dv/dt)².
-        theta: (3,) θ at the minimum of S.
-        which: of the three, from 0.
-    """
+    """The profile of α, β or τ, from XᵀX, Xᵀ dv/dt, Σ (dv/dt)² and θ at the minimum of S."""
     symbol, limit = PARAMETERS[which].symbol, float(LARGEST.values[which])
     best = float(Parameters.from_theta(theta).values[which])
 

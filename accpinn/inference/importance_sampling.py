@@ -184,12 +184,9 @@ class Proposal:
         return np.asarray(np.log(self.shares)[:, None] + logs)
 
     def adapted(self, drawn: FloatArray, weights: FloatArray, densities: FloatArray) -> "Proposal":
-        """Adapt each part to the weighted draws that probably came from it.
+        """Adapt each part to the draws (n, P) that probably came from it, with weights (n,).
 
-        Args:
-            drawn: (n, P) draws.
-            weights: (n,) their weights.
-            densities: (K, n) their `log_densities`.
+        The densities (K, n) are their `log_densities`.
         """
         belongs = np.exp(densities - np.logaddexp.reduce(densities, axis=0)) * weights
         pairs = zip(self.parts, belongs, strict=True)
@@ -227,14 +224,10 @@ class Sampling:
         log_likelihood: FloatArray,
         factor: FloatArray,
     ) -> None:
-        """Weigh all draws anew with these of the proposal, which adapts to them.
+        """Weigh all draws anew with these w (n, P) of the proposal, which adapts to them.
 
-        Args:
-            drawn: (n, P) w.
-            z: (n, P)
-            target: (n,) log posterior over w, up to a constant.
-            log_likelihood: (n,)
-            factor: (n,) logarithms of the further factor.
+        The target (n,) is the log posterior over w, up to a constant, the factor (n,) the logarithm
+        of the further one.
         """
         before = [weight + proposal.log_density(drawn) for proposal, weight in self._past]
         self._past.append((self.proposal, float(np.log(len(drawn)))))

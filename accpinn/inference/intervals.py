@@ -22,7 +22,7 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.window_posterior import joint_posterior, parameters_of
-from accpinn.methods import one_thread, simulation
+from accpinn.methods import Law, one_thread, simulation
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.cthp import Case, Parameters
@@ -192,7 +192,7 @@ def intervals(
     if draws < 2:
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    known = shared(segments, fit.case, level, draws, fit.model, held)
+    known = shared(segments, fit.case, level, draws, Law(fit.model, held))
     return with_estimates(known, segments[0], fit)
 
 
@@ -226,12 +226,9 @@ def agree(old: Uncertainty, new: Uncertainty) -> bool:
 
 
 def within(estimate: FloatArray, lower: FloatArray, upper: FloatArray) -> Mask:
-    """Whether estimates lie in their intervals, up to the `SLACK` of the drawn ends.
+    """(M, 3) whether estimates lie in their intervals, up to the `SLACK` of the drawn ends.
 
-    Args:
-        estimate: (M, 3); nan lies outside.
-        lower: (M, 3); nan where nothing is known, and everything lies inside.
-        upper: (M, 3).
+    An estimate of nan lies outside; everything lies inside where nothing is known, nan.
     """
     slack = SLACK * (upper - lower)
     inside = (estimate >= lower - slack) & (estimate <= upper + slack)
@@ -250,15 +247,9 @@ def of_first(uncertainty: Uncertainty) -> Uncertainty:
 
 
 def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Interval:
-    """The interval of |H(jω)| at each frequency.
+    """The interval of a follower's |H(jω)|, 0 for the first, at (K,) ω in rad/s above zero.
 
-    Args:
-        uncertainty: the uncertainty of M followers.
-        follower: index of the follower, from 0.
-        omega: (K,) frequencies in rad/s, above zero.
-
-    Returns:
-        (K,) ends; nan where nothing is known.
+    Its ends are nan where nothing is known.
     """
     draws = uncertainty.draws[:, follower]
     if np.isnan(draws.alpha).any():
@@ -270,18 +261,12 @@ def gain_band(uncertainty: Uncertainty, follower: int, omega: FloatArray) -> Int
 def growth(
     uncertainty: Uncertainty, order: tuple[int, ...], omega: RadiansPerSecond | None = None
 ) -> tuple[float, float]:
-    """The interval of how much a disturbance grows from the leader to the last follower.
+    """The interval of Π |H(jω)|, the growth of a disturbance from the leader to the last follower.
 
-    Of Case I a draw is one of the platoon; otherwise the followers' draws are independent.
-
-    Args:
-        uncertainty: the uncertainty of M followers.
-        order: index of each vehicle of the platoon, from 0; one may be repeated.
-        omega: the frequency in rad/s, above zero; None for that at which it grows most.
-
-    Returns:
-        The ends of the interval of Π |H(jω)|, infinite behind a vehicle that is not damped; nan
-        where a vehicle is not determined.
+    The order is the place of each vehicle of the platoon, from 0; one may be repeated. ω is in
+    rad/s and above zero; None is where the disturbance grows most. In Case I a draw is one of the
+    platoon; otherwise the followers' draws are independent. The ends are infinite behind a vehicle
+    that is not damped, and nan where a vehicle is not determined.
     """
     draws, rng = uncertainty.draws, np.random.default_rng(0)
     shared = bool((draws.everything == draws.everything[:, :1]).all())
@@ -305,25 +290,22 @@ def growth(
 
 @lru_cache(maxsize=64)
 def shared(
-    segments: tuple[Segment, ...], case: Case, level: float, draws: int, model: str, held: Held
+    segments: tuple[Segment, ...], case: Case, level: float, draws: int, law: Law
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    posterior = joint_posterior(segments, case, model, held, draws)
-    drawn = parameters_of(model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
-    method = EXACT if model in CTHPS else BY_SIMULATION
+    posterior = joint_posterior(segments, case, law, draws)
+    drawn = parameters_of(law.model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+    method = EXACT if law.model in CTHPS else BY_SIMULATION
     return from_draws(Parameters.of(posterior.estimates), drawn, level, method)
 
 
 def from_draws(
     centre: Parameters, draws: Parameters, level: float, method: str = EXACT
 ) -> Uncertainty:
-    """Compute the uncertainty from draws of the posterior.
+    """Compute the uncertainty from (n, M) draws of the posterior, of equal weight.
 
-    Args:
-        centre: (M,) the maximum-likelihood estimate; nan for followers that are not determined.
-        draws: (n, M) draws of equal weight; nan for these followers.
-        level: level of the intervals.
-        method: how the draws were made.
+    The centre (M,) is the maximum-likelihood estimate; both are nan for followers that are not
+    determined.
     """
     known = ~np.isnan(draws.alpha[0])
     lower, upper = ends_of(centre, draws, level)

@@ -125,12 +125,8 @@ def sampled_population(
 ) -> Car:
     """Sample the typical value of one car and how its windows differ.
 
-    Args:
-        drawn: (K, n, p) draws of equal weight from the posterior of each of K windows.
-        log_prior: (K, n) log density of the prior that these posteriors have, up to a constant.
-        population: of the model's p coordinates.
-        seed: of the draws.
-        left_out: rounds that are left out beyond `BURN`.
+    The draws (K, n, p) have equal weight and are from the posterior of each of K windows, whose
+    prior has the log density (K, n), up to a constant. Rounds are left out beyond `BURN`.
     """
     rng = np.random.default_rng(seed)
     count, size, p = drawn.shape

@@ -35,11 +35,12 @@ from accpinn.inference.importance_sampling import (
     floored,
     normalised,
 )
+from accpinn.methods import Law
 from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
-from accpinn.model.registry import FOLLOWING, Held
+from accpinn.model.registry import FOLLOWING
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)
@@ -100,24 +101,17 @@ def log_prior_of_features(form: Form, phi: FloatArray) -> FloatArray:
 def sample(
     series: Series,
     maxima: Sequence[Maximum],
-    form: Form = "cthp",
-    seeds: Sequence[int] = (0,),
-    *,
-    held: Held = (),
+    law: Law,
+    seeds: Sequence[int],
     others: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[Posterior, ...]:
-    """Sample the posterior of each group, whichever others there are.
+    """Sample the posterior of each of G groups from its maximum (G,) on, by its seed (G,).
 
-    Args:
-        series: the series of G groups.
-        maxima: (G,) the maximum of each group.
-        form: the form of the model.
-        seeds: (G,) of each group's draws.
-        held: terms of the form that keep their values.
-        others: the logarithms (n,) of a further factor of the density at draws (n, P), as what
-            other cars say; enough draws count with it, too.
+    A group's draws do not depend on the other groups. ``others`` gives the logarithms (n,) of a
+    further factor of the density at draws (n, P), as what other cars say; enough draws count with
+    it, too.
     """
-    criterion = Criterion(series, form, held)
+    criterion, form = Criterion(series, law), law.model
     rngs = [np.random.default_rng(seed) for seed in seeds]
     means = (np.nanmean(series.measured[:, 1, series.members(g)]) for g in range(len(maxima)))
     speeds = [max(SLOWEST, float(mean)) for mean in means]

@@ -155,7 +155,7 @@ def _disturbances(segment: Segment, case: Case, law: Law) -> FloatArray:
     known = determined_followers((segment,), case)
     sizes = np.full((segment.followers, 3), np.nan)
     if known:
-        maxima = joint_maxima((segment,), case, asked.model, known, asked.held)
+        maxima = joint_maxima((segment,), case, asked, known)
         sizes[list(known)] = [maximum.values[DISTURBANCE] for maximum in maxima]
     return sizes
 

@@ -115,16 +115,10 @@ def trust(
     own: Parameters,
     speed: MetresPerSecond,
 ) -> Trust:
-    """Hold an answer against its windows.
+    """Hold the answer of a vehicle against its windows (K,) and their own estimates (K,).
 
-    Args:
-        segments: (K,) the windows.
-        vehicle: its number, or 0 for all followers together.
-        followers: whose answer it is: its place, 0 for the first, or all places.
-        model: key of the answer's.
-        answer: the parameters of one vehicle.
-        own: (K,) the estimates of each window alone.
-        speed: at which time gaps are compared, in m/s.
+    The vehicle is its number, or 0 for all followers together; ``followers`` are their places, 0
+    for the first. Time gaps are compared at the speed in m/s.
     """
     pairs = [
         stretch

@@ -199,16 +199,10 @@ def direct(
     takes_windows: bool = False,
     **others: Any,
 ) -> Method:
-    """A method without settings, so fast that neither progress nor stop is needed.
+    """A method without settings, so fast that neither progress nor stop is needed; see `Method`.
 
-    Args:
-        key: see `Method`, as all others.
-        title: its name for people.
-        fit: estimates the parameters of a segment, given the case, the law where there are further
-            models, and all segments where it takes several; how long it took is measured here.
-        models: keys of those that it can estimate, its usual one first.
-        takes_windows: see `Method`.
-        others: further fields of `Method`.
+    ``fit`` estimates the parameters of a segment, given the case, the law where there are further
+    ``models``, and all segments where it takes several; how long it took is measured here.
     """
 
     def run(

@@ -295,30 +295,18 @@ class Fit:
         *,
         surrogate: Trajectories | None = None,
         findings: Iterable[MethodFinding] = (),
-        terms: FloatArray | None = None,
         **others: Any,
     ) -> Self:
-        """The fit of a bounded least-squares solution.
+        """The fit of a bounded least-squares solution (M, 3), with findings about active bounds.
 
-        Args:
-            method: key of the method.
-            segment: what was fitted.
-            case: "I" or "II".
-            solution: (M, 3)
-            surrogate: see `Fit`.
-            findings: beside those about active bounds.
-            terms: (M, 3) s₀, λ and d; None for the paper's model.
-            others: further fields of `Fit`.
+        The ``others`` are further fields of `Fit`.
         """
         rows = zip(segment.vehicles[1:], solution.active_names, solution.unconstrained, strict=True)
         bounds = [BoundActive(n, names, tuple(free.tolist())) for n, names, free in rows if names]
-        parameters = solution.parameters
-        if terms is not None:
-            parameters = Parameters.of(np.column_stack([parameters.values, terms]))
         return cls(
             method=method,
             case=case,
-            parameters=parameters,
+            parameters=solution.parameters,
             surrogate=surrogate,
             seconds=0.0,
             unconstrained=Parameters.from_theta(solution.unconstrained),

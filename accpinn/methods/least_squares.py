@@ -19,15 +19,13 @@ IEEE Signal Processing Magazine 28 (2011) 111-117.
 
 from functools import partial
 
-import numpy as np
-
 from accpinn.methods import PAPERS, Law, direct
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import PAPER
 from accpinn.segment import Segment
-from accpinn.units import FloatArray, Seconds
+from accpinn.units import Seconds
 
 WINDOW: Seconds = 2.0
 """Passes up to about 0.75 Hz at 10 Hz: above what a platoon does, which stays below 0.3 Hz, and
@@ -41,18 +39,13 @@ LEAST_SAMPLES = 5
 
 def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     """The least-squares parameters of a segment; takes milliseconds."""
-    solution, terms = solved(Regression.of(segment), case, law)
-    return Fit.of(
-        "least-squares", segment, case, solution, outcome=Outcome.SOLVED, config={}, terms=terms
-    )
+    solution = solved(Regression.of(segment), case, law)
+    return Fit.of("least-squares", segment, case, solution, outcome=Outcome.SOLVED, config={})
 
 
-def solved(regression: Regression, case: Case, law: Law) -> tuple[Solution, FloatArray | None]:
-    """The solution under a model of `MODELS`, and s₀, λ and d (M, 3) where it has terms."""
-    if law == PAPERS:
-        return regression.solve(case), None
-    solution, s0 = regression.solve_with_intercept(case)
-    return solution, np.column_stack([s0, np.zeros((len(s0), 2))])
+def solved(regression: Regression, case: Case, law: Law) -> Solution:
+    """The solution under a model of `MODELS`."""
+    return regression.solve(case) if law == PAPERS else regression.solve_with_intercept(case)
 
 
 def fit_smoothed(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
@@ -70,16 +63,14 @@ def fit_smoothed(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
     acceleration = smoothing(segment.speeds[:, 1:], deriv=1)
     # The window reaches into masked instants, as the signals there are as good as elsewhere.
     regression = Regression.of_motion(speeds, gaps, acceleration, segment.mask)
-    solution, terms = solved(regression, case, law)
     return Fit.of(
         "savitzky-golay",
         segment,
         case,
-        solution,
+        solved(regression, case, law),
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED,
         config={"window": samples * segment.sample_time, "degree": degree},
-        terms=terms,
     )
 
 

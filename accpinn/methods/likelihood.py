@@ -18,17 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import Pairs, innovations, log_likelihood
 from accpinn.methods.series import Series
-from accpinn.methods.state_space import (
-    COMMON,
-    Form,
-    StateSpace,
-    complete,
-    coordinates,
-    state_space,
-)
-from accpinn.model.registry import Held
+from accpinn.methods.state_space import COMMON, Form, StateSpace, complete, coordinates, state_space
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5
@@ -125,20 +118,14 @@ class Criterion:
     negligible: float = 0.0
     """Gain that is worth no further round; a search that expects less ends."""
 
-    def __init__(
-        self, series: Series, form: Form = "cthp", held: Held = (), is_flat: bool = False
-    ) -> None:
-        """For series, under a form of the model, with some of its terms held at given values.
-
-        Its terms have no prior where it is flat.
-        """
-        self.series, self.form = series, form
-        values = dict(held)
+    def __init__(self, series: Series, law: Law = PAPERS, is_flat: bool = False) -> None:
+        """For series under a CTHP, whose terms have no prior where it is flat."""
+        self.series, self.form, values = series, law.model, dict(law.held)
         unknowns = [
             replace(unknown, start=value, lower=value, upper=value)
             if (value := values.get(unknown.name)) is not None
             else unknown
-            for unknown in coordinates(form)
+            for unknown in coordinates(law.model)
         ]
         self.size = len(unknowns)
         self.lower, self.upper = np.array([unknown.bounds for unknown in unknowns]).T
@@ -176,10 +163,8 @@ class Criterion:
     ) -> tuple[FloatArray, ...]:
         """Criterion (K,), gradient (K, P) and expected information (K, P, P), prior included.
 
-        Args:
-            z: (K, P)
-            groups: (K,) which group each row belongs to.
-            present: (K,) values that are to be exceeded; a lower row needs no gradient.
+        Each row of z (K, P) belongs to one of the groups (K,). The values ``present`` (K,) are to
+        be exceeded: a lower row needs no gradient.
         """
         size = self.size
         around = np.stack([z, *(z + move for move in DIFFERENCE * np.eye(size))], axis=1)
@@ -215,21 +200,13 @@ class Criterion:
 
 
 def maximise(
-    series: Series,
-    form: Form = "cthp",
-    near: Sequence[FloatArray] | None = None,
-    held: Held = (),
+    series: Series, law: Law = PAPERS, near: Sequence[FloatArray] | None = None
 ) -> tuple[Maximum, ...]:
-    """The maximum of each group, the best of several searches.
+    """The maximum of each of G groups, the best of several searches.
 
-    Args:
-        series: G groups.
-        form: of the model.
-        near: (S * G, P) coordinates that the maximum is known to be near to, those of all groups
-            in turn; else `STARTS` count.
-        held: terms of the form that keep their values.
+    They begin at ``near`` (S * G, P), coordinates of all groups in turn, else at `STARTS`.
     """
-    criterion = Criterion(series, form, held)
+    criterion = Criterion(series, law)
     if near is None:
         starts = np.tile(criterion.start, (len(STARTS), 1))
         for start, (gains, memory, noise) in zip(starts, STARTS, strict=True):
@@ -270,17 +247,10 @@ class Ascending(NamedTuple):
 def ascend(
     criterion: Criterion, z: FloatArray, groups: Groups, is_last_held: bool = False
 ) -> Iterator[Ascending]:
-    """Ascend from each row of z (K, P); all rows move at once.
+    """Ascend from each row of z (K, P), all at once; ``groups`` (K,) are those of the rows.
 
-    Args:
-        criterion: of all groups.
-        z: (K, P)
-        groups: (K,) the group of each row.
-        is_last_held: whether the last unknown keeps its value, each row its own.
-
-    Yields:
-        The present rows, at the start, after each round and, with the maxima, at the end; the
-        arrays change later.
+    Where the last one is held, it keeps its value, each row its own. Given are the present rows, at
+    the start, after each round and, with the maxima, at the end; the arrays change later.
     """
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)
@@ -353,14 +323,10 @@ def not_held(criterion: Criterion, z: FloatArray, gradient: FloatArray) -> Mask:
 def scoring_step(
     curvature: FloatArray, gradient: FloatArray, free: Mask, damping: float, reach: float
 ) -> FloatArray:
-    """(P,) the damped Newton step of the free coordinates; 0 for the others.
+    """(P,) the damped Newton step of the free coordinates (P,); 0 for the others.
 
-    Args:
-        curvature: (P, P) -d²/dz² of the criterion.
-        gradient: (P,)
-        free: (P,) which coordinates move.
-        damping: share of each diagonal entry that is added to it.
-        reach: the longest step of any coordinate.
+    The curvature (P, P) is -d²/dz² of the criterion; ``damping`` is the share of each diagonal
+    entry that is added to it, ``reach`` the longest step of any coordinate.
     """
     part = curvature[np.ix_(free, free)]
     part = part + np.diag(damping * np.diag(part) + 1e-9)

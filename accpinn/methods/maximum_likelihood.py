@@ -22,7 +22,7 @@ from accpinn.methods.regression import Solution
 from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, complete, state_space
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, Held
+from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, frozen
 
@@ -58,34 +58,28 @@ class DisturbanceSize(Finding, frozen=True):
 def joint_maxima(
     segments: tuple[Segment, ...],
     case: Case,
-    form: Form = "cthp",
+    law: Law = PAPERS,
     followers: tuple[int, ...] | None = None,
-    held: Held = (),
 ) -> tuple[Maximum, ...]:
     """The maximum of each follower, in Case I of all together, under the segments' likelihood.
 
-    Args:
-        segments: as for `series_of`; so is ``followers``.
-        case: "I" or "II".
-        form: of the model.
-        followers: by default all.
-        held: terms that keep their values.
+    For segments and followers see `series_of`.
     """
     if followers is None or case == "I":
         followers = tuple(range(segments[0].followers))
-    return _joint_maxima(segments, case, form, followers, held)
+    return _joint_maxima(segments, case, law, followers)
 
 
 @lru_cache(maxsize=64)
 def _joint_maxima(
-    segments: tuple[Segment, ...], case: Case, form: Form, followers: tuple[int, ...], held: Held
+    segments: tuple[Segment, ...], case: Case, law: Law, followers: tuple[int, ...]
 ) -> tuple[Maximum, ...]:
     series = series_of(segments, case, followers)
-    if form == "cthp":
+    if law == PAPERS:
         return maximise(series)
-    known = _joint_maxima(segments, case, "cthp", followers, ())
-    starts = _further_starts(form, [maximum.coordinates for maximum in known])
-    return maximise(series, form, starts, held)
+    known = _joint_maxima(segments, case, PAPERS, followers)
+    starts = _further_starts(law.model, [maximum.coordinates for maximum in known])
+    return maximise(series, law, starts)
 
 
 def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]:
@@ -109,20 +103,14 @@ def fit(
     law: Law = PAPERS,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
-    """The parameters that make the segment most probable, and the smoothed motion.
-
-    Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-        law: one of the CTHPs.
-        segments: those that the parameters make most probable; by default the segment alone.
+    """The parameters that make all ``segments`` most probable, or the segment; its smoothed motion.
 
     Raises:
         SegmentError: when the window is too short to say anything.
     """
     segments = segments or (segment,)
     form = law.model
-    maxima = joint_maxima(segments, case, form, held=law.held)
+    maxima = joint_maxima(segments, case, law)
     followers = maxima * segment.followers if case == "I" else maxima
     theta = np.array([maximum.theta for maximum in followers])
     values = np.array([maximum.values for maximum in followers])
@@ -140,7 +128,7 @@ def fit(
         KEY,
         segment,
         case,
-        Solution(frozen(theta), frozen(free), active),
+        Solution(frozen(theta), frozen(free), active, complete(form, values)[:, 3:]),
         outcome=Outcome.SOLVED if all(m.converged for m in maxima) else Outcome.FINISHED,
         config={"spacing": step},
         surrogate=surrogate,
@@ -151,11 +139,7 @@ def fit(
             for vehicle, moves in zip(segment.vehicles[1:], moving(segment, case), strict=True)
             if not moves
         ],
-        arrays={
-            "disturbance": disturbance,
-            "unknowns": values,
-        },
-        terms=complete(form, values)[:, 3:],
+        arrays={"disturbance": disturbance, "unknowns": values},
     )
 
 
@@ -167,16 +151,14 @@ def _without_bounds(segments: tuple[Segment, ...], case: Case) -> dict[int, Maxi
     if not bound:
         return {}
     near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
-    unbounded = maximise(series_of(segments, case, bound), "unbounded", near)
+    unbounded = maximise(series_of(segments, case, bound), Law("unbounded"), near)
     return dict(zip(bound, unbounded, strict=True))
 
 
 def disturbance_sizes(vehicles: Sequence[int], fit: Fit) -> tuple[DisturbanceSize, ...]:
     """One finding a follower, or in Case I one for all; none of another method's fit.
 
-    Args:
-        vehicles: (M+1,) numbers in the file, leader first.
-        fit: of any method.
+    The vehicles (M+1,) are numbers in the file, leader first.
     """
     if fit.method != KEY or "unknowns" not in fit.arrays:
         return ()

@@ -49,12 +49,9 @@ def kept_samples(segment: Segment) -> list[int]:
 
 
 def track(segment: Segment, theta: FloatArray, covariance: FloatArray) -> ParameterTrack:
-    """Parameters and their deviations at the kept samples.
+    """Parameters and their deviations at the kept samples, from θ (K, G, 3) and its covariance.
 
-    Args:
-        segment: the data.
-        theta: (K, G, 3), α, ατ, β of G parameter sets; G is 1 (shared by all followers) or M.
-        covariance: (K, G, 3, 3) of θ.
+    G is 1 (shared by all followers) or M.
     """
     alpha, alpha_tau, beta = np.moveaxis(theta, -1, 0)
     per_alpha = np.full_like(alpha, np.nan)
@@ -76,15 +73,9 @@ def step_maps(theta: FloatArray, step: Seconds) -> FloatArray:
     """The motion over a step as a linear map; the same for parameters and motions of any number.
 
     The classical Runge-Kutta method takes a linear system on by the exponential's series up to the
-    fourth order; p, v, the speed ahead and its rise over the step are such a system.
-
-    Args:
-        theta: (.., 3) α, ατ, β.
-        step: in s.
-
-    Returns:
-        (.., 2, 4): p and v a step later from p, v and the predecessor's speeds before and after
-        the step.
+    fourth order; p, v, the speed ahead and its rise over the step are such a system. The maps
+    (.., 2, 4) of θ (.., 3) give p and v a step later from p, v and the predecessor's speeds before
+    and after it.
     """
     alpha, alpha_tau, beta = theta[..., 0], theta[..., 1], theta[..., 2]
     rates = np.zeros((*alpha.shape, 4, 4))
@@ -138,12 +129,9 @@ class Filter(ABC):
 
     @abstractmethod
     def update(self, ahead: FloatArray, measured: FloatArray, mask: FloatArray) -> None:
-        """Process one more sample.
+        """Process one more sample, p and v (G, F, 2); the mask (G, F) is 1 where the step counts.
 
-        Args:
-            ahead: (G, F, 2) the predecessors' speeds at the step's beginning and at its end.
-            measured: (G, F, 2) p and v.
-            mask: (G, F) 1 where the step counts, else 0.
+        ``ahead`` (G, F, 2) are the predecessors' speeds at the step's beginning and at its end.
         """
 
 

@@ -111,13 +111,7 @@ def _determined(gram: FloatArray) -> Mask:
 
 
 def _findings(segment: Segment, theta: FloatArray, solution: Solution) -> list[MethodFinding]:
-    """What the means hide: θ never determined, and bounds that were active for a part of the time.
-
-    Args:
-        segment: the data.
-        theta: (K, G, 3) the estimates averaged over.
-        solution: their mean.
-    """
+    """What the mean of estimates (K, G, 3) hides: θ never determined, bounds active for a time."""
     findings: list[MethodFinding] = []
     for k, vehicle in enumerate(segment.vehicles[1:]):
         values = theta[:, k % theta.shape[1]]

@@ -7,7 +7,7 @@ at which a sample is missing.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Self
 
@@ -28,6 +28,8 @@ class Solution:
     """(3,) or (M, 3) the optimum without the bounds."""
     active: Mask
     """(3,) or (M, 3) whether a component is zero because of the bounds."""
+    terms: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) or (M, 3) s₀, λ and d."""
 
     @classmethod
     def stack(cls, parts: Sequence["Solution"], followers: int) -> Self:
@@ -46,8 +48,9 @@ class Solution:
 
     @property
     def parameters(self) -> Parameters:
-        """α, β, τ within the bounds."""
-        return Parameters.from_theta(self.theta)
+        """α, β, τ within the bounds, and the terms."""
+        alpha, beta, tau = np.moveaxis(Parameters.from_theta(self.theta).values, -1, 0)
+        return Parameters(alpha, beta, tau, *np.moveaxis(self.terms, -1, 0))
 
     @property
     def active_names(self) -> tuple[tuple[str, ...], ...]:
@@ -59,13 +62,9 @@ class Solution:
 
 
 def solve_bounded(gram: FloatArray, moment: FloatArray) -> Solution:
-    """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly.
+    """Minimise xᵀGx - 2mᵀx over x ≥ 0 exactly, for a positive semi-definite G (K, K) and m (K,).
 
     Every active set is tried, so the answer is the global optimum; K is 2 or 3 in this package.
-
-    Args:
-        gram: (K, K) G, symmetric positive semi-definite.
-        moment: (K,) m.
     """
     size = len(moment)
     unconstrained = frozen(np.linalg.lstsq(gram, moment, rcond=None)[0])
@@ -85,13 +84,7 @@ def solve_bounded(gram: FloatArray, moment: FloatArray) -> Solution:
 def solve_platoon(grams: FloatArray, moments: FloatArray, case: Case) -> Solution:
     """`solve_bounded` for each follower (Case II) or for all of them together (Case I).
 
-    Args:
-        grams: (M, 3, 3), one normal matrix a follower.
-        moments: (M, 3).
-        case: "I" or "II".
-
-    Returns:
-        A solution (M, 3); in Case I its rows are equal.
+    The normal matrices are (M, 3, 3), the moments (M, 3); in Case I the solution's rows are equal.
     """
     followers = len(grams)
     if case == "I":
@@ -129,13 +122,9 @@ class Regression:
     def of_motion(
         cls, speeds: FloatArray, gaps: FloatArray, rates: FloatArray, mask: Mask | None
     ) -> Self:
-        """The rows of any motion.
+        """The rows of any motion: speeds (N, M+1), gaps (N, M) and the followers' dv/dt (N, M).
 
-        Args:
-            speeds: (N, M+1) in m/s, leader first.
-            gaps: (N, M) in m.
-            rates: (N, M) the followers' dv/dt in m/s².
-            mask: (N, M) True where an instant counts; None where all do.
+        The mask (N, M) is True where an instant counts; None where all do.
         """
         terms = regressors(speeds, gaps)
         if mask is None:
@@ -154,8 +143,8 @@ class Regression:
         """The least-squares θ within the rational driving constraints."""
         return solve_platoon(self.grams(), self.moments(), case)
 
-    def solve_with_intercept(self, case: Case) -> tuple[Solution, FloatArray]:
-        """The same, and s₀ (M,) in m, for dv/dt = X θ - α s₀ + r; nan where α = 0.
+    def solve_with_intercept(self, case: Case) -> Solution:
+        """The same with an s₀, for dv/dt = X θ - α s₀ + r; nan where α = 0.
 
         About their means over the instants that count, rows have no s₀.
         """
@@ -169,4 +158,4 @@ class Regression:
         rest = (term * solution.theta[:, None]).sum(axis=2)[:, 0] - rate[:, 0]
         alpha = solution.theta[:, 0]
         s0 = np.divide(rest, alpha, out=np.full(len(alpha), np.nan), where=alpha > 0)
-        return solution, s0
+        return replace(solution, terms=np.column_stack([s0, np.zeros((len(s0), 2))]))

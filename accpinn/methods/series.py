@@ -54,14 +54,9 @@ def series_of(
 ) -> Series:
     """The series of each follower; one group a follower (Case II), or one for all (Case I).
 
-    Where the model's equation does not count (the segment's mask), a series ends, and another one
-    begins after it.
-
-    Args:
-        segments: of the same vehicles and with the same step; several are taken as further windows
-            of these vehicles.
-        case: "I" or "II".
-        followers: which ones in Case II, 0 for the first; by default all.
+    The segments are windows of the same vehicles with the same step. Where the model's equation
+    does not count (the segment's mask), a series ends, and another one begins after it. Case II may
+    take some ``followers`` alone, 0 for the first.
 
     Raises:
         SegmentError: when too little of a follower is measured.

@@ -38,13 +38,7 @@ from scipy.special import ndtri, stdtrit
 
 from accpinn.errors import SegmentError
 from accpinn.methods import PAPERS, Law, best_first, direct, one_thread
-from accpinn.methods.fit import (
-    Fit,
-    MethodFinding,
-    Outcome,
-    SimulatedSeparately,
-    Undetermined,
-)
+from accpinn.methods.fit import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel
@@ -176,15 +170,8 @@ def estimate(
 ) -> tuple[Estimate, ...]:
     """The best parameters for each of several groups of windows, all searched at once.
 
-    Args:
-        model: what to estimate.
-        drives: the windows.
-        groups: indices of windows that share one parameter set, one or more each.
-        should_stop: asked before every round; True ends the search with what it has.
-        held: parameters that keep their values.
-
-    Returns:
-        One estimate a group.
+    A group is the indices of the windows that share one parameter set, and has one estimate.
+    ``should_stop`` is asked before every round; True ends the search with what it has.
     """
     search = _Search(model, drives, groups, held)
     problems, rng = len(groups), np.random.default_rng(0)
@@ -274,8 +261,7 @@ class _Search:
         count = np.maximum(freedom[0], 1)
         weight = (freedom[1] / squares)[:, None]
         gradient = weight * np.einsum("kcbw,kcbwn->bn", errors, slopes) + z
-        flat = slopes.transpose(2, 0, 1, 3, 4).reshape(len(z), -1, z.shape[1])
-        curvature = weight[..., None] * (flat.transpose(0, 2, 1) @ flat) + np.eye(z.shape[1])
+        curvature = weight[..., None] * _products(slopes) + np.eye(z.shape[1])
         value = 0.5 * freedom[1] * np.log(squares / count) + 0.5 * (z**2).sum(axis=1)
         return np.where(np.isfinite(value), value, np.inf), gradient, curvature
 
@@ -291,15 +277,15 @@ class _Search:
         """The estimates of all groups, with intervals."""
         owner, model = np.arange(len(z)), self._model
         errors, slopes, freedom = self._linear(z, owner)
-        _, _, curvature = self.expanded(z, owner)
         weight = freedom[1] / np.einsum("kcbw,kcbw->b", errors, errors)
         scores = np.einsum("kcbw,kcbwn->kbwn", errors, slopes) * weight[:, None, None]
         ends = np.arange(0, len(scores), max(1, round(BLOCK / self._drives.step)))
         blocks = np.add.reduceat(scores, ends, axis=0)
+        squares = np.add.reduceat(np.einsum("kcbwi,kcbwj->kbwij", slopes, slopes), ends, axis=0)
+        curvature = weight[:, None, None] * _products(slopes) + np.eye(z.shape[1])
         inverse = np.zeros_like(curvature)
         free = np.ix_(owner, self._free, self._free)
         inverse[free] = np.linalg.inv(curvature[free])
-        squares = np.add.reduceat(np.einsum("kcbwi,kcbwj->kbwij", slopes, slopes), ends, axis=0)
         own = np.einsum("kbwij,b,bjl->kbwil", squares, weight, inverse)
         left_out = np.linalg.solve(np.eye(z.shape[1]) - own, blocks[..., None])[..., 0]
         meat = np.einsum("kbwi,kbwj->bij", left_out, left_out) + np.eye(z.shape[1])
@@ -353,6 +339,12 @@ class _Search:
         return errors, slopes, (2.0 * samples, samples * drives.step / MEMORY)
 
 
+def _products(slopes: FloatArray) -> FloatArray:
+    """(B, n, n) the sums of products of slopes (K+1, 2, B, W, n)."""
+    flat = slopes.transpose(2, 0, 1, 3, 4).reshape(slopes.shape[2], -1, slopes.shape[4])
+    return np.asarray(flat.transpose(0, 2, 1) @ flat)
+
+
 def refuse_short(segment: Segment) -> None:
     """Refuse a window that is shorter than a block.
 
@@ -372,11 +364,7 @@ def estimates(
 ) -> tuple[tuple[list[int], Estimate], ...]:
     """The estimate of each follower that several windows together determine, and whose it is.
 
-    Args:
-        segments: (K,) windows of the same vehicles; each follower is simulated behind the measured
-            vehicle ahead.
-        case: "I" for one estimate of all followers, "II" for one of each.
-        law: any model.
+    Each follower is simulated behind the measured vehicle ahead. Case I has one estimate for all.
 
     Raises:
         SegmentError: where a window is too short, or simulations almost diverge.
@@ -427,15 +415,9 @@ def fit(
     law: Law = PAPERS,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
-    """The parameters of the best closed-loop simulation; the surrogate is that simulation.
+    """The parameters of the best closed-loop simulation of all ``segments``, or of the segment.
 
-    It is that of each follower behind the measured vehicle ahead.
-
-    Args:
-        segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" or "II".
-        law: any model.
-        segments: the windows that the parameters simulate best; by default the segment alone.
+    The surrogate is that of each follower behind the measured vehicle ahead.
 
     Raises:
         SegmentError: where a window is too short.

@@ -61,18 +61,18 @@ def fit(
         )
     knots_every = max(KNOTS_EVERY, LEAST_SAMPLES * segment.sample_time)
     basis, given = _Basis(segment, knots_every), stack_outputs(segment.speeds, segment.gaps)
-    solution, terms = solved(Regression.of(segment), case, law)
+    solution = solved(Regression.of(segment), case, law)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
         # The curves obey the model without s₀, which is added to the gaps at the end.
-        s0 = np.zeros(segment.followers) if terms is None else np.nan_to_num(terms[:, 0])
-        shift = stack_outputs(np.zeros((1, segment.followers + 1)), s0[None])
+        s0 = np.broadcast_to(np.nan_to_num(solution.terms[..., 0]), (1, segment.followers))
+        shift = stack_outputs(np.zeros((1, segment.followers + 1)), s0)
         measured = given - shift
         motion = basis.smoothed(measured, solution.theta)
         before = solution.theta
         curves = trajectories(segment.time, motion.outputs + shift)
         rates = trajectories(segment.time, motion.rates).speeds[:, 1:]
         regression = Regression.of_motion(curves.speeds, curves.gaps, rates, segment.mask)
-        solution, terms = solved(regression, case, law)
+        solution = solved(regression, case, law)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
             break
     mask = None if segment.mask is None else segment.mask.astype(float)
@@ -87,7 +87,6 @@ def fit(
         config={"knots_every": knots_every, "degree": DEGREE},
         loss={name: loss[name] for name in ("total", "data", "physics")},
         iterations=rounds,
-        terms=terms,
     )
 
 

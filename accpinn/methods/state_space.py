@@ -148,13 +148,7 @@ class StateSpace:
 
 
 def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
-    """The model for several sets of its unknowns.
-
-    Args:
-        form: of the model.
-        values: (B, P) the unknowns in the order of `coordinates`, in their own units.
-        step: between samples in s.
-    """
+    """The model for B sets of its unknowns (B, P), which are those of `coordinates` in order."""
     alpha, alpha_tau, beta, deviation, memory, rise, gap, speed, leader = values[:, :9].T
     further = coordinates(form)[len(COMMON) :]
     terms = {term.name: column for term, column in zip(further, values[:, 9:].T, strict=True)}
@@ -207,18 +201,10 @@ def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
 def discretise(
     rates: FloatArray, density: FloatArray, step: Seconds
 ) -> tuple[FloatArray, FloatArray]:
-    """Transition and added covariance of a step.
+    """Transition and added covariance of a step, from d/dt of the states and their noise's density.
 
-    Both are Taylor series over a short part of the step, which is then doubled. The part is so
-    short for the stiffest model that what further terms would add is less than 1e-11.
-
-    Args:
-        rates: (B, n, n) d/dt of the states.
-        density: (B, n, n) of the noise that drives them.
-        step: in s.
-
-    Returns:
-        Both (B, n, n).
+    All are (B, n, n). Both are Taylor series over a short part of the step, which is then doubled.
+    The part is so short for the stiffest model that further terms would add less than 1e-11.
     """
     fourth = np.abs(np.linalg.matrix_power(rates, 4)).sum(axis=1)
     reach = step * fourth.max(initial=0.0, where=np.isfinite(fourth)) ** 0.25

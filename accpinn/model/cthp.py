@@ -185,14 +185,9 @@ TOUCH: Metres = 1e-6
 
 
 def regressors(speeds: FloatArray, gaps: FloatArray) -> FloatArray:
-    """The regressors of each follower: what multiplies θ in dv/dt.
+    """(M, N, 3) p, -v, Δv of each follower, which multiply θ in dv/dt.
 
-    Args:
-        speeds: (N, M+1) in m/s, leader first.
-        gaps: (N, M) in m.
-
-    Returns:
-        (M, N, 3): the columns p, -v, Δv of each follower.
+    The speeds are (N, M+1) in m/s, leader first, the gaps (N, M) in m.
     """
     follower = speeds[:, 1:]
     return np.stack([gaps, -follower, speeds[:, :-1] - follower], axis=-1).transpose(1, 0, 2)
@@ -252,16 +247,9 @@ def simulate(
 
 
 def respond(matrix: FloatArray, drive: FloatArray, step: Seconds, start: FloatArray) -> FloatArray:
-    """States of dx/dt = Ax + bu, exact at each sample; u is straight between its samples.
+    """(N, K) states of dx/dt = Ax + bu from x (K,) on, exact at each sample of u (N,).
 
-    Args:
-        matrix: (K, K+1), A and, as last column, b.
-        drive: (N,), u.
-        step: between samples.
-        start: (K,), x at the first of them.
-
-    Returns:
-        (N, K).
+    The matrix (K, K+1) is A and, as last column, b; u is straight between its samples.
     """
     from scipy.linalg import expm  # not for those who only read a file
 

@@ -155,12 +155,7 @@ class FollowingModel:
         return theta[self.names.index(name)] if name in self.terms else 0.0
 
     def equilibrium_gaps(self, theta: Any, speed: Any) -> FloatArray:
-        """(..) the gap p_e that is kept at a constant speed, in m; nan where there is none.
-
-        Args:
-            theta: (n, ..) parameters.
-            speed: (..) of the vehicle and of the one ahead, in m/s.
-        """
+        """(..) the gap p_e in m that is kept at a constant speed (..) in m/s; nan without one."""
         theta = np.asarray(theta, float)
         shape = np.broadcast_shapes(theta.shape[1:], np.shape(speed))
 
@@ -183,11 +178,8 @@ class FollowingModel:
     def linearisations(self, theta: Any, speed: Any) -> Parameters:
         """(..) the CTHP, lag and delay included, that the model is near equilibrium at a speed.
 
-        Its s₀ makes the equilibrium gap s₀ + τv. Parameters without an equilibrium have nan.
-
-        Args:
-            theta: (n, ..) parameters, which stand in `Parameters.own` unless the model is a CTHP.
-            speed: (..) in m/s.
+        Its s₀ makes the equilibrium gap s₀ + τv. The parameters (n, ..) stand in `Parameters.own`
+        unless the model is a CTHP; those without an equilibrium at the speed (..) have nan.
         """
         if self.is_cthp:  # the same at every speed
             shape = np.broadcast_shapes(np.shape(theta)[1:], np.shape(speed))

@@ -1,19 +1,124 @@
-"""All car-following models: a further one is an acceleration, and a line here.
+"""All car-following models: their accelerations, parameters and priors.
 
-A model's key names its terms: "cthp-s0-delay".
+A further model is an acceleration and an entry among `BASES`. A model's key names its terms:
+"cthp-s0-delay".
+
+The CTHP, with α [1/s²] and β [1/s] gains, τ [s] the time headway and s₀ [m] an intercept:
+
+    f = α (p - s₀ - τv) + β (u - v)
+
+The gap in equilibrium is s₀ + τv. s₀ need not be the gap that is kept at standstill, as recordings
+on motorways determine s₀ + τv at their speeds and neither term alone. The exact solutions of the
+CTHP are in `model.cthp`; tests compare those of every model with them.
+
+The intelligent driver model (IDM), with a [m/s²] acceleration, b [m/s²] comfortable braking, T [s]
+time headway, s₀ [m] gap at standstill and v₀ [m/s] desired speed:
+
+    f = a [1 - (v/v₀)⁴ - (s*/p)²],   s* = s₀ + vT + v (v - u) / (2 √(ab))
+
+Behind a car at motorway speeds v₀ and b are hardly determined, so their priors are informative.
+
+The full velocity difference model (FVDM), with gains κ [1/s] and γ [1/s], and V₁ [m/s], c [1/m] and
+p₀ [m] that shape the optimal speed V at a gap (the source's λ and d are a lag and a delay here):
+
+    f = κ (V(p) - v) + γ (u - v),   V(p) = V₁ [tanh(c (p - p₀)) + tanh(c p₀)]
+
+Sources: Apostolakis and Ampountolas, IEEE TVT 2024 (CTHP); Treiber, Hennecke and Helbing, Physical
+Review E 62 (2000) 1805-1824, equations 3 and 4 (IDM); Jiang, Wu and Zhu, Physical Review E 64
+(2001) 017101 (FVDM), V after Bando et al., Physical Review E 51 (1995) 1035.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError
-from accpinn.model import cthp
-from accpinn.model.accelerations import CTHP, CTHP_S0, FVDM, IDM
-from accpinn.model.following import FollowingModel
+from accpinn.model.cthp import TERMS, Parameters, Trajectories
+from accpinn.model.cthp import simulate as exactly
+from accpinn.model.following import FollowingModel, Parameter
 from accpinn.units import FloatArray
+
+
+def cthp(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from α, β, τ: the paper's model, without s₀."""
+    alpha, beta, tau = theta[:3]
+    return alpha * (p - tau * v) + beta * (u - v)
+
+
+def cthp_with_intercept(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from α, β, τ, s₀."""
+    return cthp(p - theta[3], v, u, theta, xp)
+
+
+def idm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from a, b, T, s₀, v₀."""
+    a, b, headway, s0, v0 = theta[:5]
+    wanted = s0 + v * (headway + (v - u) / (2.0 * xp.sqrt(a * b)))
+    pace, closeness = (v / v0) ** 2, wanted / p
+    return a * (1.0 - pace * pace - closeness * closeness)
+
+
+def fvdm(p: Any, v: Any, u: Any, theta: Sequence[Any], xp: Any) -> Any:
+    """In m/s² from κ, γ, V₁, c, p₀."""
+    kappa, relative, scale, steepness, middle = theta[:5]
+    optimal = scale * (xp.tanh(steepness * (p - middle)) + xp.tanh(steepness * middle))
+    return kappa * (optimal - v) + relative * (u - v)
+
+
+_ALPHA = Parameter("alpha", "α", "1/s²", 1e-4, 10.0, 0.08, 1.0)
+_BETA = Parameter("beta", "β", "1/s", 1e-4, 10.0, 0.2, 1.0)
+
+CTHP = FollowingModel(
+    "cthp",
+    "CTHP",
+    (_ALPHA, _BETA, Parameter("tau", "τ", "s", 0.05, 10.0, 1.4, 0.3)),
+    cthp,
+    formula="α (p − τ v) + β Δv",
+    is_cthp=True,
+)
+CTHP_S0 = FollowingModel(
+    "cthp-s0",
+    "CTHP with intercept s₀",
+    (
+        _ALPHA,
+        _BETA,
+        Parameter("tau", "τ", "s", 0.05, 10.0, 1.0, 0.5),
+        Parameter("s0", "s₀", "m", -50.0, 100.0, 5.0, 6.0),
+    ),
+    cthp_with_intercept,
+    terms=("s0",),
+    formula="α (p − s₀ − τ v) + β Δv",
+    is_cthp=True,
+)
+IDM = FollowingModel(
+    "idm",
+    "IDM",
+    (
+        Parameter("a", "a", "m/s²", 0.02, 20.0, 1.0, 0.8),
+        Parameter("b", "b", "m/s²", 0.05, 400.0, 2.0, 1.0),
+        Parameter("T", "T", "s", 0.05, 10.0, 1.1, 0.4),
+        Parameter("s0", "s₀", "m", 0.1, 50.0, 4.0, 0.7),
+        Parameter("v0", "v₀", "m/s", 5.0, 100.0, 38.0, 0.2),
+    ),
+    idm,
+    formula="a [1 − (v/v₀)⁴ − (s*/p)²] with s* = s₀ + v T − v Δv / (2 √(a b))",
+)
+FVDM = FollowingModel(
+    "fvdm",
+    "FVDM",
+    (
+        Parameter("kappa", "κ", "1/s", 1e-3, 10.0, 0.1, 1.0),
+        Parameter("relative", "γ", "1/s", 1e-4, 10.0, 0.2, 1.0),
+        Parameter("scale", "V₁", "m/s", 2.0, 100.0, 20.0, 0.4),
+        Parameter("steepness", "c", "1/m", 0.005, 0.5, 0.05, 0.5),
+        Parameter("middle", "p₀", "m", 0.5, 200.0, 20.0, 0.4),
+    ),
+    fvdm,
+    formula="κ [V₁ (tanh(c (p − p₀)) + tanh(c p₀)) − v] + γ Δv",
+)
 
 BASES = (
     CTHP,
@@ -55,31 +160,25 @@ def following_model(key: str) -> FollowingModel:
         raise ConfigError(f"model: {key[:40]} is not known; choose from {known}.") from None
 
 
-def value_of(model: str, parameters: cthp.Parameters, name: str) -> FloatArray:
+def value_of(model: str, parameters: Parameters, name: str) -> FloatArray:
     """(..) one parameter of a model's sets (..), by its name; also α, β, τ of a linearisation."""
     if name in PARAMETER_KEYS or not parameters.own.shape[-1]:
         return np.asarray(getattr(parameters, name))
     return parameters.own[..., FOLLOWING[model].names.index(name)]
 
 
-def has_terms_of(model: str, parameters: cthp.Parameters) -> bool:
+def has_terms_of(model: str, parameters: Parameters) -> bool:
     """Whether a model has all terms that parameters have, so that each has the same meaning."""
     own = int(parameters.own.shape[-1])
     if model not in CTHPS:
         return own == len(FOLLOWING[model].parameters)
-    used = parameters.complete[..., 3:].reshape(-1, len(cthp.TERMS)).any(axis=0)
-    known = [term in FOLLOWING[model].terms for term in cthp.TERMS]
+    used = parameters.complete[..., 3:].reshape(-1, len(TERMS)).any(axis=0)
+    known = [term in FOLLOWING[model].terms for term in TERMS]
     return own == 0 and not bool((used & ~np.array(known)).any())
 
 
-def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
-    """(..) the time gap in equilibrium at a speed in m/s; nan where there is no equilibrium.
-
-    Args:
-        model: whose parameters.
-        parameters: (..)
-        speed: (..) above zero.
-    """
+def time_gap(model: str, parameters: Parameters, speed: ArrayLike) -> FloatArray:
+    """(..) the time gap in equilibrium at a speed (..) in m/s above zero; nan without one."""
     if not parameters.own.shape[-1]:
         return parameters.time_gap(speed)
     theta = np.moveaxis(parameters.own, -1, 0)
@@ -87,7 +186,7 @@ def time_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> Float
     return np.asarray(FOLLOWING[model].equilibrium_gaps(theta, speed) / speed)
 
 
-def gains_and_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> FloatArray:
+def gains_and_gap(model: str, parameters: Parameters, speed: ArrayLike) -> FloatArray:
     """(.., 3) α, β and the time gap at a speed; arguments as for `time_gap`."""
     gap = time_gap(model, parameters, speed)
     return np.stack([parameters.alpha, parameters.beta, gap], axis=-1)
@@ -95,15 +194,15 @@ def gains_and_gap(model: str, parameters: cthp.Parameters, speed: ArrayLike) -> 
 
 def simulate(
     model: str,
-    parameters: cthp.Parameters,
+    parameters: Parameters,
     time: FloatArray,
     leader_speed: FloatArray,
     initial_speeds: FloatArray,
     initial_gaps: FloatArray,
-) -> cthp.Trajectories:
+) -> Trajectories:
     """The closed loop of any model; a CTHP's is exact. See `cthp.simulate` for the arguments."""
     if not parameters.own.shape[-1]:
-        return cthp.simulate(parameters, time, leader_speed, initial_speeds, initial_gaps)
+        return exactly(parameters, time, leader_speed, initial_speeds, initial_gaps)
     return FOLLOWING[model].simulate(
         parameters.own.T, time, leader_speed, initial_speeds, initial_gaps
     )

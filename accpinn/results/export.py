@@ -26,9 +26,8 @@ import numpy as np
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.findings import joined
 from accpinn.inference.posterior import AT_SPEED, SLOWEST
-from accpinn.model.accelerations import IDM
 from accpinn.model.cthp import Parameters
-from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.registry import CTHPS, FOLLOWING, IDM, PAPER
 from accpinn.study.result import Result
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 

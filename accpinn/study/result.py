@@ -30,7 +30,7 @@ from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.window_posterior import parameters_of, window_posterior
-from accpinn.methods import TaskContext
+from accpinn.methods import Law, TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
@@ -288,10 +288,8 @@ class Result:
 
         groups = {"posterior": dataset(answer.typical), "further_window": dataset(answer.further)}
         if self.segments:
-            windows = [
-                window_posterior(segment, asked.case, answer.model, asked.held)
-                for segment in self.segments
-            ]
+            law = Law(answer.model, asked.held)
+            windows = [window_posterior(segment, asked.case, law) for segment in self.segments]
             starts = [segment.window.start for segment in self.segments]
             drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
             sets = parameters_of(answer.model, np.moveaxis(drawn, 2, 0), answer.speeds)

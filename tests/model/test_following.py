@@ -9,10 +9,9 @@ from accpinn import PUBLISHED, Parameters, ParameterSet
 from accpinn.errors import ConfigError, ParameterError
 from accpinn.methods.simulation import Drives, estimate
 from accpinn.model import cthp
-from accpinn.model.accelerations import IDM
 from accpinn.model.following import FollowingModel
 from accpinn.model.published import ASTAZERO, CASALE, CASALE_STARTS, VICOLUNGO
-from accpinn.model.registry import BASES, CTHPS, FOLLOWING, following_model
+from accpinn.model.registry import BASES, CTHPS, FOLLOWING, IDM, following_model
 from accpinn.stability.criteria import response
 from tests.stability.references import TABLE
 from tests.support.command import ROOT

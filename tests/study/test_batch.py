@@ -23,6 +23,7 @@ from accpinn.cli import main
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.inference.window_posterior import DRAWS, WindowPosterior, count_of
+from accpinn.methods import Law
 from accpinn.model.registry import Held
 from accpinn.recordings import Recording
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
@@ -47,11 +48,11 @@ def quick_intervals(_: Sequence[Segment], fit: Fit, held: Held = ()) -> Uncertai
     return from_draws(fit.parameters, Parameters.of(draws), 0.9)
 
 
-def no_posterior(segment: Segment, _: Case, model: str) -> WindowPosterior:
+def no_posterior(segment: Segment, _: Case, law: Law) -> WindowPosterior:
     """As of a window that determines nothing; `test_one_answer` is about the true one."""
     estimates = np.full((segment.followers, 6), np.nan)
-    drawn = np.full((segment.followers, DRAWS, count_of(model)), np.nan)
-    return WindowPosterior(estimates, drawn, drawn, drawn[..., 0], model, estimates[:, 0])
+    drawn = np.full((segment.followers, DRAWS, count_of(law.model)), np.nan)
+    return WindowPosterior(estimates, drawn, drawn, drawn[..., 0], law.model, estimates[:, 0])
 
 
 @pytest.fixture(autouse=True)

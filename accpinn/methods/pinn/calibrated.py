@@ -16,13 +16,7 @@ import numpy as np
 
 from accpinn.methods import Law
 from accpinn.methods.fit import Fit, Outcome
-from accpinn.methods.likelihood import (
-    Ascending,
-    ascend,
-    log_errors,
-    natural,
-    vanishing,
-)
+from accpinn.methods.likelihood import Ascending, ascend, log_errors, natural, vanishing
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.evidence import Evidence
@@ -40,7 +34,7 @@ from accpinn.methods.pinn.projection import Projection, solve_output
 from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import complete
-from accpinn.model.cthp import Case, Parameters
+from accpinn.model.cthp import Case
 from accpinn.segment import Segment
 from accpinn.units import frozen
 
@@ -65,10 +59,10 @@ class CalibratedTraining(Training):
         """
         super().__init__(segments[0], case, config)
         self._form = law.model
-        self._evidence = Evidence(series_of(segments, case), self._form, law.held)
+        self._evidence = Evidence(series_of(segments, case), law)
         self._iteration, self._drawn = 0, None
         # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
-        start = joint_maxima(segments, case, self._form, held=law.held)
+        start = joint_maxima(segments, case, law)
         z = np.array([maximum.coordinates for maximum in start])
         self._search = ascend(self._evidence, z, np.arange(len(z)))
         self._at: Ascending = next(self._search)
@@ -89,19 +83,19 @@ class CalibratedTraining(Training):
         z, is_last = self._at.coordinates, bool(self._at.maxima)
         everyone = np.broadcast_to(z, (self.followers, z.shape[1]))
         unknowns, theta = natural(self._form, everyone), vanishing(self._form, everyone)
-        self._solution = Solution(frozen(theta), frozen(unknowns[:, :3]), theta == 0.0)
-        self._terms = complete(self._form, unknowns)[:, 3:]
-        parameters = Parameters.of(np.hstack([self._solution.parameters.values, self._terms]))
+        terms = complete(self._form, unknowns)[:, 3:]
+        self._solution = Solution(frozen(theta), frozen(unknowns[:, :3]), theta == 0.0, terms)
         deviations = np.array([log_errors(each) for each in self._at.information])
         evidence = float(self._at.value.sum())
         if is_last:
             self._drawn = self.drawn(self.segment)
             loss = self._drawn.loss
-            terms = LossTerms(loss["data"], loss["physics"], loss["initial"])
+            psi = LossTerms(loss["data"], loss["physics"], loss["initial"])
         else:
-            terms = self._evidence.loss(z, self.config)
+            psi = self._evidence.loss(z, self.config)
         phase = "curves" if is_last else "evidence"
-        self._look(phase, self._iteration, terms, parameters, evidence, deviations)
+        parameters = self._solution.parameters
+        self._look(phase, self._iteration, psi, parameters, evidence, deviations)
         if is_last and self.outcome is not Outcome.DIVERGED:
             self.outcome = Outcome.CONVERGED
 
@@ -110,9 +104,9 @@ class CalibratedTraining(Training):
 
         Ψ is of the gaps without s₀.
         """
-        config, theta, terms = self.config, self._solution.theta, self._terms
+        config, theta = self.config, self._solution.theta
         network = Network(segment.followers, config, float(segment.time[-1]))
-        intercepts, lags, delays = terms.T
+        intercepts, lags, delays = self._solution.terms.T
         shift = stack_outputs(np.zeros((1, segment.followers + 1)), intercepts[None])
         measured = stack_outputs(segment.speeds, segment.gaps) - shift
         mask = has_earlier(segment) if delays.any() else segment.mask
@@ -144,7 +138,6 @@ class CalibratedTraining(Training):
             loss=loss.values() | {"evidence": float(self._at.value.sum())},
             network_weights=network.size,
             arrays=network.arrays(),
-            terms=terms,
         )
 
     def surrogate(self) -> None:

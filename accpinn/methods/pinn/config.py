@@ -125,9 +125,6 @@ class PinnConfig:
         They are whole cycles of a period that is longer than the window, up to the highest
         frequency (in short windows at least `SHORT_FREQUENCY`), and at least four. Half cycles per
         window would be twice as many features for the same motions.
-
-        Args:
-            duration: length of the window, in s.
         """
         period = STRETCH * duration
         least = SHORT_FREQUENCY if duration < SHORT else 0.0

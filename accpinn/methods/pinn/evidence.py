@@ -41,6 +41,7 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
+from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import LOG_TWO_PI
 from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
@@ -55,7 +56,7 @@ from accpinn.methods.state_space import (
     Form,
     coordinates,
 )
-from accpinn.model.registry import FOLLOWING, PAPER, Held
+from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.units import FloatArray, Mask, Metres, Seconds
 
 DEGREE = 5
@@ -132,14 +133,10 @@ class SplineBasis:
         return grams
 
     def banded(self, forms: FloatArray, grams: FloatArray) -> FloatArray:
-        """The matrix of a sum of squares, in lower banded form.
+        """((degree + 1) O, O K) the matrix of a sum of squares, in lower banded form.
 
-        Args:
-            forms: (E, O, A) each residual's factors of derivatives 0 to A - 1 of O outputs.
-            grams: of these derivatives.
-
-        Returns:
-            ((degree + 1) O, O K); the outputs stand side by side at each function.
+        The forms (E, O, A) are each residual's factors of derivatives 0 to A - 1 of O outputs,
+        ``grams`` those of these derivatives. The outputs stand side by side at each function.
         """
         outputs = forms.shape[1]
         squares = np.einsum("eoa,epb->poab", forms, forms).reshape(outputs, 1, outputs, -1)
@@ -387,16 +384,16 @@ class Evidence(Criterion):
 
     negligible = 3e-4
 
-    def __init__(self, series: Series, form: Form = PAPER, held: Held = ()) -> None:
+    def __init__(self, series: Series, law: Law = PAPERS) -> None:
         """For series, each with features of its own length, and one of the CTHPs."""
-        super().__init__(series, form, held)
-        names = [unknown.name for unknown in coordinates(form)]
+        super().__init__(series, law)
+        names = [unknown.name for unknown in coordinates(law.model)]
         # First the slopes for what leaves all factors as they are, then those that leave Λ.
         self._order = sorted(range(self.size), key=lambda at: (names[at] != "s0", at not in NOISE))
         self._moves = DIFFERENCE * np.array([METRES if name == "s0" else 1.0 for name in names])
         """(P,) differences of the coordinates."""
         self._terms = [
-            LinearEvidence(measured, series.step, form)
+            LinearEvidence(measured, series.step, law.model)
             for measured in np.moveaxis(series.measured, -1, 0)
         ]
 
@@ -414,13 +411,9 @@ class Evidence(Criterion):
     ) -> tuple[FloatArray, ...]:
         """Criterion (K,), gradient (K, P) and the filter's expected information (K, P, P).
 
-        Slopes are central differences. One-sided ones would not do: α and ατ vary almost together,
-        and the error of their slopes would move them by a fifth of a standard error.
-
-        Args:
-            z: (K, P)
-            groups: (K,) which group each row belongs to.
-            present: (K,) values; the gradient of a row with a lower one is 0.
+        The gradient of a row below its ``present`` value (K,) is 0. Slopes are central differences.
+        One-sided ones would not do: α and ατ vary almost together, and the error of their slopes
+        would move them by a fifth of a standard error.
         """
         value, gradient = np.empty(len(z)), np.zeros(z.shape)
         moves = np.diag(self._moves)[self._order]

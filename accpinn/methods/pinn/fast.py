@@ -25,13 +25,7 @@ import torch
 
 from accpinn.methods.fit import Fit, HiddenLayersGain, Outcome
 from accpinn.methods.pinn.config import PinnConfig
-from accpinn.methods.pinn.loss import (
-    LossTerms,
-    Motion,
-    Training,
-    loss_terms,
-    trajectories,
-)
+from accpinn.methods.pinn.loss import LossTerms, Motion, Training, loss_terms, trajectories
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.pinn.projection import (

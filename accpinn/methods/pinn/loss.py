@@ -25,12 +25,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from accpinn.methods.fit import (
-    Checkpoint,
-    Fit,
-    Outcome,
-    Progress,
-)
+from accpinn.methods.fit import Checkpoint, Fit, Outcome, Progress
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.regression import Solution
 from accpinn.model.cthp import Case, Parameters, Trajectories
@@ -92,12 +87,9 @@ class Motion(NamedTuple):
     """(3, N, M) their time derivative, where d is not moved by gradient."""
 
     def with_earlier(self, network: "Network", time: Any, delays: Any) -> "Motion":
-        """The same with what a network gives a time d before the instants, in s, at least at 0.
+        """The same with what its network gives a time d (M,) before the instants (N,), or at 0.
 
-        Args:
-            network: the surrogate's, arrays or tensors as all others.
-            time: (N,) the instants.
-            delays: (M,) d of each follower.
+        All are arrays, or all are tensors.
         """
         places = zip(delays, np.transpose(command_columns(len(delays))), strict=True)
         parts = [network((time - d).clip(min=0.0), 0)[0][:, columns] for d, columns in places]

@@ -52,13 +52,7 @@ class Network:
     """
 
     def __init__(self, followers: int, config: PinnConfig, duration: Seconds) -> None:
-        """Draw Xavier-uniform weights by the seed; biases are zero.
-
-        Args:
-            followers: M.
-            config: preset, layers, width, highest frequency and seed.
-            duration: length of the window, in s.
-        """
+        """Draw Xavier-uniform weights by the seed, for M followers; biases are zero."""
         self._duration = duration
         self._angular = config.angular_frequencies(duration)
         skipped = 2 * len(self._angular) + 1 if len(self._angular) else 0

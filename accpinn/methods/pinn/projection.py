@@ -61,13 +61,10 @@ class NormalEquations:
         mask: Mask | None = None,
         beside: tuple[Self, FloatArray] | None = None,
     ) -> Self:
-        """Sum products.
+        """Sum products of Φ and its rate (N, 2, K) and data (N, 2M+1), in `output_columns`' order.
 
-        Args:
-            seen: (N, 2, K) Φ and its derivative in time.
-            measured: (N, 2M+1) in the order of `output_columns`.
-            mask: (N, M) True where a follower's acceleration counts; None for everywhere.
-            beside: the sums of further columns of Φ, which stand first, and these (N, 2, L).
+        The mask (N, M) is True where a follower's acceleration counts; None for everywhere. What is
+        ``beside`` are the sums of further columns of Φ, which stand first, and these (N, 2, L).
         """
         count, followers = len(seen), measured.shape[1] // 2
         rows: list[slice | Mask] = [slice(None)] if mask is None else [slice(None), *mask.T]
@@ -114,12 +111,8 @@ class Projection:
     ) -> None:
         """Sum the products of the data and what does not pass through the hidden layers.
 
-        Args:
-            network: with Fourier features.
-            time: (N,) in s from the window's start.
-            measured: (N, 2M+1) in the order of `output_columns`.
-            mask: as for `NormalEquations.of`.
-            order: of the highest derivative in time, 1 or 2.
+        The instants (N,) are in s from the window's start, the order is that of the highest
+        derivative in time, 1 or 2; data and mask are as for `NormalEquations.of`.
         """
         self.network, self._measured, self._mask = network, measured, mask
         self._time = time
@@ -220,16 +213,10 @@ def solve_chain(
     right: FloatArray,
     config: PinnConfig,
 ) -> FloatArray:
-    """Solve the chain of the module's head for R right-hand sides at once.
+    """(K, 2M+1, R) the solution of the chain of the module's head for R right-hand sides at once.
 
-    Args:
-        sums: products of Φ and the data.
-        blocks: (3K, 3K) a follower's squared residuals, by its speed, its gap and the speed ahead.
-        right: (K, 2M+1, R)
-        config: holds the weights R and S.
-
-    Returns:
-        (K, 2M+1, R)
+    The blocks (3K, 3K) are a follower's squared residuals, by its speed, its gap and the speed
+    ahead.
     """
     size, followers = len(sums.first), right.shape[1] // 2
     speed_columns, gap_columns = output_columns(followers)

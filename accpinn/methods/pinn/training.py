@@ -20,12 +20,7 @@ import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
 from accpinn.methods import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext, best_first
-from accpinn.methods.fit import (
-    Continued,
-    Fit,
-    Outcome,
-    Recorder,
-)
+from accpinn.methods.fit import Continued, Fit, Outcome, Recorder
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
     CALIBRATED,
@@ -85,12 +80,7 @@ def start_loading() -> None:
 
 
 def redraw(fit: Fit, time: FloatArray, duration: Seconds) -> Trajectories:
-    """The surrogate of a fit from its stored weights alone.
-
-    Args:
-        fit: a PiNN's.
-        time: (N,) in s from the window's start; any instants of it.
-        duration: of the window, in s.
+    """The surrogate of a PiNN's fit from its stored weights alone, at any instants (N,) in s.
 
     Raises:
         ConfigError: when the weights are missing, or another network's.
@@ -120,13 +110,7 @@ def training(
     Whatever ends it leaves a checkpoint, from which a training with the same settings goes on. The
     evidences of several segments add up, in the preset `calibrated` alone. The first is trained as
     one is; the others are drawn with its parameters. A stop leaves fewer fits than segments.
-
-    Args:
-        segments: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
-        case: "I" for one parameter set, "II" for one per follower.
-        settings: None for those of the preset `fast`.
-        context: checkpoints, threads (by default as many as help, at most four), progress, stop.
-        law: a model that the preset estimates, and what is held of it.
+    The settings are those of the preset `fast` by default, the threads as many as help.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.

@@ -90,7 +90,7 @@ def test_behind_a_lag_or_a_delay_it_is_the_filter_s_likelihood_but_for_a_constan
 ) -> None:
     """The constant is that of the features; between near parameters it cancels."""
     series = series_of([recording(1, 100.0)], "II")
-    evidence, likelihood = Evidence(series, form), Criterion(series, form)
+    evidence, likelihood = Evidence(series, Law(form)), Criterion(series, Law(form))
     moves = np.random.default_rng(2).uniform(-0.1, 0.1, (8, evidence.size))
     z = evidence.start + np.append(0.0 * moves[:1], moves, axis=0)
     z[:, -1] = late * (1.0 + moves[0, 0])
