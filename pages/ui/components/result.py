@@ -210,6 +210,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     )
     if events := messages(result.evaluation.all_findings, info):
         show.warnings(events, "the closed-loop simulation")
+    if result.evaluation.findings:
         st.caption("The simulation continues, and the closed-loop errors include what follows.")
     duration = result.facts.get("duration")
     weak = identifiability(info, result.quality, uncertainty, fit.case, duration)
