@@ -706,3 +706,17 @@ def test_a_task_that_ends_while_the_page_is_drawn_is_not_polled_for_ever() -> No
     polled = list[bool]()
     monitor(Ending(), polled.append)
     assert polled == [False]
+
+
+def test_a_collision_outside_the_window_is_not_said_to_be_in_its_errors(
+    astazero: Recording,
+) -> None:
+    found = sessions.workspaces().new()
+    found.open(astazero)
+    found.choose(window=Window(320.0, 470.0), vehicles=(2, 3))
+    evaluation = answer(found, case="I").evaluation
+    assert evaluation.out_of_window_findings
+    assert not evaluation.findings
+    written = open_page("Train", found).plain()
+    assert "collides with the vehicle ahead at 1231.0 s" in written
+    assert "the closed-loop errors include what follows" not in written

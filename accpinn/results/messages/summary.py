@@ -314,7 +314,8 @@ def checks(result: Result) -> tuple[Check, ...]:
         Check(
             "Simulated without collision",
             "Whether the closed-loop simulation behind the measured leader ends without a"
-            " collision, reversing or divergence. The chart shows it beside the data.",
+            " collision, reversing or divergence, in the window and outside it. The chart shows"
+            " the window.",
             not events,
             messages(events, info),
         ),

@@ -208,6 +208,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
     )
     if events := messages(result.evaluation.all_findings, info):
         show.warnings(events, "the closed-loop simulation")
+    if result.evaluation.findings:
         st.caption("The simulation continues, and the closed-loop errors include what follows.")
     show.messages(messages(result.weaknesses, info), "warning")
     show.messages(messages(fit.findings, info))
