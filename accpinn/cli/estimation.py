@@ -41,11 +41,10 @@ from accpinn.results.documents import (
     describe_comparison,
     describe_fit,
     describe_starts,
-    incidents,
     judgement_document,
     notes,
 )
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.answer import about_answer, cards, papers_estimate
 from accpinn.results.tables import Table
 from accpinn.results.tables.answer import answer_table, own_windows_table
@@ -223,7 +222,7 @@ def fit_text(result: Result, with_intervals: bool) -> str:
     effort = f"{count}{fit.seconds:.1f} s{cached}"
     told = [f"{card.lead} {card.trust}" for card in cards(info, answer, known_vehicles(result))]
     first = [*_by_hand(info), *told]
-    said = [f"{fit.outcome.value} ({effort})", *incidents(result)]
+    said = [f"{fit.outcome.value} ({effort})", *incidents(result.evaluation, result.info)]
     said += [f"Note: {note}" for note in notes(result, with_intervals) if note not in first]
     return "\n".join([*first, "", *_answer_texts(result), *_texts(tables), *said])
 
@@ -284,7 +283,7 @@ def _comparison_text(
         *(
             f"{result.fit.method}: {sentence}"
             for result in results
-            for sentence in messages(result.evaluation.all_findings, info)
+            for sentence in incidents(result.evaluation, info)
         ),
         *messages((*first.evaluation.whiteness.findings, *first.adequacy.findings), info),
     ]

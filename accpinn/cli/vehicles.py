@@ -19,6 +19,7 @@ from accpinn.results.messages.platoon import (
     disturbance,
     growth_of,
     known_growth,
+    most_amplified,
     smallest_gap,
 )
 from accpinn.results.messages.stability import (
@@ -222,7 +223,7 @@ def run_simulate(options: argparse.Namespace) -> int:
     def text() -> str:
         labels = [cast.label(k) for k in range(len(result.largest_deviation))]
         growth, known = disturbance(result, cast), known_growth(subject, cast, result)
-        said = filter(None, (growth, known, smallest_gap(result, cast)))
+        said = filter(None, (growth, known, most_amplified(result), smallest_gap(result, cast)))
         notes = [f"Note: {warning}" for warning in warnings]
         return "\n".join([amplitude_table(result, labels).to_text(), "", *said, *notes])
 

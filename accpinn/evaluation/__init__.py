@@ -73,11 +73,6 @@ class Evaluation:
     out_of_window_findings: tuple[ClosedLoopFinding, ...]
     """The same events outside of them."""
 
-    @property
-    def all_findings(self) -> tuple[ClosedLoopFinding, ...]:
-        """The events on the segment, then those outside the window."""
-        return (*self.findings, *self.out_of_window_findings)
-
     def collision_times(self, vehicles: Sequence[int]) -> FloatArray:
         """(M,) time of each follower's first collision on the segment, in s; nan without one."""
         return collision_times(self.findings, vehicles)

@@ -20,7 +20,7 @@ from accpinn.methods.simulation import LEVEL as MODEL_LEVEL
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, value_of
 from accpinn.recordings.openacc import make_and_model
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.tables.estimates import columns_of, name_of
 from accpinn.segment import SegmentInfo
@@ -62,7 +62,7 @@ def describe_fit(result: Result, with_intervals: bool) -> dict[str, Any]:
         "active_bounds": fit.active_bounds,
         "mae": _errors(result.evaluation.surrogate),
         "closed_loop_mae": _errors(result.evaluation.closed_loop),
-        "incidents": incidents(result),
+        "incidents": incidents(result.evaluation, result.info),
         "mean_time_gap": result.mean_time_gaps.tolist(),
         "outcome_sentence": fit.outcome.value,
         "notes": notes(result, with_intervals),
@@ -155,7 +155,7 @@ def _row(result: Result) -> dict[str, Any]:
         "surrogate_mae": _errors(evaluation.surrogate),
         "closed_loop_mae": _errors(evaluation.closed_loop),
         "collisions": evaluation.collision_times(info.vehicles).tolist(),
-        "incidents": messages(evaluation.all_findings, info),
+        "incidents": incidents(evaluation, info),
         "holdout_mae": _errors(evaluation.holdout),
         "blocks_mae": [
             {
@@ -428,11 +428,6 @@ def _errors(errors: TrackingErrors | None) -> dict[str, list[float]] | None:
 
 
 # Sentences of a document, and of the text in its place
-
-
-def incidents(result: Result) -> tuple[str, ...]:
-    """Sentences on collisions, reversing and divergence in the closed-loop simulation."""
-    return messages(result.evaluation.findings, result.info)
 
 
 def notes(result: Result, with_intervals: bool) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from accpinn.model.registry import PAPER, gains_and_gap
 from accpinn.results.figures import comparison as figures
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.figures.training import tracking
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.answer import papers_estimate
 from accpinn.results.messages.summary import about_curves, agreement, conditional
 from accpinn.results.tables import estimates as tables
@@ -223,7 +223,8 @@ def _show_summary(shown: _Shown) -> None:
 def _show_collisions(shown: _Shown) -> None:
     """The events of the closed-loop simulations by method, as one line that opens."""
     info, rows = shown.segment.info, shown.rows
-    count = sum(len(row.evaluation.all_findings) for row in rows)
+    happened = {name_of(row.fit): incidents(row.evaluation, info) for row in rows}
+    count = sum(map(len, happened.values()))
     if not count:
         return
     times = [row.evaluation.collision_times(info.vehicles) for row in rows]
@@ -236,10 +237,9 @@ def _show_collisions(shown: _Shown) -> None:
         f" {'event' if count == 1 else 'events'} in all, inside and outside the window",
         icon=":material/car_crash:",
     ):
-        for row in rows:
-            if sentences := messages(row.evaluation.all_findings, info):
-                name = escape_markdown(name_of(row.fit))
-                st.markdown(f"**{name}**\n\n{show.bullets(sentences)}")
+        for name, sentences in happened.items():
+            if sentences:
+                st.markdown(f"**{escape_markdown(name)}**\n\n{show.bullets(sentences)}")
 
 
 def _show_failures(failures: Sequence[Refused]) -> None:

@@ -11,6 +11,7 @@ from accpinn.cli import main
 from accpinn.model.published import ASTAZERO
 from accpinn.results.export import ABOUT_ACC, ABOUT_IDM
 from accpinn.results.report import render_report
+from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.study.snapshot import save
 from tests.recordings.test_mapping import MAPPING, foreign
 from tests.support.command import PLATOON, SHORT, STUDY, Capture, document, refused
@@ -229,6 +230,9 @@ def test_simulate_has_the_document_of_the_contract(capsys: Capture) -> None:
     assert found["predicted_amplitude"] == run.amplitudes.predicted.tolist()
     assert found["minimum_gap"] == run.minimum_gap.tolist()
     assert (found["collisions"], found["growth_interval"]) == ([], None)
+    assert main([str(part) for part in ("simulate", *GIVEN, *options, *times)]) == 0
+    peak = head_to_tail_peaks(ASTAZERO.parameters[[3] * 3]).omega[-1]
+    assert f" {peak:.3g} rad/s" in capsys.readouterr().out, "what is amplified most"
     assert len(document(capsys, "simulate", *TWO)["minimum_gap"]) == 2
 
 

@@ -365,7 +365,9 @@ def checked(
     uncertainty: Uncertainty, outcome: Outcome = Outcome.CONVERGED, hits: Any = ()
 ) -> tuple[Check, ...]:
     fit = SimpleNamespace(outcome=outcome)
-    evaluation = SimpleNamespace(all_findings=hits, whiteness=SimpleNamespace(findings=()))
+    evaluation = SimpleNamespace(
+        findings=(), out_of_window_findings=hits, whiteness=SimpleNamespace(findings=())
+    )
     parts: Any = {"fit": fit, "uncertainty": uncertainty, "evaluation": evaluation, "info": INFO}
     return checks(SimpleNamespace(**parts))
 
@@ -375,6 +377,7 @@ def test_each_check_names_the_followers_that_fail(known: Uncertainty) -> None:
     assert [check.passed for check in answers] == [True, False, False, False, None]
     assert answers[2].why == (f"{INFO.label(2)}: α.",)
     assert INFO.label(4) in answers[3].why[0]
+    assert answers[3].why[0].startswith("Outside the window")
     assert answers[0].why == (Outcome.CONVERGED.value,)
 
 

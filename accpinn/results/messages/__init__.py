@@ -4,10 +4,21 @@ What a single finding says stands in its class (see `accpinn.findings`).
 """
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from accpinn.findings import Finding, Labelled
+
+if TYPE_CHECKING:  # its import takes a while, and few commands evaluate
+    from accpinn.evaluation import Evaluation
 
 
 def messages(findings: Iterable[Finding], about: Labelled) -> tuple[str, ...]:
     """The sentences of findings, in their order; ``about`` names recording and vehicles."""
     return tuple(finding.sentence(about) for finding in findings)
+
+
+def incidents(evaluation: "Evaluation", about: Labelled) -> tuple[str, ...]:
+    """Collisions, reversing and divergence in the closed-loop simulation, the window's first."""
+    outside = messages(evaluation.out_of_window_findings, about)
+    rest = (f"Outside the window, {said[0].lower()}{said[1:]}" for said in outside)
+    return (*messages(evaluation.findings, about), *rest)

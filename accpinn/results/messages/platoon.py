@@ -7,12 +7,15 @@ from accpinn.platoon import AFTER_COLLISION, PlatoonRun
 from accpinn.platoon.leader import Sinusoid
 from accpinn.results.messages.stability import MAY_AMPLIFY, three
 from accpinn.results.vehicles import Cast, KnownVehicles
+from accpinn.stability.head_to_tail import head_to_tail_peaks
 from accpinn.units import Estimate
 
 GIVEN_SIMULATION = f"The simulation is that of the CTHP with these parameters; {MAY_AMPLIFY}"
 """What a simulation with such parameters assumes."""
 SAME_AMPLITUDE = 0.005
 """Relative difference up to which an amplitude is called as large as the leader's."""
+SAME_FREQUENCY = 0.02
+"""Relative difference up to which a sinusoid is said to be at the platoon's peak."""
 
 
 def disturbance(run: PlatoonRun, cast: Cast) -> str:
@@ -76,6 +79,20 @@ def known_growth(subject: KnownVehicles, cast: Cast, run: PlatoonRun) -> str:
     if np.isinf(grows.upper):
         ends = f"{three(grows.lower)} times the leader's or more."
     return f"{percent(known.level)} interval of the last follower's amplitude: {ends}"
+
+
+def most_amplified(run: PlatoonRun) -> str:
+    """At which frequency the platoon amplifies most, where that is not the leader's; else empty."""
+    leader, tops = run.leader, head_to_tail_peaks(run.parameters)
+    gain, omega = tops.gain[-1], tops.omega[-1]
+    if not isinstance(leader, Sinusoid) or not np.isfinite(gain) or omega == 0:
+        return ""
+    if abs(omega / leader.frequency - 1.0) < SAME_FREQUENCY:
+        return ""
+    return (
+        f"The leader oscillates at {three(leader.frequency)} rad/s; small disturbances grow most at"
+        f" {three(omega)} rad/s, {three(gain)}-fold."
+    )
 
 
 def by_linearisation(run: PlatoonRun) -> str:

@@ -19,7 +19,7 @@ from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import disturbance_sizes
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER, TITLES, gains_and_gap
 from accpinn.recordings import FLAGS
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages.answer import cards
 from accpinn.results.messages.stability import headline
 from accpinn.results.tables.estimates import name_of
@@ -266,7 +266,7 @@ def cautions(snapshot: Result) -> dict[str, tuple[str, ...]]:
     return {
         "data": tuple(dict.fromkeys(messages((*on_data, *snapshot.quality.findings), info))),
         "parameters": tuple(dict.fromkeys(messages(on_parameters, info))),
-        "closed_loop": messages(snapshot.evaluation.all_findings, info),
+        "closed_loop": incidents(snapshot.evaluation, info),
     }
 
 
@@ -286,7 +286,7 @@ def checks(result: Result) -> tuple[Check, ...]:
     info, uncertainty, evaluation = result.info, result.uncertainty, result.evaluation
     is_determined = bool(np.isfinite(uncertainty.centre.alpha).all())
     are_inside, wide = bool(uncertainty.inside.all()), _wide(info, uncertainty)
-    events, residual = evaluation.all_findings, evaluation.whiteness.findings
+    events, residual = incidents(evaluation, info), evaluation.whiteness.findings
     is_tested = bool(residual) and not any(isinstance(f, ShortResidual) for f in residual)
     is_correlated = any(isinstance(finding, CorrelatedResidual) for finding in residual)
     return (
@@ -317,7 +317,7 @@ def checks(result: Result) -> tuple[Check, ...]:
             " collision, reversing or divergence, in the window and outside it. The chart shows"
             " the window.",
             not events,
-            messages(events, info),
+            events,
         ),
         Check(
             "Residual only noise",

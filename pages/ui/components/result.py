@@ -20,7 +20,7 @@ from accpinn.results.figures.comparison import forest
 from accpinn.results.figures.recording import motion
 from accpinn.results.figures.style import vehicle_colours
 from accpinn.results.messages import answer as on_answer
-from accpinn.results.messages import messages
+from accpinn.results.messages import incidents, messages
 from accpinn.results.messages import summary as words
 from accpinn.results.report import bundle
 from accpinn.results.tables import Table
@@ -206,7 +206,7 @@ def _show_fit(result: Result, table: Table, follower: int) -> None:
         " parameters, with only the leader's speed given. MAE: mean absolute error of space-gap p"
         f" and speed v. {cost}{cache}"
     )
-    if events := messages(result.evaluation.all_findings, info):
+    if events := incidents(result.evaluation, info):
         show.warnings(events, "the closed-loop simulation")
     if result.evaluation.findings:
         st.caption("The simulation continues, and the closed-loop errors include what follows.")
