@@ -353,7 +353,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, law: Law) -> Answer:
                 model,
                 parameters[row[0]],
                 estimates[:, row[0]],
-                float(speeds[row].mean()),
+                gap_at,
             )
             for vehicle, row in zip(vehicles, rows, strict=True)
         ),

@@ -35,7 +35,7 @@ class Trust(Finding, frozen=True):
     same: int
     """Number of windows whose own time gap is within `ALIKE` of the answer's at ``speed``."""
     speed: MetresPerSecond
-    """The vehicle's median speed."""
+    """At which the answer states its time gap."""
     rmse: Metres
     """Of the simulated gap; nan where nothing can be simulated."""
     deviation: Metres

@@ -43,8 +43,9 @@ def show_page(workspace: Workspace) -> None:
     else:
         st.markdown(
             "From a recorded drive accpinn estimates the time gap that a car's **adaptive cruise"
-            " control** keeps, and its gains: α, β and τ of a constant-time-headway policy (CTHP),"
-            " with intervals. It says whether a line of such cars amplifies disturbances."
+            " control** keeps, and how it reacts: headway τ and gains α and β of a constant"
+            " time-headway policy (CTHP), with intervals. It says whether a line of such cars"
+            " amplifies disturbances."
         )
     _ways_in(workspace)
     runs = runs_to_see(workspace)

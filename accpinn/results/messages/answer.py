@@ -74,7 +74,8 @@ def cards(
         against = _against(info, answer, subject, everyone)
         are_several = len(trusts) > 1 or trusts[0].vehicle == 0
         lead = [_headline(labels, are_several, answer, followers)]
-        lead += _gains("Their" if are_several else "Its", answer, followers)
+        condition = "" if all(trust.is_reproduced for trust in trusts) else ", if the model holds"
+        lead += _gains("Their" if are_several else "Its", answer, followers, condition)
         if subject.uncertainty and assessed(subject, everyone[0]) != "not determined":
             lead.append(becomes(subject, everyone, "they" if are_several else "it", are_several))
         trust = trusts[0].in_words if len(trusts) == 1 else trust_of_several(trusts)
@@ -110,8 +111,8 @@ def about_answer(answer: Answer) -> str:
         f" Time gap: in equilibrium{gap}; median speed: {median} km/h.{driven} In brackets: the"
         f" {percent(answer.level)} interval of the vehicle's typical value; last column: where the"
         " time gap of one more window lies. Both count how much windows of a car differ, here and"
-        " in many other cars, so they are wider than what these windows alone say; with few windows"
-        " the values are drawn towards those cars."
+        " in many other cars: what these windows determine well has a wider interval than they say"
+        " alone, and what they hardly determine is drawn towards those cars."
     )
 
 
@@ -171,7 +172,7 @@ def _headline(
     )
 
 
-def _gains(whose: str, answer: Answer, followers: Sequence[int]) -> tuple[str, ...]:
+def _gains(whose: str, answer: Answer, followers: Sequence[int], condition: str) -> tuple[str, ...]:
     """How far α and β may be from their values: the least known one counts."""
     spans = [answer.gain(name, k) for name in ("alpha", "beta") for k in followers]
     if any(isnan(span.value) for span in spans):
@@ -184,7 +185,7 @@ def _gains(whose: str, answer: Answer, followers: Sequence[int]) -> tuple[str, .
         return (f"{whose} gains are hardly known.",)
     share = f"{5 * ceil(20 * (factor - 1)):.0f} %"
     within = share if factor <= 1.3 else f"a factor of {ceil(10 * factor) / 10:g}"
-    return (f"{whose} gains are known within {within}.",)
+    return (f"{whose} gains are known within {within}{condition}.",)
 
 
 def _against(

@@ -52,11 +52,13 @@ def show_window(workspace: Workspace, segment: Segment | None) -> None:
         " all other figures are of all instants."
     )
     st.caption(
-        "Least squares solves the model for α, β and τ in one step, from differences of the"
-        " measured speeds. Noise in the data biases it: take it as a first look. The leader's"
-        f" speed varies by {quality.leader_deviation:.2f} m/s (standard deviation). Condition"
-        f" number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move so alike"
-        " that α, β and τ are hardly told apart." + excluded * bool(segment.excluded_regimes)
+        "Least squares solves the CTHP, without s₀ or delay, for α, β and τ in one step, from"
+        " differences of the measured speeds, and noise biases it: take it as a first look. The"
+        f" leader's speed varies by {quality.leader_deviation:.2f} m/s (standard deviation)."
+        f" Condition number: above about {LARGE_CONDITION:.0f}, gap, speed and relative speed move"
+        " so alike that α, β and τ are hardly told apart."
+        + excluded
+        * bool(segment.excluded_regimes)
     )
     findings = (*quality.findings, *estimate.findings)
     show.warnings(messages(findings, segment), "this window")
@@ -181,7 +183,15 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
     )  # fmt: skip
     vehicles = platoons[leader]
     learned = _learned(workspace) if chosen is recording else ()
-    spare: list[Window] = []
+    stretches, spare = complete_windows(chosen, vehicles, learned), list[Window]()
+    if learned and not stretches:
+        st.caption(
+            "All of this recording is learned from, so nothing is left to validate on. Learn from"
+            " fewer windows (page Train, tab Windows), or open another recording of these vehicles."
+        )
+        _upload(workspace)
+        show_validation(workspace)
+        return
     if len(learned) > 1:
         spare = [
             window
@@ -194,7 +204,6 @@ def choose_validation(workspace: Workspace, recording: Recording) -> None:
                 " in which errors are larger. To keep one for validation, switch it off on page"
                 " Train, tab Windows, or open another recording of these vehicles."
             )
-    stretches = complete_windows(chosen, vehicles, learned)
     first = spare[0] if spare else first_window(chosen, stretches, workspace.asked.window.duration)
     key = f"{chosen.sha256[:12]}_{vehicles[0]}_{workspace.asked.window}"
     start = columns[2].number_input(
