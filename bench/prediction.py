@@ -139,10 +139,7 @@ def _gains(stretch: Segment, within: Sequence[Segment]) -> Iterator[tuple[str, F
 
 
 def unseen(car: tuple[str, ...], runs: Sequence[Scored]) -> list[tuple[Metres, FloatArray]]:
-    """Judge the answer for each window of a car, by a population without that car.
-
-    Returns RMSE in m for each window, and (2, p) whether its own estimate is inside both intervals.
-    """
+    """RMSE in m of a car's windows, and (2, p) whether estimates are inside, without the car."""
     drawn = defaultdict[tuple[str, ...], list[FloatArray]](list)
     for run in runs:
         drawn[run.car[:2]] += list(run.drawn)

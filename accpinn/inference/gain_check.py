@@ -146,7 +146,7 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
     apart = (band.lower > measured.upper[at]) | (band.upper < measured.lower[at])
     amplified = band.lower > 1.0
     levels = decibels(gain)
-    found = GainCheck(
+    check = GainCheck(
         vehicle,
         count,
         rms=float(np.sqrt(np.mean((decibels(model) - levels) ** 2))),
@@ -157,12 +157,12 @@ def _check(segments: Sequence[Segment], answer: Answer, k: int, vehicle: int) ->
         highest=float(levels[amplified].max()) if amplified.any() else nan,
     )
     verdict = assessment(float(answer.uncertainty.probability_l2[k]))
-    contradiction: Contradiction = "apart" if found.apart > APART else ""
+    contradiction: Contradiction = "apart" if check.apart > APART else ""
     if verdict == "stable" and (sure.lower[at] > 1.0).any():
         contradiction = "amplifies"
     elif verdict == "unstable" and amplified.any() and (sure.upper[at][amplified] < 1.0).all():
         contradiction = "damps"
-    return msgspec.structs.replace(found, contradiction=contradiction)
+    return msgspec.structs.replace(check, contradiction=contradiction)
 
 
 def decibels(gain: FloatArray) -> FloatArray:

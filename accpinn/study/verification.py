@@ -326,13 +326,13 @@ def _refit(subject: Result, name: str) -> list[Check]:
             [{field: getattr(fit, field) for field in EVERYWHERE} for fit in fits]
             for fits in (before, after)
         )
-        told, found = (
+        then, now = (
             [{key: (fit.loss | fit.arrays).get(key) for key in LIKELY} for fit in fits]
             for fits in (before, after)
         )
         checks = [
             _compare("fit", stored, anew, name, state="reproduced", relative=method.tolerance),
-            _compare("disturbances", told, found, name, state="reproduced"),
+            _compare("disturbances", then, now, name, state="reproduced"),
         ]
     evaluation = subject.parts.evaluation
     if evaluation and evaluation.blocks:

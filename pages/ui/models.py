@@ -92,16 +92,16 @@ def show_judged(workspace: Workspace, judged: tuple[Judgement, ...], polled: boo
         frame.link(frame.SNAPSHOTS, "Next: keep the result as a snapshot", workspace)
     with st.container(horizontal=True, vertical_alignment="bottom"):
         labels = [one.info.labels[1] for one in judged]
-        one = judged[pick(workspace, labels, "models_follower")]
-        low, middle, high = one.speeds
+        car = judged[pick(workspace, labels, "models_follower")]
+        low, middle, high = car.speeds
         speed = show.choose_speed(
-            workspace, f"models_speed_{one.info.vehicles[1]}", middle,
+            workspace, f"models_speed_{car.info.vehicles[1]}", middle,
             "Nonlinear models answer small disturbances differently at every speed. Recorded:"
             f" {KMH * low:.0f} to {KMH * high:.0f} km/h, median {KMH * middle:.0f}.",
         )  # fmt: skip
     if len(judged) > 1:
-        st.markdown(escape_markdown(" ".join(messages(one.findings, one.info))))
-    _show_follower(one, speed)
+        st.markdown(escape_markdown(" ".join(messages(car.findings, car.info))))
+    _show_follower(car, speed)
 
 
 def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:

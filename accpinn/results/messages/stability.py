@@ -76,11 +76,11 @@ def about_map(chosen: ParameterSet, held: int, parameter: str = "α") -> str:
 
 def reasons(subject: KnownVehicles) -> list[tuple[str, list[tuple[Verdict, str]]]]:
     """Every verdict with its reason, by the label of the vehicle; of several also the platoon's."""
-    found = [
+    verdicts = [
         (label, [(v, reason(v, own)) for v in (own.l2, own.linf_paper, own.linf_exact)])
         for label, own in zip(subject.vehicles.labels, subject.report.vehicles, strict=True)
     ]
-    return [*found, ("The platoon", platoon_reasons(subject))] if len(found) > 1 else found
+    return [*verdicts, ("The platoon", platoon_reasons(subject))] if len(verdicts) > 1 else verdicts
 
 
 def platoon_reasons(subject: KnownVehicles) -> list[tuple[Verdict, str]]:

@@ -178,10 +178,10 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
     value, lower, upper = np.array(
         [[(span.value, span.lower, span.upper) for span in row] for row in spans]
     ).T
-    found = np.array(
+    own = np.array(
         [gains_and_gap(row.fit.model, row.fit.parameters, answer.speeds).T for row in rows]
     )
-    inside = ((found >= lower) & (found <= upper))[:, :, followers].all(axis=(1, 2))
+    inside = ((own >= lower) & (own <= upper))[:, :, followers].all(axis=(1, 2))
     differing = [name_of(row.fit) for row, agrees in zip(rows, inside, strict=True) if not agrees]
     count, total = int(inside.sum()), len(rows)
     agree = "agrees" if count == 1 else "agree"
@@ -199,7 +199,7 @@ def agreement(rows: Sequence[Result], answer: Answer) -> str:
                 some = f"The {methods} with more than α, β and τ {agree}"
     other = f"; {named} {'does' if len(differing) == 1 else 'do'} not"
     other = other if differing and count else ""
-    off = np.abs(found - value)[:, :, followers] / np.where(value > 0, value, np.nan)[:, followers]
+    off = np.abs(own - value)[:, :, followers] / np.where(value > 0, value, np.nan)[:, followers]
     pairs = zip(off.max(axis=(0, 2)).tolist(), ("α", "β", "time gap"), strict=True)
     # Not a number where one is unknown, or the answer's is zero.
     away = joined([f"{ceil(100 * far)} % ({symbol})" for far, symbol in pairs if far < 1.0])

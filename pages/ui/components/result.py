@@ -173,13 +173,13 @@ def _show_outcome(outcome: Outcome, has_answer: bool) -> None:
 
 
 def _show_checks(result: Result) -> None:
-    found = words.checks(result)
-    failing = [check.title.lower() for check in found if check.passed is False]
+    answers = words.checks(result)
+    failing = [check.title.lower() for check in answers if check.passed is False]
     colour, icon = MARKS[False if failing else True]
-    failed = f"{len(failing)} of {len(found)} checks not passed: {', '.join(failing)}"
+    failed = f"{len(failing)} of {len(answers)} checks not passed: {', '.join(failing)}"
     said = failed if failing else "All checks passed"
     with st.popover(f":{colour}[:material/{icon}:] {said}", key="checks"):
-        for check in found:
+        for check in answers:
             colour, icon = MARKS[check.passed]
             title = f"{check.title}: {ANSWERS[check.passed]}"
             st.markdown(f":{colour}[:material/{icon}:] **{title}**", help=check.meaning)

@@ -270,14 +270,14 @@ def recent_sessions(own: str) -> list[tuple[str, Shown]]:
     """The person's other sessions, by name, the last changed first."""
     if not (sees_all() or user().name):
         return []
-    found = dict[str, tuple[str, Shown]]()
+    latest = dict[str, tuple[str, Shown]]()
     for name, document in store().sessions(mark(), 10 * RECENT):
         with suppress(AccpinnError, ValueError):  # of an earlier version, or damaged
             shown = restore(Shown, msgspec.json.decode(document), {})
             if name != own:  # of equal ones the last
                 about = f"{shown.analysis.source.sha256} {shown.analysis.window}"
-                found.setdefault(about, (name, shown))
-    return list(found.values())[:RECENT]
+                latest.setdefault(about, (name, shown))
+    return list(latest.values())[:RECENT]
 
 
 def runs_to_see(workspace: Workspace) -> tuple[Entry, ...]:
