@@ -42,7 +42,7 @@ class NamedEnum(Enum):
 def dump(value: Any) -> tuple[Any, Arrays]:
     """A value as a tree, and the arrays that the tree names.
 
-    It consists of dataclasses, structs, tuples, dicts, numbers, texts and arrays.
+    The value consists of dataclasses, structs, tuples, dicts, numbers, texts and arrays.
     """
     arrays: Arrays = {}
 

@@ -81,7 +81,7 @@ def reason_of(fault: BaseException) -> str:
 def reported(sentence: Callable[[str], Exception]) -> Iterator[None]:
     """Turn a fault of the file system, or of a path, within the block into one for the user.
 
-    The error is what ``sentence`` makes of the reason.
+    ``sentence`` makes the error, as an AccpinnError, of the reason.
     """
     try:
         yield

@@ -226,8 +226,8 @@ class Sampling:
     ) -> None:
         """Weigh all draws anew with these w (n, P) of the proposal, which adapts to them.
 
-        The target (n,) is the log posterior over w, up to a constant, the factor (n,) the logarithm
-        of the further one.
+        Their unknowns are z (n, P), the target (n,) is the log posterior over w, up to a constant,
+        and the factor (n,) the logarithm of the further one.
         """
         before = [weight + proposal.log_density(drawn) for proposal, weight in self._past]
         self._past.append((self.proposal, float(np.log(len(drawn)))))

@@ -249,8 +249,11 @@ def ascend(
 ) -> Iterator[Ascending]:
     """Ascend from each row of z (K, P), all at once; ``groups`` (K,) are those of the rows.
 
-    Where the last one is held, it keeps its value, each row its own. Given are the present rows, at
-    the start, after each round and, with the maxima, at the end; the arrays change later.
+    Where the last unknown is held, it keeps its value, each row its own.
+
+    Yields:
+        The present rows, at the start, after each round and, with the maxima, at the end; the
+        arrays change later.
     """
     z = np.clip(z, criterion.lower, criterion.upper)
     value, gradient, curvature = criterion.score(z, groups)

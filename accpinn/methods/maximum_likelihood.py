@@ -103,7 +103,7 @@ def fit(
     law: Law = PAPERS,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
-    """The parameters that make all ``segments`` most probable, or the segment; its smoothed motion.
+    """The most probable parameters of the segment, or of all ``segments``, and its smoothed motion.
 
     Raises:
         SegmentError: when the window is too short to say anything.

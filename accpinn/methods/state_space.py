@@ -148,7 +148,7 @@ class StateSpace:
 
 
 def state_space(form: Form, values: FloatArray, step: Seconds) -> StateSpace:
-    """The model for B sets of its unknowns (B, P), which are those of `coordinates` in order."""
+    """The model for (B, P) sets of its unknowns, in the order and the units of `coordinates`."""
     alpha, alpha_tau, beta, deviation, memory, rise, gap, speed, leader = values[:, :9].T
     further = coordinates(form)[len(COMMON) :]
     terms = {term.name: column for term, column in zip(further, values[:, 9:].T, strict=True)}

@@ -49,9 +49,10 @@ HALVINGS = 60
 """Number of times that the interval of an equilibrium is halved: to all digits of a number."""
 STEP: Seconds = 0.4
 """Longest step of a simulation."""
-STABLE, MOST_PARTS = 2.0, 64
-"""Longest step by the time constant of a lag or a delay, beyond 2.7 of which the method diverges,
-and the parts into which a step is divided at most."""
+STABLE = 2.0
+"""Longest step by the time constant of a lag or a delay; beyond 2.7 the method diverges."""
+SHORTEST: Seconds = 0.01
+"""Shortest lag or delay for which a step is divided."""
 WIDEST: Metres = 2000.0
 """Gap beyond which no equilibrium is looked for."""
 
@@ -279,9 +280,10 @@ class FollowingModel:
         """The number of parts into which a step is divided so that no filter diverges."""
         if not self.is_late:
             return 1
-        shortest = float(np.min(np.real(theta[-1])))
+        late = np.real(theta[-1])  # nan of a follower that is not determined
+        shortest = max(float(np.min(late, initial=np.inf, where=late > 0.0)), SHORTEST)
         pole = 1.0 if "lag" in self.terms else 12.0**0.5  # by the inverse of the lag or the delay
-        return ceil(min(step * pole / max(shortest, 1e-9) / STABLE, MOST_PARTS))
+        return ceil(step * pole / shortest / STABLE - 1e-9)
 
     def _command(self, theta: Any, state: Any, leader: Any) -> Any:
         return self.acceleration(state[0], state[1], _ahead(state, leader), theta, np)

@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 from accpinn.channels import PARAMETER_KEYS
 from accpinn.errors import ConfigError
 from accpinn.model.cthp import TERMS, Parameters, Trajectories
-from accpinn.model.cthp import simulate as exactly
+from accpinn.model.cthp import simulate as simulate_cthp
 from accpinn.model.following import FollowingModel, Parameter
 from accpinn.units import FloatArray
 
@@ -202,7 +202,7 @@ def simulate(
 ) -> Trajectories:
     """The closed loop of any model; a CTHP's is exact. See `cthp.simulate` for the arguments."""
     if not parameters.own.shape[-1]:
-        return exactly(parameters, time, leader_speed, initial_speeds, initial_gaps)
+        return simulate_cthp(parameters, time, leader_speed, initial_speeds, initial_gaps)
     return FOLLOWING[model].simulate(
         parameters.own.T, time, leader_speed, initial_speeds, initial_gaps
     )

@@ -35,7 +35,7 @@ RELATIVE_MOTION: MetresPerSecond = 0.2
 FROZEN: Seconds = 0.5
 """Longest repetition of a value in motion that is no fault of the receiver."""
 FEWEST_REPEATS = 3
-"""Of a value; coarsely sampled values are equal once or twice by chance."""
+"""Fewest repetitions of a value that are a fault; once or twice coarse samples agree by chance."""
 MOVING: MetresPerSecond = 1.0
 """Speed up to which a vehicle stands: values may repeat, and a time gap has no meaning."""
 LITTLE_LEADER_MOTION: MetresPerSecond = 0.5

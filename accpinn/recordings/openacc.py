@@ -65,7 +65,7 @@ def _natural(name: str) -> list[str | int]:
 
 
 def find(names: Sequence[str]) -> tuple[Run, ...]:
-    """The runs of campaigns, of files, or of both as "Casale/part7.csv"; of no name all.
+    """The runs that campaigns, files, or both as "Casale/part7.csv" name; all runs without a name.
 
     Raises:
         ConfigError: for a name that is not in the catalogue, or a file that two campaigns have.

@@ -179,7 +179,7 @@ def record(true: Trajectories, noise: Noise | None, seed: int) -> Trajectories:
 def gauss_markov(
     shape: tuple[int, ...], step: Seconds, memory: Seconds, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw a stationary first-order Gauss-Markov process (N, ..) of deviation 1 along N.
+    """Draw a stationary first-order Gauss-Markov process of deviation 1 along the first axis.
 
     Its correlation has fallen to 1/e after ``memory``.
     """

@@ -201,6 +201,12 @@ class _Platoon:
     excluded_regimes: tuple[str, ...] = ()
     """Regimes whose instants do not count in the model's equation (see `segment.quality`)."""
 
+    def __post_init__(self) -> None:
+        """Drop what is said of a driver whose time is excluded, as no estimate rests on it."""
+        if "manual" in self.excluded_regimes:
+            kept = (f for f in self.findings if not isinstance(f, DrivenByHand) or f.by_flag)
+            object.__setattr__(self, "findings", tuple(kept))
+
     @property
     def driven_by_hand(self) -> DrivenByHand | None:
         """The followers without ACC; None where all have it or manual driving is excluded."""
@@ -268,6 +274,7 @@ class Segment(_Platoon):
 
     def __post_init__(self) -> None:
         """Copy and lock the arrays; refuse shapes and values no method could work on."""
+        super().__post_init__()
         for name in ("time", "speeds", "gaps"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         if self.mask is not None:

@@ -276,13 +276,11 @@ def exclude_regimes(segment: Segment, regimes: Regimes, names: str | Sequence[st
     mask = ~excluded if segment.mask is None else segment.mask & ~excluded
     shares = tuple((~mask).mean(axis=0).tolist())
     finding = RegimesExcluded(regimes=chosen, vehicles=segment.vehicles[1:], shares=shares)
-    is_gone = DrivenByHand if "manual" in chosen else ()  # no estimate rests on that time any more
-    kept = tuple(f for f in segment.findings if not isinstance(f, is_gone) or f.by_flag)
     part = replace(
         segment,
         mask=mask,
         excluded_regimes=tuple(dict.fromkeys((*segment.excluded_regimes, *chosen))),
-        findings=(*kept, finding),
+        findings=(*segment.findings, finding),
     )
     _refuse_too_little(part, chosen)
     return part

@@ -91,9 +91,13 @@ def _squared(coefficients: FloatArray) -> FloatArray:
 
 
 def _roots(coefficients: FloatArray) -> NDArray[np.complex128]:
-    """(V, n) the roots of polynomials (V, n+1), constant term first; nan beyond their degree."""
+    """(V, n) the roots of polynomials (V, n+1), constant term first; nan beyond their degree.
+
+    A polynomial with coefficients that are not known has none.
+    """
     count, size = coefficients.shape
-    degrees = np.where(coefficients != 0.0, np.arange(size), 0).max(axis=1)
+    known = np.isfinite(coefficients).all(axis=1, keepdims=True)
+    degrees = np.where(known & (coefficients != 0.0), np.arange(size), 0).max(axis=1)
     roots = np.full((count, size - 1), np.nan + 0j)
     for degree in set(degrees.tolist()) - {0}:
         rows = np.flatnonzero(degrees == degree)

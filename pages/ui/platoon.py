@@ -296,7 +296,7 @@ def _planned(
         st.button(
             f"Peak: {usual[first]:.4g} rad/s", key="platoon_peak",
             icon=":material/vertical_align_top:",
-            on_click=workspace.choices.pop, args=("platoon_sinusoid_frequency",),
+            on_click=workspace.choices.pop, args=("platoon_sinusoid_frequency", None),
             help="The frequency that this platoon amplifies most.",
         )  # fmt: skip
     with st.popover("Settings", icon=":material/tune:", help="Further settings of the leader"):

@@ -64,6 +64,16 @@ def test_seldom_samples_and_a_short_delay_do_not_diverge(delay: float) -> None:
     assert run.gaps == pytest.approx(exact.gaps, abs=0.02)
 
 
+@pytest.mark.parametrize("key", ["idm-lag", "idm-delay"])
+def test_a_follower_that_is_not_determined_leaves_the_one_ahead_as_it_is(key: str) -> None:
+    model, starts = FOLLOWING[key], (np.array([23.0, 23.0]), np.array([36.0, 36.0]))
+    theta = np.column_stack([model.typical, np.full(len(model.parameters), np.nan)])
+    run = model.simulate(theta, TIME, DRIVE, *starts)
+    alone = model.simulate(model.typical, TIME, DRIVE, *(start[:1] for start in starts))
+    assert np.array_equal(run.gaps[:, :1], alone.gaps)
+    assert np.isnan(run.gaps[1:, 1]).all()
+
+
 @pytest.mark.parametrize("key", [base.key for base in BASES])
 def test_an_acceleration_is_the_same_in_numpy_and_torch(key: str) -> None:
     torch = pytest.importorskip("torch")

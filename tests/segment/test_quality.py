@@ -16,7 +16,7 @@ from accpinn.recordings import LittleLeaderMotion, Mode, Recording
 from accpinn.recordings.openacc import read
 from accpinn.results.messages import messages
 from accpinn.results.recording import MEANING, WORDS
-from accpinn.segment import NothingToExclude, RegimesExcluded, Segment
+from accpinn.segment import NothingToExclude, RegimesExcluded, Segment, SegmentInfo
 from accpinn.segment.quality import (
     CATCHING_UP,
     FOLLOWING,
@@ -35,6 +35,7 @@ from accpinn.segment.quality import (
     rate,
     worst,
 )
+from accpinn.serial import dump, restore
 from tests.support import openacc_files
 from tests.support.driving import driven, in_turn, segment_of
 from tests.support.methods import RIVALS as ESTIMATORS
@@ -299,6 +300,11 @@ class TestExcluding:
         for names, is_said in ((["manual"], False), (["catching up"], True)):
             chosen = exclude_regimes(segment, regimes, names)
             assert any("a driver" in said for said in messages(chosen.findings, chosen)) == is_said
+        # A snapshot of an earlier version holds the finding, and verifies all the same.
+        tree, arrays = dump(segment.info)
+        tree["excluded_regimes"] = ["manual"]
+        assert segment.info.driven_by_hand
+        assert restore(SegmentInfo, tree, arrays).driven_by_hand is None
 
     def test_what_does_not_occur_leaves_the_data_as_they_are(self) -> None:
         regimes = Regimes(np.full((1801, 2), FOLLOWING, np.uint8), (True, True))

@@ -38,6 +38,17 @@ def test_without_lag_and_delay_it_is_the_closed_forms() -> None:
     np.testing.assert_allclose(response(vehicles, omega), closed, 1e-12)
 
 
+def test_a_vehicle_that_is_not_determined_leaves_the_others_as_they_are() -> None:
+    vehicles = drawn(3, 9, lag=0.5, delay=0.5)
+    unknown = Parameters.of(np.insert(vehicles.complete, 1, np.nan, axis=0))
+    for found, known in zip(
+        (*step_gain(unknown), lagged_stability(unknown).peak),
+        (*step_gain(vehicles), lagged_stability(vehicles).peak),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(np.delete(found, 1), known)
+
+
 def test_the_gain_is_that_of_the_exact_delay() -> None:
     vehicles, omega = drawn(400, 2, lag=0.5, delay=0.75), np.linspace(0.01, 1.0, 100)
     vehicles = vehicles[lagged_stability(vehicles).peak < 3.0]

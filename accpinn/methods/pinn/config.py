@@ -120,7 +120,7 @@ class PinnConfig:
                 _require(not given, _title(setting), allowed, given)
 
     def angular_frequencies(self, duration: Seconds) -> FloatArray:
-        """(n,) of the Fourier features in rad/s; empty for the preset `paper`.
+        """(n,) of the Fourier features in rad/s for a window in s; empty for the preset `paper`.
 
         They are whole cycles of a period that is longer than the window, up to the highest
         frequency (in short windows at least `SHORT_FREQUENCY`), and at least four. Half cycles per

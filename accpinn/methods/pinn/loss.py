@@ -87,7 +87,7 @@ class Motion(NamedTuple):
     """(3, N, M) their time derivative, where d is not moved by gradient."""
 
     def with_earlier(self, network: "Network", time: Any, delays: Any) -> "Motion":
-        """The same with what its network gives a time d (M,) before the instants (N,), or at 0.
+        """The same with what a network gives a time d (M,) before the instants (N,), at least at 0.
 
         All are arrays, or all are tensors.
         """

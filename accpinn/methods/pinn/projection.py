@@ -63,8 +63,8 @@ class NormalEquations:
     ) -> Self:
         """Sum products of Φ and its rate (N, 2, K) and data (N, 2M+1), in `output_columns`' order.
 
-        The mask (N, M) is True where a follower's acceleration counts; None for everywhere. What is
-        ``beside`` are the sums of further columns of Φ, which stand first, and these (N, 2, L).
+        The mask (N, M) is True where a follower's acceleration counts; None for everywhere.
+        ``beside`` holds the sums of further columns of Φ, which stand first, and these (N, 2, L).
         """
         count, followers = len(seen), measured.shape[1] // 2
         rows: list[slice | Mask] = [slice(None)] if mask is None else [slice(None), *mask.T]

@@ -110,7 +110,8 @@ def training(
     Whatever ends it leaves a checkpoint, from which a training with the same settings goes on. The
     evidences of several segments add up, in the preset `calibrated` alone. The first is trained as
     one is; the others are drawn with its parameters. A stop leaves fewer fits than segments.
-    The settings are those of the preset `fast` by default, the threads as many as help.
+    The settings are those of the preset `fast` by default, the threads as many as help, at most
+    four.
 
     Raises:
         AccpinnError: where PyTorch cannot be loaded.
