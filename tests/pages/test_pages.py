@@ -32,6 +32,7 @@ from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import resources, sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
 from pages.ui.session.workspace import Workspace
+from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
     PAGES,
     WAIT,
@@ -361,6 +362,22 @@ def test_windows_that_were_switched_off_stay_so_where_their_result_is_shown_agai
     assert session.several_windows == every[1:]
     session.choose(vehicles=(1, 2))
     assert session.several_windows == every, "other vehicles have other windows"
+
+
+def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
+    session = with_sample()
+    first, second = session.several_windows
+    session.window_starts = (second.start,)
+    page = open_page("Data", session)
+    assert not page.widget("data_all_windows").value
+    assert f"Train on {second} (" in next(b.label for b in page.button if b.key == "data_train")
+    page = open_page("Train", session).press("Start training")
+    assert session.training.wait(WAIT)
+    said = page.sound().plain()
+    assert f"{session.recording.source} · {second}" in said
+    assert str(first) not in said
+    assert "True values: made with" in said
+    assert suggested_name(session).endswith(str(second))
 
 
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:

@@ -191,8 +191,8 @@ def segment_line(segment: Segment | SegmentInfo, case: str, windows: Sequence[Wi
 
 def in_words(window: Window, windows: Sequence[Window] = ()) -> str:
     """A window, or ``windows`` in place of it: each of a few, else from when to when."""
-    if len(windows) < 2:
-        return str(window)
+    if len(windows) < 2:  # a single one need not be that chosen on page Data
+        return str(*(windows or (window,)))
     if len(windows) <= NAMED:
         return ", ".join(map(str, windows)).replace(" s,", ",")
     whole = Window(windows[0].start, max(other.end for other in windows))
