@@ -16,8 +16,9 @@ from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.answer import assumption
-from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
+from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import named
 from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
@@ -25,7 +26,17 @@ from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.stability import clicked_point
-from tests.support.apptest import Page, answer, fitted, numbers, open_page, read, with_example
+from tests.support.apptest import (
+    MINUTE,
+    Page,
+    answer,
+    fitted,
+    numbers,
+    open_page,
+    read,
+    with_example,
+    with_sample,
+)
 from tests.support.snapshots import missing_the_drive, whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -321,6 +332,25 @@ class TestPage:
         # Other vehicles begin without what was chosen among the former.
         page.choose("parameters_example", CASALE.title)
         assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.0879, abs=1e-4)
+
+    def test_choices_among_vehicles_are_forgotten_where_others_are_shown(self) -> None:
+        session = with_sample()
+        for vehicles in ((1, 2, 3), (3, 4, 5)):
+            session.choose(window=MINUTE, vehicles=vehicles)
+            answer(session)
+            page = open_page("Platoon", session).choose("platoon_order", "repeated")
+            assert page.widget("platoon_vehicle").value == 0
+            page.choose("platoon_vehicle", 1)
+            assert open_page("Platoon", session).widget("platoon_vehicle").value == 1
+
+    def test_a_nonlinear_model_has_the_probabilities_of_the_speed(self) -> None:
+        session = fitted()
+        session.choose_model("idm")
+        answer(session)
+        open_page("Stability", session).choose("stability_speed", 30.0)
+        source = known_vehicles(session.result).at_speed(30.0 / 3.6)
+        there = open_page("Platoon", session).plain()
+        assert probabilities(source.vehicles, source.uncertainty) in there
 
     def test_an_order_of_ones_own(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_order", "own")

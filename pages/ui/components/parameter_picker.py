@@ -35,8 +35,8 @@ EXAMPLE, SNAPSHOT, ROWS, BASE, SHOWN = (
 """Names of choices: title of a published set, short name of a snapshot, the rows by hand, now
 and when the table came to the page, and the vehicles shown last."""
 OF_VEHICLES = (
-    "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
-    "platoon_sinusoid_frequency", "platoon_own",
+    "stability_held", "stability_simulate", "stability_measured", "stability_speed",
+    "platoon_vehicle", "platoon_sinusoid_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
 MOST = 20
@@ -76,7 +76,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
         _empty_state(workspace, page)
         return None
     now, before = chosen.vehicles, choices.get(SHOWN, chosen.vehicles)
-    if (before.title, len(before)) != (now.title, len(now)):
+    if (before.title, before.labels) != (now.title, now.labels):
         for key in OF_VEHICLES:
             choices.pop(key, None)
     choices[SHOWN] = now
