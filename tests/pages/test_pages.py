@@ -316,6 +316,13 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "**Continue**" in page.texts(), "Home stays open"
 
 
+def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:
+    page = open_page("Data").upload("bad.csv", bytes(range(256)))
+    assert len(page.sound().boxes("error")) == 1
+    page.switch_page("pages/2_Train.py")
+    assert not page.sound().boxes("error")
+
+
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = open_page("Data")
     assert "ACCPINN_RECORDINGS" in page.texts()
