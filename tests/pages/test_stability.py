@@ -195,7 +195,31 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(title: str) 
     assert "$a_b$" not in "\n".join(m.value for m in page.markdown)
 
 
+def test_vehicles_of_one_name_are_told_apart() -> None:
+    session = sessions.workspaces().new()
+    session.chosen_source = "hand"
+    session.choices[ROWS] = (("A", 0.05, 0.6, 1.8), ("A", 0.08, 0.12, 1.5))
+    page = open_page("Platoon", session).choose("platoon_order", "repeated")
+    for vehicle in (1, 0):
+        page.choose("platoon_vehicle", vehicle)
+        assert session.choices["platoon_vehicle"] == vehicle
+
+
 # From a snapshot
+
+
+def test_snapshots_of_one_name_are_told_apart() -> None:
+    known = whole().answer
+    changed = Parameters.of(known.parameters.complete * [0.5, 1, 1, 1, 1, 1])
+    parts = replace(whole().parts, answer=replace(known, parameters=changed))
+    names = {library().add(kept) for kept in (whole(), replace(whole(), parts=parts))}
+    assert len(names) == 2
+    session = sessions.workspaces().new()
+    session.chosen_source = "snapshot"
+    page = open_page("Stability", session)
+    for name in (*names, *names):
+        page.choose(SNAPSHOT, name)
+        assert session.choices.get(SNAPSHOT, name) == page.widget(SNAPSHOT).value == name
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])

@@ -20,6 +20,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import ParameterSource, Workspace
+from pages.ui.snapshots.listing import choose_entry
 
 SOURCES: dict[ParameterSource, str] = {
     "fit": "Answer",
@@ -65,10 +66,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
                 ASTAZERO.title, EXAMPLE, workspace, labelled=False, width=320,
             )  # fmt: skip
         elif source == "snapshot":
-            select(
-                "Snapshot", {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries},
-                entries[0].id, SNAPSHOT, workspace, labelled=False, width=420,
-            )  # fmt: skip
+            choose_entry(workspace, "Snapshot", SNAPSHOT, entries, labelled=False, width=420)
     if source == "hand":
         _edit_rows(workspace, f"{page}_rows")
     chosen = parameters_from(workspace, source, entries)
