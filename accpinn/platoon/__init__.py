@@ -37,7 +37,7 @@ from accpinn.model.cthp import Parameters, Trajectories, collides, motion_matrix
 from accpinn.model.registry import FOLLOWING, PAPER
 from accpinn.platoon.leader import Leader, Planned, Recorded, Sinusoid
 from accpinn.stability.criteria import checked, response, slowest_rate
-from accpinn.units import FloatArray, PerSecond, Seconds, frozen
+from accpinn.units import FloatArray, Metres, PerSecond, Seconds, frozen
 
 SAMPLE_TIME: Seconds = 0.1
 """Sample time of the recordings and of a simulation, by default."""
@@ -50,6 +50,8 @@ NONLINEAR_STEP: Seconds = 0.05
 """Largest step of the integration: with half of it speeds differ by less than 1 mm/s."""
 SLACK: Seconds = 1e-9
 """An instant this close before a phase belongs to it."""
+FARTHEST: Metres = 1e6
+"""A larger gap is that of a model that diverges."""
 SETTLED = 1e-3
 """A transient below this share of the sinusoid's amplitude is over."""
 PERIODS = 5
@@ -338,8 +340,12 @@ def _collisions(driven: Trajectories) -> tuple[Collision, ...]:
 
     A collision has no meaning where a vehicle further ahead had one before.
     """
-    collisions: list[Collision] = []
-    for follower, gap in enumerate(driven.gaps.T, 1):
+    collisions, end = list[Collision](), len(driven.time)
+    for follower, every_gap in enumerate(driven.gaps.T, 1):
+        gap = every_gap[:end]
+        if np.isnan(gap).any():  # a nonlinear model diverges between samples where a gap is used up
+            gap = np.where(np.abs(gap) < FARTHEST, gap, -FARTHEST)
+            end = int(collides(gap).argmax())
         used_up = collides(gap)
         used_up[0] = gap[0] <= 0
         if used_up.any():

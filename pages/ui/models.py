@@ -110,14 +110,18 @@ def _take_model(workspace: Workspace, judged: tuple[Judgement, ...]) -> None:
     if len(best) != 1 or best == {workspace.asked.model} or not workspace.segment:
         return
     (key,) = best
+
+    def take() -> None:
+        config = workspace.config  # which may be refused, before anything is changed
+        workspace.choose_model(key)
+        workspace.train(config)
+        st.session_state[frame.TURN] = frame.TRAIN
+
     with st.container(horizontal=True, vertical_alignment="center"):
-        if st.button(
+        st.button(
             f"Take the {FOLLOWING[key].title} for the answer", key="models_take",
-            icon=":material/swap_horiz:",
-        ):  # fmt: skip
-            workspace.choose_model(key)
-            workspace.train(workspace.config)
-            frame.go(frame.TRAIN, workspace)
+            icon=":material/swap_horiz:", on_click=take,
+        )  # fmt: skip
         st.caption(
             "The windows left out clearly favour it. Train, Stability and Platoon then have its"
             " parameters, and what follows from them at the vehicle's median speed."

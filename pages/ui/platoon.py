@@ -134,8 +134,11 @@ def _show_answer(
                 " page Stability."
                 f" {details}"
             )
-        if source.uncertainty:
-            odds = probabilities(chosen, source.uncertainty)
+        there, speed = source, run.leader.speed
+        if run.linear and round(KMH * speed) != round(KMH * source.median_speed):
+            there = source.at_speed(speed)
+        if there.uncertainty:
+            odds = probabilities(chosen, there.uncertainty)
             known = words.known_growth(source, cast, run)
             details += f" Simulated with the estimated parameters. {known} {odds}"
         elif not source.result:

@@ -11,6 +11,7 @@ from accpinn.inference.answer import Answer
 from accpinn.inference.answer import answer as answer_of
 from accpinn.methods.fit import Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST, PAPER
+from accpinn.model.registry import BEST
 from accpinn.recordings import Window, files
 from accpinn.results.messages.answer import time_gap_in_words
 from accpinn.results.messages.summary import agreement
@@ -146,7 +147,11 @@ def test_which_model_this_car_follows(session: Workspace, monkeypatch: pytest.Mo
 
     assert "models_take" not in page.buttons, "one is hardly better than the other"
     monkeypatch.setattr(Judgement, "is_clear", True)
-    page.run().press("models_take")
+    session.settings[session.preset] = {"width": -1}
+    assert "not allowed" in page.run().press("models_take").boxes("error")[0]
+    assert (session.training, session.asked.model) == (None, BEST), "nothing changed"
+    session.settings.clear()
+    page.press("models_take")
     assert session.training.analysis.model == judged.ranked[0].model.key
     session.judge_models(["cthp"])
     session.choose(vehicles=(2, 3))

@@ -32,6 +32,7 @@ from pages.ui.platoon import PANELS, TABS
 from pages.ui.session import resources, sessions
 from pages.ui.session.resources import FIRST_SAMPLE, SAMPLES, store, windows_in_car_following
 from pages.ui.session.workspace import Workspace
+from pages.ui.snapshots.page import suggested_name
 from tests.support.apptest import (
     PAGES,
     WAIT,
@@ -315,6 +316,13 @@ def test_a_bad_upload_is_one_sentence_and_loses_nothing_and_a_good_one_is_opened
     assert "**Continue**" in page.texts(), "Home stays open"
 
 
+def test_a_refused_click_is_said_once_and_on_its_own_page_only() -> None:
+    page = open_page("Data").upload("bad.csv", bytes(range(256)))
+    assert len(page.sound().boxes("error")) == 1
+    page.switch_page("pages/2_Train.py")
+    assert not page.sound().boxes("error")
+
+
 def test_the_folder_on_the_server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     page = open_page("Data")
     assert "ACCPINN_RECORDINGS" in page.texts()
@@ -361,6 +369,22 @@ def test_windows_that_were_switched_off_stay_so_where_their_result_is_shown_agai
     assert session.several_windows == every[1:]
     session.choose(vehicles=(1, 2))
     assert session.several_windows == every, "other vehicles have other windows"
+
+
+def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
+    session = with_sample()
+    first, second = session.several_windows
+    session.window_starts = (second.start,)
+    page = open_page("Data", session)
+    assert not page.widget("data_all_windows").value
+    assert f"Train on {second} (" in next(b.label for b in page.button if b.key == "data_train")
+    page = open_page("Train", session).press("Start training")
+    assert session.training.wait(WAIT)
+    said = page.sound().plain()
+    assert f"{session.recording.source} · {second}" in said
+    assert str(first) not in said
+    assert "True values: made with" in said
+    assert suggested_name(session).endswith(str(second))
 
 
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:

@@ -16,8 +16,9 @@ from accpinn.platoon import AFTER_COLLISION
 from accpinn.recordings import Window
 from accpinn.results.figures.style import FOLLOWERS, LEADER, SHARED
 from accpinn.results.messages.answer import assumption
-from accpinn.results.messages.stability import GIVEN_PARAMETERS, reason
+from accpinn.results.messages.stability import GIVEN_PARAMETERS, probabilities, reason
 from accpinn.results.tables.estimates import EVERY_FOLLOWER
+from accpinn.results.vehicles import known_vehicles
 from accpinn.study.snapshot import named
 from accpinn.tasks import Task
 from pages.ui.components.parameter_picker import ROWS, SNAPSHOT, parameters_from
@@ -25,7 +26,17 @@ from pages.ui.platoon import PANELS, parse_order
 from pages.ui.session import sessions
 from pages.ui.session.resources import library
 from pages.ui.stability import clicked_point
-from tests.support.apptest import Page, answer, fitted, numbers, open_page, read, with_example
+from tests.support.apptest import (
+    MINUTE,
+    Page,
+    answer,
+    fitted,
+    numbers,
+    open_page,
+    read,
+    with_example,
+    with_sample,
+)
 from tests.support.snapshots import missing_the_drive, whole
 
 pytestmark = pytest.mark.usefixtures("fresh_server")
@@ -184,7 +195,31 @@ def test_by_hand_bad_values_are_refused_and_names_shown_as_they_are(title: str) 
     assert "$a_b$" not in "\n".join(m.value for m in page.markdown)
 
 
+def test_vehicles_of_one_name_are_told_apart() -> None:
+    session = sessions.workspaces().new()
+    session.chosen_source = "hand"
+    session.choices[ROWS] = (("A", 0.05, 0.6, 1.8), ("A", 0.08, 0.12, 1.5))
+    page = open_page("Platoon", session).choose("platoon_order", "repeated")
+    for vehicle in (1, 0):
+        page.choose("platoon_vehicle", vehicle)
+        assert session.choices["platoon_vehicle"] == vehicle
+
+
 # From a snapshot
+
+
+def test_snapshots_of_one_name_are_told_apart() -> None:
+    known = whole().answer
+    changed = Parameters.of(known.parameters.complete * [0.5, 1, 1, 1, 1, 1])
+    parts = replace(whole().parts, answer=replace(known, parameters=changed))
+    names = {library().add(kept) for kept in (whole(), replace(whole(), parts=parts))}
+    assert len(names) == 2
+    session = sessions.workspaces().new()
+    session.chosen_source = "snapshot"
+    page = open_page("Stability", session)
+    for name in (*names, *names):
+        page.choose(SNAPSHOT, name)
+        assert session.choices.get(SNAPSHOT, name) == page.widget(SNAPSHOT).value == name
 
 
 @pytest.mark.parametrize("title", ["Stability", "Platoon"])
@@ -321,6 +356,25 @@ class TestPage:
         # Other vehicles begin without what was chosen among the former.
         page.choose("parameters_example", CASALE.title)
         assert page.widget("platoon_sinusoid_frequency").value == pytest.approx(0.0879, abs=1e-4)
+
+    def test_choices_among_vehicles_are_forgotten_where_others_are_shown(self) -> None:
+        session = with_sample()
+        for vehicles in ((1, 2, 3), (3, 4, 5)):
+            session.choose(window=MINUTE, vehicles=vehicles)
+            answer(session)
+            page = open_page("Platoon", session).choose("platoon_order", "repeated")
+            assert page.widget("platoon_vehicle").value == 0
+            page.choose("platoon_vehicle", 1)
+            assert open_page("Platoon", session).widget("platoon_vehicle").value == 1
+
+    def test_a_nonlinear_model_has_the_probabilities_of_the_speed(self) -> None:
+        session = fitted()
+        session.choose_model("idm")
+        answer(session)
+        open_page("Stability", session).choose("stability_speed", 30.0)
+        source = known_vehicles(session.result).at_speed(30.0 / 3.6)
+        there = open_page("Platoon", session).plain()
+        assert probabilities(source.vehicles, source.uncertainty) in there
 
     def test_an_order_of_ones_own(self) -> None:
         page = open_page("Platoon", with_example()).choose("platoon_order", "own")

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from accpinn import Brake, Parameters, Sinusoid, SpeedStep, simulate_platoon
 from accpinn.errors import ParameterError
 from accpinn.model.published import CASALE, ParameterSet
+from accpinn.model.registry import FOLLOWING
 from accpinn.platoon import (
     SETTLED,
     Amplitudes,
@@ -137,6 +138,16 @@ class TestFindings:
         assert ends[5] == pytest.approx(run.collisions[1].time, abs=0.1)
         assert (ends[:5] == run.trajectories.time[-1]).all()
         assert (ends[7:] == ends[6]).all()
+
+    def test_a_nonlinear_model_that_diverges_where_its_gap_is_used_up_collides(self) -> None:
+        own = np.array([[3.03, 28.3, 0.858, 5.65, 62.1], [1.51, 4.98, 1.026, 2.32, 48.0]])
+        platoon = FOLLOWING["idm"].linearisations(own[[0, 1, 1]].T, 5.0)
+        run = simulate_platoon(platoon, Sinusoid(0.5023, amplitude=8.0, speed=5.0), model="idm")
+        assert np.isnan(run.trajectories.gaps[-1, 1:]).all()
+        (hit,) = run.collisions
+        assert hit.follower == 2, "what the one behind does has no meaning then"
+        assert abs(run.valid.gaps[: run.meaningful[2], 1]).max() < 100.0
+        assert disturbance(run, Cast(ParameterSet("", ("A", "B", "C"), platoon), (0, 1, 2)))
 
     def test_a_stop_behind_a_stopped_leader_is_no_collision(self) -> None:
         """At standstill the equilibrium gap is zero; rounding makes that -1e-13 m."""

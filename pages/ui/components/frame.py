@@ -49,6 +49,8 @@ CHARTED = ("Stability", "Platoon", "Database")
 """Pages that have charts also where nothing is open."""
 
 FAILED = "The program failed {}; what was open stays open."
+PAGE = "frame_page"
+"""The entry with the title of the page drawn last: a click's outcome is said on its own page."""
 TURN = "frame_turn"
 """The entry with the page that a widget's callback turns to, once the script runs."""
 
@@ -63,7 +65,9 @@ _STATUS = {
 
 def draw_page(title: str, draw: Callable[[Workspace], None]) -> None:
     """Draw a page; of a fault of the program it says one sentence, and leads back."""
-    st.session_state[show.IS_FLASHED] = False
+    if st.session_state.get(PAGE) != title:
+        show.forget_flash()
+    st.session_state.update({PAGE: title, show.IS_FLASHED: False})
     try:
         workspace = _begin(title)
         outcome = st.empty()
@@ -191,8 +195,8 @@ def segment_line(segment: Segment | SegmentInfo, case: str, windows: Sequence[Wi
 
 def in_words(window: Window, windows: Sequence[Window] = ()) -> str:
     """A window, or ``windows`` in place of it: each of a few, else from when to when."""
-    if len(windows) < 2:
-        return str(window)
+    if len(windows) < 2:  # a single one need not be that chosen on page Data
+        return str(*(windows or (window,)))
     if len(windows) <= NAMED:
         return ", ".join(map(str, windows)).replace(" s,", ",")
     whole = Window(windows[0].start, max(other.end for other in windows))

@@ -20,6 +20,7 @@ from pages.ui.components import frame, show
 from pages.ui.components.show import escape_markdown, segments, select
 from pages.ui.session.resources import library, opened
 from pages.ui.session.workspace import ParameterSource, Workspace
+from pages.ui.snapshots.listing import choose_entry
 
 SOURCES: dict[ParameterSource, str] = {
     "fit": "Answer",
@@ -35,8 +36,8 @@ EXAMPLE, SNAPSHOT, ROWS, BASE, SHOWN = (
 """Names of choices: title of a published set, short name of a snapshot, the rows by hand, now
 and when the table came to the page, and the vehicles shown last."""
 OF_VEHICLES = (
-    "stability_held", "stability_simulate", "stability_measured", "platoon_vehicle",
-    "platoon_sinusoid_frequency", "platoon_own",
+    "stability_held", "stability_simulate", "stability_measured", "stability_speed",
+    "platoon_vehicle", "platoon_sinusoid_frequency", "platoon_own",
 )  # fmt: skip
 """Choices among vehicles, which say nothing of others."""
 MOST = 20
@@ -65,10 +66,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
                 ASTAZERO.title, EXAMPLE, workspace, labelled=False, width=320,
             )  # fmt: skip
         elif source == "snapshot":
-            select(
-                "Snapshot", {e.id: f"{e.name.strip() or e.id} · {e.source}" for e in entries},
-                entries[0].id, SNAPSHOT, workspace, labelled=False, width=420,
-            )  # fmt: skip
+            choose_entry(workspace, "Snapshot", SNAPSHOT, entries, labelled=False, width=420)
     if source == "hand":
         _edit_rows(workspace, f"{page}_rows")
     chosen = parameters_from(workspace, source, entries)
@@ -76,7 +74,7 @@ def choose_parameters(workspace: Workspace, page: str, lead: str) -> KnownVehicl
         _empty_state(workspace, page)
         return None
     now, before = chosen.vehicles, choices.get(SHOWN, chosen.vehicles)
-    if (before.title, len(before)) != (now.title, len(now)):
+    if (before.title, before.labels) != (now.title, now.labels):
         for key in OF_VEHICLES:
             choices.pop(key, None)
     choices[SHOWN] = now

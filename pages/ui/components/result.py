@@ -62,7 +62,9 @@ def show_result(
     leads on; ``more`` are further tabs by title.
     """
     info, fit = result.info, result.fit
-    truth = workspace.true_parameters if workspace.segment == result.segment else None
+    is_open = result.recording is workspace.recording
+    is_same = is_open and info.vehicles == workspace.asked.vehicles
+    truth = workspace.true_parameters if is_same else None
     has_answer = bool(result.segments or result.parts.answer)
     if has_answer:
         show_cards(result)

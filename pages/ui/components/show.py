@@ -342,12 +342,16 @@ def select(
     further options. Returns what is chosen.
     """
     value, change = _chosen(options, value, key, change)
+    labels, named = list(options.values()), dict[T, str]()
+    for at, (option, said) in enumerate(options.items()):  # the browser reports what it reads
+        earlier = labels[:at].count(said)
+        named[option] = f"{said} ({earlier + 1})" if earlier else said
     place.selectbox(
         label,
         list(options),
         index=list(options).index(value),
         # The browser may still report an option that is gone.
-        format_func=lambda option: options.get(option, str(option)),
+        format_func=lambda option: named.get(option, str(option)),
         label_visibility="visible" if labelled else "collapsed",
         **bound(key, value, change, default=""),
         **look,

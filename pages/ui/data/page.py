@@ -352,7 +352,7 @@ def _choose_all_windows(workspace: Workspace, recording: Recording) -> None:
 
         st.toggle(
             f"Train on {every} windows in car-following",
-            **bound("data_all_windows", workspace.window_starts != (), change),
+            **bound("data_all_windows", len(workspace.several_windows) == count, change),
             help="The answer's interval narrows with every window of the same vehicles, more than"
             " by any refinement in one. Short stretches of catching up stay in a window. Page"
             " Compare runs the methods on the first of them; the tabs below show the window above.",
@@ -363,7 +363,9 @@ def _train_button(workspace: Workspace) -> None:
     """The way to the result; it says which training this begins, and how long that takes."""
     segment, parts, config = workspace.segment, [f"{workspace.preset} preset"], None
     several = workspace.several_windows
-    which = f"{len(several)} windows" if several else "this window"
+    which = str(several[0]) if several else "this window"
+    if len(several) > 1:
+        which = f"{len(several)} windows"
     if workspace.settings.get(workspace.preset):
         parts[0] += " with your options"
     if segment and segment.followers > 1:

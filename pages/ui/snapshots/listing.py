@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import islice, zip_longest
+from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -126,10 +127,12 @@ def first_estimate(entry: Entry) -> str:
     return f"{label} by {TITLES.get(entry.method, entry.method)}: {', '.join(shown)}"
 
 
-def choose_entry(workspace: Workspace, label: str, key: str, entries: Sequence[Entry]) -> str:
-    """The short name of one of them; at first of the newest."""
+def choose_entry(
+    workspace: Workspace, label: str, key: str, entries: Sequence[Entry], **look: Any
+) -> str:
+    """The short name of one of them; at first of the newest. ``look`` is as of `select`."""
     known = {entry.id: f"{title_of(entry)} · {entry.source} · {entry.id[:6]}" for entry in entries}
-    return select(label, known, entries[0].id, key, workspace, width=520)
+    return select(label, known, entries[0].id, key, workspace, **{"width": 520} | look)
 
 
 # Two results

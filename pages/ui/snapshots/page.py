@@ -103,11 +103,11 @@ def _save_form(workspace: Workspace) -> None:
 
 def suggested_name(workspace: Workspace) -> str:
     """Which vehicle or platoon, in which recording and window."""
-    info = workspace.info
-    if info is None:
+    if (result := workspace.result) is None:
         return ""
+    info, windows = result.info, frame.in_words(result.info.window, result.analysis.windows)
     who = info.labels[1] if info.followers == 1 else f"{info.labels[1]} to {info.labels[-1]}"
-    return f"{who}, {info.source.rpartition('.')[0] or info.source}, {info.window}"[:LONGEST_NAME]
+    return f"{who}, {info.source.rpartition('.')[0] or info.source}, {windows}"[:LONGEST_NAME]
 
 
 def _save(workspace: Workspace) -> None:
