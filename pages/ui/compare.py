@@ -68,6 +68,7 @@ class _Shown:
         self.truth = truth[self.follower] if truth else None
         self.vehicle = vehicles[self.follower + 1]
         self.colour = vehicle_colours(vehicles)[self.follower + 1]
+        self.adequacy = self.workspace.adequacy(self.segment.info)
 
     def row_of(self, model: str) -> Result:
         """The first method that estimates a model, whose intervals all such have; else any."""
@@ -214,7 +215,7 @@ def _show_summary(shown: _Shown) -> None:
     show.downloads(table, f"{shown.stem}_methods", "compare")
     _show_collisions(shown)
     row = shown.row_of(shown.answer.model)
-    show_intervals(row, conditional(row, shown.workspace.adequacy))
+    show_intervals(row, conditional(row, shown.adequacy))
     # Which estimates lie outside is said above.
     found = (f for f in row.uncertainty.findings if not isinstance(f, OutsideInterval))
     show.messages(messages(found, segment))
@@ -346,7 +347,7 @@ def _show_identifiability(shown: _Shown) -> None:
     """Which parameters the data determine, whichever method is used."""
     segment, follower, row = shown.segment, shown.follower, shown.row_of(PAPER)
     uncertainty = row.uncertainty
-    case, adequacy = shown.workspace.asked.case, shown.workspace.adequacy
+    case, adequacy = shown.workspace.asked.case, shown.adequacy
     st.markdown(f"**{escape_markdown(registry.TITLES[row.fit.model])} in this window**")
     quality, warnings = row.quality, row.weaknesses
     show.messages(messages(warnings, segment), "warning")
@@ -387,7 +388,7 @@ def _show_adequacy(shown: _Shown) -> None:
     """Whether a model with one term more explains the data better."""
     segment = shown.segment
     row = shown.row_of(PAPER)
-    adequacy = shown.workspace.adequacy or row.adequacy
+    adequacy = shown.adequacy or row.adequacy
     if not adequacy.forms:
         st.caption("Too little is measured, or moves, for the likelihood of the model's forms.")
         return

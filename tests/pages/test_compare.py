@@ -67,7 +67,7 @@ def test_rows_pictures_warnings_starts_and_earlier_fits(
     page.button(key="compare_run").click().run()
     assert session.comparison.wait(WAIT)
     assert session.comparison.status is Status.DONE
-    assert session.adequacy, "the forms of the model come with the methods"
+    assert session.adequacy(session.segment.info), "the forms of the model come with the methods"
     page = open_page("Compare", session)
     shown = page.everything()
     assert headline(session.compared[0].answer) in page.plain()

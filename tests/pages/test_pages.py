@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from accpinn import METHODS, Parameters, Recording, preset
+from accpinn.methods import least_squares
 from accpinn.methods.fit import Continued, Outcome
 from accpinn.methods.pinn.config import CALIBRATED, FAST
 from accpinn.model import registry
@@ -21,7 +22,8 @@ from accpinn.results.recording import recording_table
 from accpinn.results.reproduction import CASALE_RUN
 from accpinn.results.tables.answer import answer_table, own_windows_table
 from accpinn.results.vehicles import known_vehicles
-from accpinn.tasks import Status
+from accpinn.study.result import result_of
+from accpinn.tasks import Status, Task
 from pages.ui.components.monitor import monitor
 from pages.ui.components.parameter_picker import EXAMPLE
 from pages.ui.components.show import bullets, escape_markdown, format_duration
@@ -386,6 +388,19 @@ def test_of_several_windows_one_alone_is_named_and_keeps_its_truth() -> None:
     assert "True values: made with" in said
     assert suggested_name(session).endswith(str(second))
 
+    elsewhere = (
+        session.compared_segment,
+        resources.segment_of(session.recording, first, session.asked.vehicles, ()),
+    )
+    for segment, is_own in zip(elsewhere, (True, False), strict=True):
+        asked = session.analysis(session.config, (segment.window,)).with_method("least-squares")
+        row = result_of(asked, (segment,), (least_squares.fit(segment, "II"),))
+        forms = row.adequacy
+        session.comparison = Task(session.id, "comparison", lambda _: iter(()))
+        session.comparison.answer(row)
+        kept = session.as_snapshot().parts.adequacy
+        assert kept is (forms if is_own else None), "forms on another window are not the result's"
+
 
 def test_a_window_that_is_switched_off_serves_for_validation() -> None:
     session = with_sample()
@@ -452,7 +467,7 @@ def test_train_shows_table_curves_and_downloads_and_keeps_the_result() -> None:
     assert "0.0612" in page.texts(), "the truth of the first follower"
     assert conditional(session.result, None) in page.plain()
     page.press("train_forms")
-    assert conditional(session.result, session.adequacy) in page.plain()
+    assert conditional(session.result, session.adequacy(session.segment.info)) in page.plain()
     assert "train_forms" not in page.buttons
     assert len(page.open_tab("train_tabs", "Training").figures()) == 5
     assert len(page.open_tab("train_tabs", "Export").get("download_button")) == 4

@@ -248,8 +248,8 @@ def _show_comparison(
         + (f" {APART}" if "Answer" in estimates else "")
     )
     show.downloads(table, f"{Path(info.source).stem}_comparison", f"{page}_comparison")
-    is_own = segment is not None and segment == workspace.segment
-    adequacy = workspace.adequacy if is_own else result.parts.adequacy
+    is_own = segment is not None and (segment == workspace.segment or result is workspace.result)
+    adequacy = workspace.adequacy(info) if is_own else result.parts.adequacy
     if adequacy is None and is_own:
         label = "Compare with other forms of the model"
         if st.button(label, key=f"{page}_forms", icon=":material/rule:"):

@@ -189,11 +189,11 @@ class Workspace:
         known = any((row.analysis.method, row.analysis.settings) == asked for row in rows)
         return rows if known else (*rows, result)
 
-    @property
-    def adequacy(self) -> Adequacy | None:
-        """The forms of the model on the segment, as far as they were compared."""
-        results = (*self.compared, self.result, self.restored)
-        return next((r.parts.adequacy for r in results if r and r.parts.adequacy), None)
+    def adequacy(self, info: SegmentInfo) -> Adequacy | None:
+        """The forms of the model on a segment, as far as they were compared there."""
+        results = filter(None, (*self.compared, self.result, self.restored))
+        known = (r.parts.adequacy for r in results if r.info.digest == info.digest)
+        return next(filter(None, known), None)
 
     @property
     def runs(self) -> tuple[Entry, ...]:
@@ -211,7 +211,9 @@ class Workspace:
         if result is None or not result.segments:
             raise SnapshotError("There is no result with its data to save; train on a window.")
         facts = result.facts or (restored.facts if restored else {})
-        parts = replace(result.parts, adequacy=self.adequacy, judgements=self.judgements or None)
+        parts = replace(
+            result.parts, adequacy=self.adequacy(result.info), judgements=self.judgements or None
+        )
         whole = replace(result, parts=parts, facts=facts, compared=self.compared)
         return named(whole, name, note, with_data)
 
