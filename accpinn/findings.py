@@ -121,4 +121,9 @@ def spelled(count: int) -> str:
     return _NUMBERS[count] if count < len(_NUMBERS) else str(count)
 
 
+def all_of(count: int, what: str) -> str:
+    """As "both followers" or "all three followers"."""
+    return f"both {what}" if count == 2 else f"all {spelled(count)} {what}"
+
+
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from math import ceil, inf, isnan
 from typing import NamedTuple
 
-from accpinn.findings import joined, percent, spelled, who
+from accpinn.findings import all_of, capital, joined, percent, who
 from accpinn.inference.answer import SPEEDS, Answer, HeterogeneousFollowers
 from accpinn.inference.trust import trust_of_several
 from accpinn.methods.fit import Fit
@@ -162,7 +162,7 @@ def _headline(
     if len(gaps) == 1:
         return f"{labels[0]} {verb} {time_gap_in_words(gaps[0], speed, answer.level)}."
     are_all = len(labels) == len(answer.trust)
-    named = f"All {spelled(len(labels))} followers" if are_all else joined(labels)
+    named = capital(all_of(len(labels), "followers")) if are_all else joined(labels)
     least, most = (f"{pick(gap.value for gap in gaps):.2f}" for pick in (min, max))
     kept = least if least == most else f"{least}–{most}"
     off = max(max(gap.upper - gap.value, gap.value - gap.lower) / gap.value for gap in gaps)

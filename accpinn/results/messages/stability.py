@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from math import isinf, isnan
 
-from accpinn.findings import Labelled, capital, joined, percent, probability, spelled
+from accpinn.findings import Labelled, all_of, capital, joined, percent, probability, spelled
 from accpinn.inference.gain_check import COHERENT, FASTEST, LEAST, GainCheck
 from accpinn.inference.intervals import Uncertainty
 from accpinn.model.published import ParameterSet
@@ -270,13 +270,12 @@ def headline(subject: KnownVehicles) -> str:
 def _verdicts(subject: KnownVehicles) -> Iterator[str]:
     """What becomes of disturbances, a sentence for the vehicles of each verdict."""
     total, spoken = len(subject.vehicles), subject.vehicles.spoken
-    every = "both vehicles" if total == 2 else f"all {spelled(total)} vehicles"
     for kind in _ASSESSED:
         alike = [k for k in range(total) if assessed(subject, k) == kind]
         named = joined([spoken[k] for k in alike]) if len(alike) <= NAMED else ""
         named = named or f"{spelled(len(alike))} of {spelled(total)} vehicles"
         if alike:
-            named = every if len(alike) == total > 1 else named
+            named = all_of(total, "vehicles") if len(alike) == total > 1 else named
             yield becomes(subject, alike, named, is_headline=True)
         if kind == "stable" and len(alike) == total:
             if not all(vehicle.linf_exact.stable for vehicle in subject.report.vehicles):

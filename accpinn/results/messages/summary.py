@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from accpinn.evaluation.whiteness import CorrelatedResidual, ShortResidual
-from accpinn.findings import joined, percent, spelled, who
+from accpinn.findings import all_of, capital, joined, percent, spelled, who
 from accpinn.inference.answer import Answer
 from accpinn.inference.identifiability import WIDE, wide_intervals
 from accpinn.inference.intervals import SYMBOLS, Uncertainty
@@ -120,7 +120,7 @@ def _which_model(group: Sequence[tuple[Judgement, Describes]], total: int) -> st
     if len(group) == 1:
         return finding.sentence(judged.info)
     labels = [judged.info.labels[1] for judged, _ in group]
-    named = f"All {spelled(total)} followers" if len(group) == total else joined(labels)
+    named = capital(all_of(total, "followers")) if len(group) == total else joined(labels)
     errors, more = (
         f"{min(parts):.{digits}f} to {max(parts):.{digits}f}"
         for parts, digits in (
