@@ -123,7 +123,10 @@ class TrainingSpread(Finding, frozen=True):
         "The {trainings} trainings end up to {largest:.0f} % apart{why}. Do not quote a single one"
         " of them."
     )
-    text_if_close = "All {trainings} trainings end within {end:.2g} % of each other{where}."
+    text_if_close = (
+        "All {trainings} trainings end within {end:.2g} % of each other{where}: they repeat, which"
+        " says nothing of a bias."
+    )
 
     trainings: int
     """Number of trainings."""
