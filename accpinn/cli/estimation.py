@@ -297,13 +297,7 @@ def run_judge(options: argparse.Namespace) -> int:
     blocks of a few.
     """
     models = named_keys(options.models, JUDGED, following_model)
-    usual: dict[str, Any] = {
-        "leave_out": (),
-        "hold": [],
-        "model": None,
-        "methods": "all",
-        "case": "II",
-    }
+    usual = dict[str, Any](leave_out=(), hold=[], model=None, methods="all", case="II")
     if idle := [n for n, default in usual.items() if (getattr(options, n) or default) != default]:
         listed = joined([f"--{name.replace('_', '-')}" for name in idle])
         raise ConfigError(

@@ -221,7 +221,7 @@ def _profile(
     least = max(criterion(theta), np.finfo(float).tiny)
 
     def increase(value: float) -> float:
-        """Of the minimum where one is held: θ = base + directions @ (two unknowns ≥ 0)."""
+        """The minimum where one is held: θ = base + directions @ (two unknowns ≥ 0)."""
         base = np.zeros(3)
         if symbol == "τ":
             directions = np.array([[1.0, 0.0], [value, 0.0], [0.0, 1.0]])

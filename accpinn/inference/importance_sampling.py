@@ -198,7 +198,7 @@ class Sampling:
     """The draws of one group so far, and the proposal of the next ones."""
 
     def __init__(self, proposal: Proposal, size: int) -> None:
-        """With no draws of the P unknowns yet."""
+        """Begin without draws of the P unknowns."""
         self.proposal = proposal
         self.posterior = Posterior(np.empty((0, size)), np.empty(0), np.empty(0))
         self._past: list[tuple[Proposal, float]] = []

@@ -102,7 +102,7 @@ class OutsideInterval(Finding, frozen=True):
 
     vehicle: int
     symbols: tuple[str, ...]
-    """Of the parameters: α, β or τ."""
+    """The symbols of the parameters: α, β or τ."""
     cause: Cause
     """Most probable cause; a key of `WHY`."""
 

@@ -37,7 +37,7 @@ class Trust(Finding, frozen=True):
     speed: MetresPerSecond
     """At which the answer states its time gap."""
     rmse: Metres
-    """Of the simulated gap; nan where nothing can be simulated."""
+    """Error of the simulated gap; nan where nothing can be simulated."""
     deviation: Metres
     """Standard deviation of the measured gap about its mean in each window."""
     collides: bool

@@ -199,7 +199,7 @@ def _heads(grouped: Groups) -> list[Filled]:
 
 
 def _share(share: Estimate, group: Group) -> Cell:
-    """Of one vehicle its probability, else the share with its interval."""
+    """The probability of one vehicle, else the share of several with its interval."""
     shown = _scaled(share, 100)
     return shown.value if isnan(share.value) or len(group.cars) == 1 else shown
 

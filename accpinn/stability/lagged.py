@@ -206,10 +206,10 @@ def step_gain(parameters: Parameters) -> tuple[FloatArray, FloatArray]:
 def _overshoot_and_variation(
     poles: NDArray[np.complex128], weights: NDArray[np.complex128], count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Of the step responses Σ w_i (e^(p_i t) - 1) of V vehicles, poles and weights (V, n).
+    """Overshoot and variation (V,) of the step responses Σ w_i (e^(p_i t) - 1) of V vehicles.
 
-    ``count`` instants are taken in each of the stages. A turning point between them is that of the
-    parabola through its neighbours.
+    Poles p and weights w are (V, n). ``count`` instants are taken in each of the stages. A turning
+    point between them is that of the parabola through its neighbours.
     """
     level, highest, variation = np.zeros((3, len(poles)))
     final = -weights.sum(axis=1).real

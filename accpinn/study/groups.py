@@ -74,7 +74,7 @@ class Group:
     """In s: the median, and the quartiles of the windows."""
     model: str
     level: float
-    """Of all intervals but the quartiles."""
+    """Level of all intervals but the quartiles."""
     drawn: Car
     """The group as one: its draws are those of a vehicle where it is one vehicle."""
     cars: tuple[Car, ...]

@@ -161,7 +161,7 @@ class ModelScore:
     """How one model does on one follower."""
 
     key: str
-    """Of the model, in the registry."""
+    """The model's key in the registry."""
     theta: FloatArray
     """(n,) its parameters from all windows together."""
     lower: FloatArray

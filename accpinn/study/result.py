@@ -85,7 +85,7 @@ class Parts:
     answer: Answer | None = None
     gain_checks: tuple[GainCheck, ...] | None = None
     judgements: tuple[Judgement, ...] | None = None
-    """Of car-following models in other windows of the recording; made when asked for."""
+    """How models describe other windows of the recording; made when asked for."""
 
 
 @dataclass(frozen=True, eq=False)

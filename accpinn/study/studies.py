@@ -65,7 +65,7 @@ class Request:
     """Longest window in s; None for whole stretches."""
     case: Case = "II"
     model: str = BEST
-    """Of the answer."""
+    """The answer's model."""
     workers: int | None = None
     scheduler: str | None = None
     mapping: CsvMapping | None = None

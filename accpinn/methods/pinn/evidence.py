@@ -62,8 +62,8 @@ from accpinn.units import FloatArray, Mask, Metres, Seconds
 DEGREE = 5
 """Degree of the splines: e_r has third derivatives of v."""
 KNOTS_EVERY: Seconds = 0.25
-"""With 0.5 s the estimate lies up to 1.3 standard errors from maximum likelihood where the
-disturbance has short memory, with 0.25 s up to 0.08."""
+"""Knots every 0.5 s leave the estimate up to 1.3 standard errors from maximum likelihood where the
+disturbance has short memory, knots every 0.25 s up to 0.08."""
 OUTPUTS = 3
 """p, v, u, which are measured; q stands behind them."""
 COMMAND_NOISE = 1e-5

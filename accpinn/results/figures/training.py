@@ -38,7 +38,7 @@ HEIGHTS = {2: (0.5, 0.5), 3: (0.36, 0.32, 0.32), 4: (0.28, 0.24, 0.24, 0.24)}
 TITLES = {parameter.key: parameter.name for parameter in PARAMETERS} | {
     "s0": "Intercept", "lag": "Lag", "delay": "Delay",
 }  # fmt: skip
-"""Of the charts of a CTHP's parameters; those of another model name it."""
+"""Titles of the charts of a CTHP's parameters; those of another model name it."""
 BAND_POINTS = 400
 """Points of a band's edges, about; more are not seen."""
 

@@ -68,7 +68,7 @@ NOT_TOLD = "not stated"
 WRITTEN = "database_link"
 """The entry in Streamlit's session state with the parameters that this browser was last given."""
 State = tuple[int, ...]
-"""Of a study, as `state_of` gives it; empty where the batch has not begun to write."""
+"""What `state_of` says of a study; empty where the batch has not begun to write."""
 
 
 @dataclass(frozen=True, eq=False)
