@@ -22,12 +22,12 @@ import numpy as np
 from scipy.stats import bootstrap
 
 from accpinn.inference.intervals import LEVEL, interval_ends, intervals
-from accpinn.methods import Law
 from accpinn.methods.pinn.config import preset
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters
 from accpinn.model.published import ASTAZERO, CASALE, VICOLUNGO
 from accpinn.model.registry import CTHPS, PAPER
+from accpinn.model.spec import ModelSpec
 from accpinn.units import FloatArray
 from bench.disturbed import Disturbance, disturbed
 from bench.measurement import Measurement, measured, show
@@ -59,7 +59,7 @@ def record(seed: int, disturbance: Disturbance, model: str = PAPER) -> dict[str,
     """
     true = SETS[seed % len(SETS)]
     segment = disturbed([true], seed, disturbance)
-    fits = {LIKELIHOOD: METHODS[LIKELIHOOD].fit(segment, law=Law(model))}
+    fits = {LIKELIHOOD: METHODS[LIKELIHOOD].fit(segment, spec=ModelSpec(model))}
     for name in METHODS_MEASURED[1:] if model == PAPER else ():
         is_calibrated = name == CALIBRATED
         method, settings = ("pinn", preset(name)) if is_calibrated else (name, None)

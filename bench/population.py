@@ -19,8 +19,8 @@ import numpy as np
 from accpinn.errors import AccpinnError
 from accpinn.inference.population import PARTS, Population, sampled_population
 from accpinn.inference.window_posterior import count_of, log_prior_of_likely, window_posterior
-from accpinn.methods import Law
 from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings.files import read
 from accpinn.segment import Segment
 from accpinn.segment.cut import cut
@@ -80,7 +80,9 @@ def cars_of(windows: Mapping[Car, list[Segment]], model: str) -> dict[Car, Float
     """(K, n, p) draws of `likely` of the K windows of each car, of all its runs in a campaign."""
     together = defaultdict[Car, list[FloatArray]](list)
     for car, segments in windows.items():
-        drawn = [window_posterior(segment, "II", Law(model)).likely[0] for segment in segments]
+        drawn = [
+            window_posterior(segment, "II", ModelSpec(model)).likely[0] for segment in segments
+        ]
         together[car[:2]] += [rows for rows in drawn if np.isfinite(rows).all()]
     return {car: np.array(drawn) for car, drawn in together.items() if drawn}
 
@@ -90,7 +92,9 @@ def main() -> None:
     windows = windows_of(sys.argv[1])
     for model in sys.argv[2:] or FOLLOWING:
         cars = list(cars_of(windows, model).values())
-        population = learn(cars, [log_prior_of_likely(Law(model), car) for car in cars], model)
+        population = learn(
+            cars, [log_prior_of_likely(ModelSpec(model), car) for car in cars], model
+        )
         for part in PARTS:
             for row in np.atleast_2d(getattr(population, part)).round(4).tolist():
                 print(model, part, *row, sep=",", flush=True)

@@ -31,12 +31,12 @@ from accpinn.inference.intervals import LEVEL, interval_ends
 from accpinn.inference.population import regularised, sampled_population
 from accpinn.inference.posterior import AT_SPEED, log_prior_of_features
 from accpinn.inference.window_posterior import parameters_of, window_posterior
-from accpinn.methods import Law
 from accpinn.methods.least_squares import fit as least_squares
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.model.cthp import Parameters, simulate
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, PAPER
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.stability.lagged import frequency_response
 from accpinn.stability.measured_gain import measured_gain
@@ -81,13 +81,13 @@ def rmse(parameters: Parameters, segment: Segment) -> Metres:
 
 def estimate(segments: Sequence[Segment], model: str) -> tuple[Parameters, Maximum]:
     """The parameters of greatest likelihood in all of some windows together."""
-    (maximum,) = joint_maxima(tuple(segments), "II", Law(model))
+    (maximum,) = joint_maxima(tuple(segments), "II", ModelSpec(model))
     return Parameters.of(maximum.complete[None]), maximum
 
 
 def score(car: Car, windows: Sequence[Segment], stretches: Sequence[Segment]) -> Scored:
     """Score the parameters of one follower in one recording."""
-    posteriors = {window: window_posterior(window, "II", Law(BEST)) for window in windows}
+    posteriors = {window: window_posterior(window, "II", ModelSpec(BEST)) for window in windows}
     known = [window for window in windows if np.isfinite(posteriors[window].drawn).all()]
     own = np.array([posteriors[window].estimates[0] for window in known])
     drawn = np.array([posteriors[window].drawn[0] for window in known])

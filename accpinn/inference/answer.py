@@ -31,10 +31,10 @@ from accpinn.inference.window_posterior import (
     possible,
     window_posterior,
 )
-from accpinn.methods import Law, one_thread
-from accpinn.methods.state_space import EXTRA
+from accpinn.methods import one_thread
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import BEST, CTHPS, FOLLOWING, Held, time_gap, value_of
+from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import Estimate, FloatArray, MetresPerSecond, Seconds
 
@@ -259,38 +259,13 @@ def answer(
     Raises:
         ConfigError: for a term that the model does not have.
     """
-    return _answer(tuple(segments), case, Law(model, checked_held(model, held or {})))
-
-
-def checked_held(model: str, held: Mapping[str, float]) -> Held:
-    """The terms that keep their values, in the order of their names.
-
-    Raises:
-        ConfigError: for a term that the model does not have, or a value outside its range.
-    """
-    if model in CTHPS:
-        ranges: dict[str, tuple[float, float]] = {
-            n: EXTRA[n].bounds for n in FOLLOWING[model].terms
-        }
-    else:
-        ranges = {p.name: (p.lower, p.upper) for p in FOLLOWING[model].parameters}
-    for name, value in held.items():
-        if name not in ranges:
-            known = ", ".join(ranges) or "no term"
-            raise ConfigError(f"hold: {name[:20]} cannot be held; {model} has {known} to hold.")
-        least, most = ranges[name]
-        if not least <= value <= most:
-            allowed = f"{least:g} to {most:g}"
-            if value == 0 and (model in CTHPS or name in ("lag", "delay")):
-                allowed += ", or a model without it"
-            raise ConfigError(f"hold: {name} = {value:g} is not allowed; choose {allowed}.")
-    return tuple(sorted((name, float(value)) for name, value in held.items()))
+    return _answer(tuple(segments), case, ModelSpec.of(model, held))
 
 
 @lru_cache(maxsize=64)
 @one_thread
-def _answer(segments: tuple[Segment, ...], case: Case, law: Law) -> Answer:
-    model, windows = law.model, [window_posterior(segment, case, law) for segment in segments]
+def _answer(segments: tuple[Segment, ...], case: Case, spec: ModelSpec) -> Answer:
+    model, windows = spec.model, [window_posterior(segment, case, spec) for segment in segments]
     speeds, followers = median_speeds(segments), range(segments[0].followers)
     drawn = np.array([window.drawn for window in windows])
     likely = np.array([window.likely for window in windows])
@@ -302,7 +277,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, law: Law) -> Answer:
     estimates = Parameters.of(np.array([window.estimates for window in windows]))
     if model not in CTHPS:
         estimates = FOLLOWING[model].linearisations(np.moveaxis(estimates.own, -1, 0), speeds)
-    cars = [car_of(likely[:, k], law) for k in followers]
+    cars = [car_of(likely[:, k], spec) for k in followers]
     differ = np.array([_heterogeneity(drawn[:, k], model) for k in followers])
     vehicles = (0,) if segments[0].shares(case) else segments[0].vehicles[1:]
 
@@ -360,7 +335,7 @@ def _answer(segments: tuple[Segment, ...], case: Case, law: Law) -> Answer:
         findings=(
             *_unlike_windows(vehicles, len(segments), differ, spreads),
             *((DrawnToOthers(tuple(drawn_away.items())),) if drawn_away else ()),
-            *(_unlike_followers(segments[0], law) if segments[0].shares(case) else ()),
+            *(_unlike_followers(segments[0], spec) if segments[0].shares(case) else ()),
         ),
     )
 
@@ -385,7 +360,7 @@ def _stated(speeds: FloatArray, driven: FloatArray) -> MetresPerSecond:
     return SPEEDS[0] if np.median(speeds) < SPEEDS[0] or not held else held[-1]
 
 
-def car_of(drawn: FloatArray, law: Law) -> Car:
+def car_of(drawn: FloatArray, spec: ModelSpec) -> Car:
     """Sample the typical value of one follower, and how its windows differ.
 
     The draws (K, n, p) of its windows are φ under the prior that other cars give, as
@@ -393,12 +368,12 @@ def car_of(drawn: FloatArray, law: Law) -> Car:
     """
     # In one order in memory, so that sums round alike wherever the draws come from.
     drawn = np.array(drawn[np.isfinite(drawn).all(axis=(1, 2))], order="C")
-    size, count = CHAINS * KEPT, count_of(law.model)
+    size, count = CHAINS * KEPT, count_of(spec.model)
     if not len(drawn):
         nothing = np.full((size, count), np.nan)
         return Car(nothing, np.full((size, count, count), np.nan), nothing)
-    free, prior = free_of(law), log_prior_of_likely(law, drawn)
-    population = population_of(law.model, count).of(free)
+    free, prior = free_of(spec), log_prior_of_likely(spec, drawn)
+    population = population_of(spec.model, count).of(free)
     left_out = min(LEFT_OUT * len(drawn), MOST_LEFT_OUT)
     sampled = sampled_population(drawn[..., free], prior, population, left_out=left_out)
     value, further = np.tile(drawn[0, 0], (2, size, 1))
@@ -419,9 +394,9 @@ def _unlike_windows(
         yield HeterogeneousWindows(numbers, count, most, max(known, default=None))
 
 
-def _unlike_followers(segment: Segment, law: Law) -> Iterator[AnswerFinding]:
+def _unlike_followers(segment: Segment, spec: ModelSpec) -> Iterator[AnswerFinding]:
     """Whether followers of Case I differ, from what each says by itself."""
-    probability = _heterogeneity(window_posterior(segment, "II", law).drawn, law.model)
+    probability = _heterogeneity(window_posterior(segment, "II", spec).drawn, spec.model)
     if probability < SIGNIFICANCE:
         yield HeterogeneousFollowers(segment.followers, probability)
 

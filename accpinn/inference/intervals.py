@@ -22,11 +22,12 @@ from accpinn.channels import PARAMETERS
 from accpinn.errors import ConfigError
 from accpinn.findings import Finding, Labelled, Words, joined
 from accpinn.inference.window_posterior import joint_posterior, parameters_of
-from accpinn.methods import Law, one_thread, simulation
+from accpinn.methods import one_thread, simulation
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.model.cthp import Case, Parameters
-from accpinn.model.registry import CTHPS, Held
+from accpinn.model.registry import CTHPS, Fixed
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.stability.criteria import (
     crossovers,
@@ -171,7 +172,7 @@ def intervals(
     fit: Fit,
     level: float = LEVEL,
     draws: int = DRAWS,
-    held: Held = (),
+    held: Fixed = (),
 ) -> Uncertainty:
     """Compute the uncertainty of the parameters, given a segment; takes about a second.
 
@@ -192,7 +193,7 @@ def intervals(
     if draws < 2:
         raise ConfigError(f"draws: {draws} is not allowed; choose at least 2, as {DRAWS}.")
     segments = (segment,) if isinstance(segment, Segment) else tuple(segment)
-    known = shared(segments, fit.case, level, draws, Law(fit.model, held))
+    known = shared(segments, fit.case, level, draws, ModelSpec(fit.model, held))
     return with_estimates(known, segments[0], fit)
 
 
@@ -290,12 +291,12 @@ def growth(
 
 @lru_cache(maxsize=64)
 def shared(
-    segments: tuple[Segment, ...], case: Case, level: float, draws: int, law: Law
+    segments: tuple[Segment, ...], case: Case, level: float, draws: int, spec: ModelSpec
 ) -> Uncertainty:
     """The part that does not depend on the fit, which all methods on a segment share."""
-    posterior = joint_posterior(segments, case, law, draws)
-    drawn = parameters_of(law.model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
-    method = EXACT if law.model in CTHPS else BY_SIMULATION
+    posterior = joint_posterior(segments, case, spec, draws)
+    drawn = parameters_of(spec.model, np.swapaxes(posterior.drawn, 0, 1), posterior.speeds)
+    method = EXACT if spec.model in CTHPS else BY_SIMULATION
     return from_draws(Parameters.of(posterior.estimates), drawn, level, method)
 
 

@@ -24,7 +24,7 @@ from accpinn.findings import Finding, Labelled, Words
 from accpinn.inference.innovation_tests import InnovationTests, innovation_tests
 from accpinn.inference.intervals import DRAWS, LEVEL, ends_of, shared
 from accpinn.inference.window_posterior import parameters_of, window_posterior
-from accpinn.methods import PAPERS, Law, one_thread
+from accpinn.methods import one_thread
 from accpinn.methods.kalman import innovations
 from accpinn.methods.likelihood import Criterion, Maximum, maximise, search
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -32,6 +32,7 @@ from accpinn.methods.series import Series, determined_followers, series_of
 from accpinn.methods.state_space import coordinates
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.registry import FOLLOWING, PAPER, TITLES
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray
 
@@ -163,7 +164,7 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
     cthp_aic = cthp_density = np.zeros(count)
     tests: tuple[FloatArray, ...] = ()
     for form in FORMS:
-        maxima = joint_maxima((segment,), case, Law(form), known)
+        maxima = joint_maxima((segment,), case, ModelSpec(form), known)
         size = len(coordinates(form))
         aic = spread(2 * size - 2 * _largest_likelihoods(series, maxima, form))
         density = spread(_held_out_density(series, maxima, form))
@@ -171,10 +172,10 @@ def model_forms(segment: Segment, case: Case = "II") -> Adequacy:
             cthp_aic, cthp_density = aic, density
             tests = innovation_tests(series, maxima)
         if form == PAPER:
-            paper = shared((segment,), case, LEVEL, DRAWS, PAPERS)
+            paper = shared((segment,), case, LEVEL, DRAWS, PAPER_SPEC)
             intervals = paper.centre, paper.lower, paper.upper
         else:  # as where windows stand alone: one question has one answer
-            alone = window_posterior(segment, case, Law(form))
+            alone = window_posterior(segment, case, ModelSpec(form))
             drawn = parameters_of(form, np.moveaxis(alone.drawn, 0, 1), alone.speeds)
             centre = Parameters.of(alone.estimates)
             intervals = centre, *ends_of(centre, drawn, LEVEL)
@@ -203,16 +204,16 @@ def _largest_likelihoods(series: Series, maxima: Sequence[Maximum], form: str) -
     """
     if form != PAPER:
         z = np.array([maximum.coordinates for maximum in maxima])
-        maxima = search(Criterion(series, Law(form), is_flat=True), z, np.arange(len(z)))
+        maxima = search(Criterion(series, ModelSpec(form), is_flat=True), z, np.arange(len(z)))
     return np.array([maximum.log_likelihood for maximum in maxima])
 
 
 def _held_out_density(series: Series, maxima: Sequence[Maximum], form: str) -> FloatArray:
     """(G,) log density of the last third, under parameters estimated from the time before."""
-    law, near = Law(form), [maximum.coordinates for maximum in maxima]
-    learned = maximise(series.until(LEARNED), law, near)
+    spec, near = ModelSpec(form), [maximum.coordinates for maximum in maxima]
+    learned = maximise(series.until(LEARNED), spec, near)
     z = np.array([learned[g].coordinates for g in series.group])
-    _, found = innovations(Criterion(series, law).model(z), series.measured)
+    _, found = innovations(Criterion(series, spec).model(z), series.measured)
     density = found.log_density[:, :2]
     late = density[round(LEARNED * len(density)) :].sum(axis=(0, 1))
     return np.asarray(np.bincount(series.group, late, series.groups), float)

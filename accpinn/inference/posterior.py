@@ -35,12 +35,12 @@ from accpinn.inference.importance_sampling import (
     floored,
     normalised,
 )
-from accpinn.methods import Law
 from accpinn.methods.likelihood import Criterion, Groups, Maximum, natural, search
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import EXTRA, Form
 from accpinn.model.cthp import TYPICAL
 from accpinn.model.registry import FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.units import FloatArray, MetresPerSecond, Seconds
 
 PRIOR_SPREAD = (2.0, 1.5, 0.6)
@@ -101,7 +101,7 @@ def log_prior_of_features(form: Form, phi: FloatArray) -> FloatArray:
 def sample(
     series: Series,
     maxima: Sequence[Maximum],
-    law: Law,
+    spec: ModelSpec,
     seeds: Sequence[int],
     others: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[Posterior, ...]:
@@ -111,7 +111,7 @@ def sample(
     further factor of the density at draws (n, P), as what other cars say; enough draws count with
     it, too.
     """
-    criterion, form = Criterion(series, law), law.model
+    criterion, form = Criterion(series, spec), spec.model
     rngs = [np.random.default_rng(seed) for seed in seeds]
     means = (np.nanmean(series.measured[:, 1, series.members(g)]) for g in range(len(maxima)))
     speeds = [max(SLOWEST, float(mean)) for mean in means]

@@ -27,12 +27,12 @@ import numpy as np
 from accpinn.evaluation.closed_loop import simulable
 from accpinn.findings import Finding, Labelled, Words, percent, probability
 from accpinn.inference.intervals import Uncertainty, interval_ends
-from accpinn.methods import PAPERS, Law
 from accpinn.methods.maximum_likelihood import DISTURBANCE, joint_maxima
 from accpinn.methods.series import determined_followers, stride_of
 from accpinn.methods.state_space import discretise
 from accpinn.model.cthp import Case, add_command, collides
 from accpinn.model.registry import CTHPS
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Seconds, known_mean
 
@@ -99,7 +99,7 @@ class GapBand:
 
 @lru_cache(maxsize=64)  # one for each of many users at a time
 def gap_band(
-    segment: Segment, uncertainty: Uncertainty, case: Case, law: Law = PAPERS
+    segment: Segment, uncertainty: Uncertainty, case: Case, spec: ModelSpec = PAPER_SPEC
 ) -> GapBand | None:
     """Compute the bands at the level of the intervals; takes some tenths of a second.
 
@@ -107,7 +107,7 @@ def gap_band(
         segment: speeds (N, M+1) in m/s and space-gaps (N, M) in m.
         uncertainty: the uncertainty of the segment's parameters.
         case: "I" or "II", the same as for the uncertainty.
-        law: the model of the uncertainty, and terms of it that keep their values.
+        spec: the model of the uncertainty, and terms of it that keep their values.
 
     Returns:
         None if no follower has draws, if at no instant all vehicles are measured, or if the
@@ -116,7 +116,7 @@ def gap_band(
     """
     if segment.samples > MOST_STEPS * stride_of(segment):
         return None
-    sizes, pieces = _disturbances(segment, case, law), simulable(segment)
+    sizes, pieces = _disturbances(segment, case, spec), simulable(segment)
     known = np.isfinite(uncertainty.draws.values).all(axis=(0, 2)) & np.isfinite(sizes).all(axis=1)
     followers = int(np.logical_and.accumulate(known).sum())
     if not followers or not pieces:
@@ -149,9 +149,9 @@ def gap_band(
     return GapBand(segment.time[rows], lower, upper, uncertainty.level, findings)
 
 
-def _disturbances(segment: Segment, case: Case, law: Law) -> FloatArray:
+def _disturbances(segment: Segment, case: Case, spec: ModelSpec) -> FloatArray:
     """(M, 3) s, T and T₂ of each follower; nan for followers that are not determined."""
-    asked = law if law.model in CTHPS else PAPERS
+    asked = spec if spec.model in CTHPS else PAPER_SPEC
     known = determined_followers((segment,), case)
     sizes = np.full((segment.followers, 3), np.nan)
     if known:

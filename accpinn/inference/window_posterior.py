@@ -24,12 +24,13 @@ import numpy as np
 from accpinn.inference.importance_sampling import Posterior, Proposal, Sampling, Student
 from accpinn.inference.population import log_of_window, population_of
 from accpinn.inference.posterior import AT_SPEED, features, log_prior_of_features, sample
-from accpinn.methods import Law, one_thread, simulation
+from accpinn.methods import one_thread, simulation
 from accpinn.methods.likelihood import Maximum
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import determined_followers, series_of
 from accpinn.model.cthp import TERMS, Case, Parameters
 from accpinn.model.registry import CTHPS, FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.units import FloatArray, Mask
@@ -71,32 +72,32 @@ class WindowPosterior:
 
 @lru_cache(maxsize=256)
 @one_thread
-def window_posterior(segment: Segment, case: Case, law: Law) -> WindowPosterior:
+def window_posterior(segment: Segment, case: Case, spec: ModelSpec) -> WindowPosterior:
     """The posterior of each follower of one window."""
-    return joint_posterior((segment,), case, law)
+    return joint_posterior((segment,), case, spec)
 
 
 def joint_posterior(
-    segments: tuple[Segment, ...], case: Case, law: Law, draws: int = DRAWS
+    segments: tuple[Segment, ...], case: Case, spec: ModelSpec, draws: int = DRAWS
 ) -> WindowPosterior:
     """The same from some windows at once; of a model that is no CTHP always `DRAWS` draws."""
-    model, followers = law.model, segments[0].followers
+    model, followers = spec.model, segments[0].followers
     count, speeds = count_of(model), median_speeds(segments)
     size, draws = (6, draws) if model in CTHPS else (6 + count, DRAWS)
     estimates = np.full((followers, size), np.nan)
     drawn, likely = np.full((2, followers, draws, count), np.nan)
     log_likelihood = np.full((followers, draws), np.nan)
     if model in CTHPS:
-        for row, maximum, posterior in sampled(segments, case, law):
+        for row, maximum, posterior in sampled(segments, case, spec):
             estimates[row] = maximum.complete
             even = posterior.evenly(draws)
             drawn[row], log_likelihood[row] = features(model, even.coordinates), even.log_likelihood
-            told = posterior.under(of_others(law, posterior.coordinates))
+            told = posterior.under(of_others(spec, posterior.coordinates))
             likely[row] = features(model, told.evenly(draws).coordinates)
     else:
-        for row, estimate in simulation.estimates(segments, case, law):
+        for row, estimate in simulation.estimates(segments, case, spec):
             estimates[row] = parameters_of(model, estimate.scores, speeds[row]).everything
-            chosen = _beside_others(estimate, law)
+            chosen = _beside_others(estimate, spec)
             for k in row:
                 drawn[k] = possible(model, estimate.draws(draws), speeds[k])
                 likely[k] = possible(model, chosen, speeds[k])
@@ -105,7 +106,7 @@ def joint_posterior(
 
 @lru_cache(maxsize=64)
 def sampled(
-    segments: tuple[Segment, ...], case: Case, law: Law
+    segments: tuple[Segment, ...], case: Case, spec: ModelSpec
 ) -> Sequence[tuple[list[int], Maximum, Posterior]]:
     """The determined followers, each or in Case I all, with their maximum and posterior.
 
@@ -114,20 +115,20 @@ def sampled(
     known = determined_followers(segments, case)
     if not known:
         return ()
-    maxima = joint_maxima(segments, case, law, known)
+    maxima = joint_maxima(segments, case, spec, known)
     rows = [list(known)] if case == "I" else [[k] for k in known]
     series, seeds = series_of(segments, case, known), [segments[0].vehicles[k[0] + 1] for k in rows]
-    posteriors = sample(series, maxima, law, seeds, partial(of_others, law))
+    posteriors = sample(series, maxima, spec, seeds, partial(of_others, spec))
     return tuple(zip(rows, maxima, posteriors, strict=True))
 
 
-def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
+def _beside_others(estimate: simulation.Estimate, spec: ModelSpec) -> FloatArray:
     """Draws (n, p) of equal weight of an estimate with what other cars say as the prior.
 
     They are chosen among proposals from the estimate's normal distribution, and from about its
     product with that of other cars.
     """
-    model, free = law.model, free_of(law)
+    model, free = spec.model, free_of(spec)
     population, square = population_of(model, count_of(model)).of(free), np.ix_(free, free)
     variances, vectors = np.linalg.eigh(estimate.covariance[square])
     own = vectors / np.minimum(variances, 1.0) @ vectors.T  # no wider than the prior
@@ -144,17 +145,17 @@ def _beside_others(estimate: simulation.Estimate, law: Law) -> FloatArray:
         phi = sampling.proposal.draw(count, rng)
         phi[:, ~free] = estimate.scores[~free]  # a mean of equal values may round
         away, none = (phi - estimate.scores)[:, free], np.zeros(count)
-        log = log_prior_of_likely(law, phi) - log_prior(model, phi)
+        log = log_prior_of_likely(spec, phi) - log_prior(model, phi)
         log -= 0.5 * np.einsum("ni,ij,nj->n", away, own, away)
         log[((phi < lower) | (phi > upper)).any(axis=1)] = -np.inf
         sampling.add(phi, phi, log, none, none)
     return sampling.posterior.evenly(DRAWS).coordinates
 
 
-def of_others(law: Law, z: FloatArray) -> FloatArray:
+def of_others(spec: ModelSpec, z: FloatArray) -> FloatArray:
     """(n,) log of what other cars say of coordinates z (n, P), over the prior of a posterior."""
-    phi = features(law.model, z)
-    return log_prior_of_likely(law, phi) - log_prior(law.model, phi)
+    phi = features(spec.model, z)
+    return log_prior_of_likely(spec, phi) - log_prior(spec.model, phi)
 
 
 def count_of(model: str) -> int:
@@ -162,10 +163,10 @@ def count_of(model: str) -> int:
     return len(FOLLOWING[model].parameters)
 
 
-def free_of(law: Law) -> Mask:
+def free_of(spec: ModelSpec) -> Mask:
     """(p,) whether a coordinate is free: not one of a term that keeps its value."""
-    fixed = [name for name, _ in law.held]
-    return np.array([name not in fixed for name in FOLLOWING[law.model].names])
+    fixed = [name for name, _ in spec.fixed]
+    return np.array([name not in fixed for name in FOLLOWING[spec.model].names])
 
 
 def log_prior(model: str, phi: FloatArray) -> FloatArray:
@@ -175,10 +176,10 @@ def log_prior(model: str, phi: FloatArray) -> FloatArray:
     return np.asarray(-0.5 * (phi**2).sum(axis=-1))
 
 
-def log_prior_of_likely(law: Law, phi: FloatArray) -> FloatArray:
+def log_prior_of_likely(spec: ModelSpec, phi: FloatArray) -> FloatArray:
     """(..) log density of the prior of `WindowPosterior.likely` at (.., p), up to a constant."""
-    free = free_of(law)
-    return log_of_window(population_of(law.model, count_of(law.model)).of(free), phi[..., free])
+    free = free_of(spec)
+    return log_of_window(population_of(spec.model, count_of(spec.model)).of(free), phi[..., free])
 
 
 def parameters_of(model: str, phi: FloatArray, speed: FloatArray | float) -> Parameters:

@@ -14,7 +14,8 @@ from threadpoolctl import threadpool_limits
 from accpinn.errors import SegmentError
 from accpinn.methods.fit import Checkpoint, Fit, OnProgress, ShouldStop
 from accpinn.model.cthp import Case, Trajectories
-from accpinn.model.registry import BEST, PAPER, Held
+from accpinn.model.registry import BEST, PAPER
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -34,18 +35,6 @@ def one_thread(work: Callable[P, R]) -> Callable[P, R]:
     """
     limited: Callable[P, R] = threadpool_limits.wrap(limits=1, user_api="blas")(work)
     return limited
-
-
-@dataclass(frozen=True)
-class Law:
-    """The model whose parameters a method estimates, and terms of it that keep their values."""
-
-    model: str = PAPER
-    held: Held = ()
-
-
-PAPERS = Law()
-"""The paper's model, which every method can estimate."""
 
 
 class Checkpoints(Protocol):
@@ -93,7 +82,7 @@ class Method:
     """Its name on the command line, in results and in files."""
     title: str
     """Its name on pages, in tables and in figures."""
-    run: Callable[[tuple[Segment, ...], Case, Any, TaskContext, Law], tuple[Fit, ...]]
+    run: Callable[[tuple[Segment, ...], Case, Any, TaskContext, ModelSpec], tuple[Fit, ...]]
     """Segments, case, settings (None for the defaults), context and model to a fit of each segment;
     one that iterates reports its progress and can be stopped several times a second."""
     summary: str
@@ -137,10 +126,10 @@ class Method:
         case: Case = "II",
         settings: Any = None,
         context: TaskContext | None = None,
-        law: Law = PAPERS,
+        spec: ModelSpec = PAPER_SPEC,
     ) -> Fit:
         """Estimate the parameters of a segment; the arguments are those of `fits`."""
-        return self.fits((segment,), case, settings, context, law)[0]
+        return self.fits((segment,), case, settings, context, spec)[0]
 
     @one_thread
     def fits(
@@ -149,7 +138,7 @@ class Method:
         case: Case = "II",
         settings: Any = None,
         context: TaskContext | None = None,
-        law: Law = PAPERS,
+        spec: ModelSpec = PAPER_SPEC,
     ) -> tuple[Fit, ...]:
         """Estimate the parameters of a segment, or those that several have in common.
 
@@ -160,7 +149,7 @@ class Method:
             case: "I" for one parameter set, "II" for one per follower.
             settings: of the method's own type; None for its defaults.
             context: checkpoints, threads, progress and stop.
-            law: one of the method's models.
+            spec: one of the method's models.
 
         Returns:
             (K,) the fit of each; fewer where it was stopped before.
@@ -171,8 +160,8 @@ class Method:
         for segment in segments:
             if segment.blocks_missing and not self.allows_missing:
                 raise _refusal(segment, self.title)
-        fits = self.run(segments, case, settings, context or TaskContext(), law)
-        return tuple(replace(fit, model=law.model) for fit in fits)
+        fits = self.run(segments, case, settings, context or TaskContext(), spec)
+        return tuple(replace(fit, model=spec.model) for fit in fits)
 
 
 def relative_size(segment: Segment) -> float:
@@ -201,15 +190,19 @@ def direct(
 ) -> Method:
     """A method without settings, so fast that neither progress nor stop is needed; see `Method`.
 
-    ``fit`` estimates the parameters of a segment, given the case, the law where there are further
+    ``fit`` estimates the parameters of a segment, given the case, the model where there are further
     ``models``, and all segments where it takes several; how long it took is measured here.
     """
 
     def run(
-        segments: tuple[Segment, ...], case: Case, _settings: Any, context: TaskContext, law: Law
+        segments: tuple[Segment, ...],
+        case: Case,
+        _settings: Any,
+        context: TaskContext,
+        spec: ModelSpec,
     ) -> tuple[Fit, ...]:
         started, fits = time.perf_counter(), list[Fit]()
-        given = (*((law,) if len(models) > 1 else ()), *((segments,) if takes_windows else ()))
+        given = (*((spec,) if len(models) > 1 else ()), *((segments,) if takes_windows else ()))
         for segment in segments:
             if fits and context.is_stopped:
                 break

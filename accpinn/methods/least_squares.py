@@ -19,11 +19,12 @@ IEEE Signal Processing Magazine 28 (2011) 111-117.
 
 from functools import partial
 
-from accpinn.methods import PAPERS, Law, direct
+from accpinn.methods import direct
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.regression import Regression, Solution
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import PAPER
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import Seconds
 
@@ -37,18 +38,18 @@ LEAST_SAMPLES = 5
 """In a window: with fewer, the cubic interpolates every sample and smooths nothing."""
 
 
-def fit(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
+def fit(segment: Segment, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> Fit:
     """The least-squares parameters of a segment; takes milliseconds."""
-    solution = solved(Regression.of(segment), case, law)
+    solution = solved(Regression.of(segment), case, spec)
     return Fit.of("least-squares", segment, case, solution, outcome=Outcome.SOLVED, config={})
 
 
-def solved(regression: Regression, case: Case, law: Law) -> Solution:
+def solved(regression: Regression, case: Case, spec: ModelSpec) -> Solution:
     """The solution under a model of `MODELS`."""
-    return regression.solve(case) if law == PAPERS else regression.solve_with_intercept(case)
+    return regression.solve(case) if spec == PAPER_SPEC else regression.solve_with_intercept(case)
 
 
-def fit_smoothed(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
+def fit_smoothed(segment: Segment, case: Case = "II", spec: ModelSpec = PAPER_SPEC) -> Fit:
     """The least-squares parameters of the smoothed segment; the surrogate is that segment."""
     from scipy.signal import savgol_filter  # takes a second to import, which few need
 
@@ -67,7 +68,7 @@ def fit_smoothed(segment: Segment, case: Case = "II", law: Law = PAPERS) -> Fit:
         "savitzky-golay",
         segment,
         case,
-        solved(regression, case, law),
+        solved(regression, case, spec),
         surrogate=Trajectories(segment.time, speeds, gaps),
         outcome=Outcome.SOLVED,
         config={"window": samples * segment.sample_time, "degree": degree},

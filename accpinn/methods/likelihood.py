@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import Pairs, innovations, log_likelihood
 from accpinn.methods.series import Series
 from accpinn.methods.state_space import COMMON, Form, StateSpace, complete, coordinates, state_space
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.units import FloatArray, Mask
 
 DIFFERENCE = 1e-5
@@ -118,14 +118,14 @@ class Criterion:
     negligible: float = 0.0
     """Gain that is worth no further round; a search that expects less ends."""
 
-    def __init__(self, series: Series, law: Law = PAPERS, is_flat: bool = False) -> None:
+    def __init__(self, series: Series, spec: ModelSpec = PAPER_SPEC, is_flat: bool = False) -> None:
         """For series under a CTHP, whose terms have no prior where it is flat."""
-        self.series, self.form, values = series, law.model, dict(law.held)
+        self.series, self.form, values = series, spec.model, dict(spec.fixed)
         unknowns = [
             replace(unknown, start=value, lower=value, upper=value)
             if (value := values.get(unknown.name)) is not None
             else unknown
-            for unknown in coordinates(law.model)
+            for unknown in coordinates(spec.model)
         ]
         self.size = len(unknowns)
         self.lower, self.upper = np.array([unknown.bounds for unknown in unknowns]).T
@@ -200,13 +200,13 @@ class Criterion:
 
 
 def maximise(
-    series: Series, law: Law = PAPERS, near: Sequence[FloatArray] | None = None
+    series: Series, spec: ModelSpec = PAPER_SPEC, near: Sequence[FloatArray] | None = None
 ) -> tuple[Maximum, ...]:
     """The maximum of each of G groups, the best of several searches.
 
     They begin at ``near`` (S * G, P), coordinates of all groups in turn, else at `STARTS`.
     """
-    criterion = Criterion(series, law)
+    criterion = Criterion(series, spec)
     if near is None:
         starts = np.tile(criterion.start, (len(STARTS), 1))
         for start, (gains, memory, noise) in zip(starts, STARTS, strict=True):

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from accpinn.findings import Finding
-from accpinn.methods import PAPERS, Law, best_first, direct
+from accpinn.methods import best_first, direct
 from accpinn.methods.fit import Fit, Outcome, WeaklyDetermined
 from accpinn.methods.kalman import smooth
 from accpinn.methods.likelihood import Maximum, maximise
@@ -23,6 +23,7 @@ from accpinn.methods.series import measured_of, moving, series_of, stride_of
 from accpinn.methods.state_space import Form, StateSpace, complete, state_space
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Mask, Metres, MetresPerSecond, Seconds, frozen
 
@@ -58,7 +59,7 @@ class DisturbanceSize(Finding, frozen=True):
 def joint_maxima(
     segments: tuple[Segment, ...],
     case: Case,
-    law: Law = PAPERS,
+    spec: ModelSpec = PAPER_SPEC,
     followers: tuple[int, ...] | None = None,
 ) -> tuple[Maximum, ...]:
     """The maximum of each follower, in Case I of all together, under the segments' likelihood.
@@ -67,19 +68,19 @@ def joint_maxima(
     """
     if followers is None or case == "I":
         followers = tuple(range(segments[0].followers))
-    return _joint_maxima(segments, case, law, followers)
+    return _joint_maxima(segments, case, spec, followers)
 
 
 @lru_cache(maxsize=64)
 def _joint_maxima(
-    segments: tuple[Segment, ...], case: Case, law: Law, followers: tuple[int, ...]
+    segments: tuple[Segment, ...], case: Case, spec: ModelSpec, followers: tuple[int, ...]
 ) -> tuple[Maximum, ...]:
     series = series_of(segments, case, followers)
-    if law == PAPERS:
+    if spec == PAPER_SPEC:
         return maximise(series)
-    known = _joint_maxima(segments, case, PAPERS, followers)
-    starts = _further_starts(law.model, [maximum.coordinates for maximum in known])
-    return maximise(series, law, starts)
+    known = _joint_maxima(segments, case, PAPER_SPEC, followers)
+    starts = _further_starts(spec.model, [maximum.coordinates for maximum in known])
+    return maximise(series, spec, starts)
 
 
 def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]:
@@ -100,7 +101,7 @@ def _further_starts(form: Form, known: Sequence[FloatArray]) -> list[FloatArray]
 def fit(
     segment: Segment,
     case: Case = "II",
-    law: Law = PAPERS,
+    spec: ModelSpec = PAPER_SPEC,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
     """The most probable parameters of the segment, or of all ``segments``, and its smoothed motion.
@@ -109,8 +110,8 @@ def fit(
         SegmentError: when the window is too short to say anything.
     """
     segments = segments or (segment,)
-    form = law.model
-    maxima = joint_maxima(segments, case, law)
+    form = spec.model
+    maxima = joint_maxima(segments, case, spec)
     followers = maxima * segment.followers if case == "I" else maxima
     theta = np.array([maximum.theta for maximum in followers])
     values = np.array([maximum.values for maximum in followers])
@@ -151,7 +152,7 @@ def _without_bounds(segments: tuple[Segment, ...], case: Case) -> dict[int, Maxi
     if not bound:
         return {}
     near = [np.append(maxima[g].values[:3], maxima[g].coordinates[3:]) for g in bound]
-    unbounded = maximise(series_of(segments, case, bound), Law("unbounded"), near)
+    unbounded = maximise(series_of(segments, case, bound), ModelSpec("unbounded"), near)
     return dict(zip(bound, unbounded, strict=True))
 
 

@@ -37,12 +37,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from accpinn.errors import SegmentError
-from accpinn.methods import PAPERS, Law, best_first, direct, one_thread
+from accpinn.methods import best_first, direct, one_thread
 from accpinn.methods.fit import Fit, MethodFinding, Outcome, SimulatedSeparately, Undetermined
 from accpinn.methods.series import determined_followers
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.following import COMPLEX_STEP, STEP, FollowingModel
-from accpinn.model.registry import FOLLOWING, Held
+from accpinn.model.registry import FOLLOWING, Fixed
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask, Seconds, known_mean, stretches
 
@@ -166,14 +167,14 @@ def estimate(
     groups: Sequence[Sequence[int]],
     should_stop: Callable[[], bool] | None = None,
     *,
-    held: Held = (),
+    fixed: Fixed = (),
 ) -> tuple[Estimate, ...]:
     """The best parameters for each of several groups of windows, all searched at once.
 
     A group is the indices of the windows that share one parameter set, and has one estimate.
     ``should_stop`` is asked before every round; True ends the search with what it has.
     """
-    search = _Search(model, drives, groups, held)
+    search = _Search(model, drives, groups, fixed)
     problems, rng = len(groups), np.random.default_rng(0)
     count = len(model.parameters)
     starts = starts_of(model)
@@ -211,11 +212,11 @@ def starts_of(model: FollowingModel) -> int:
     return LATE_STARTS if model.is_late and not model.is_cthp else STARTS
 
 
-def bounds_of(model: FollowingModel, held: Held = ()) -> FloatArray:
+def bounds_of(model: FollowingModel, fixed: Fixed = ()) -> FloatArray:
     """(2, n) least and largest z; the same for parameters that keep their values."""
     ends = ("lower", "upper")
     bounds = np.array([[p.score(getattr(p, end)) for p in model.parameters] for end in ends])
-    for name, value in held:
+    for name, value in fixed:
         at = model.names.index(name)
         bounds[:, at] = model.parameters[at].score(value)
     return bounds
@@ -243,12 +244,12 @@ class _Search:
         model: FollowingModel,
         drives: Drives,
         groups: Sequence[Sequence[int]],
-        held: Held,
+        fixed: Fixed,
     ) -> None:
         self._model, self._drives, size = model, drives, max(map(len, groups))
         self._index = np.array([[*group] + [group[0]] * (size - len(group)) for group in groups])
         self._used = np.array([np.arange(size) < len(group) for group in groups])
-        self.bounds = bounds_of(model, held)
+        self.bounds = bounds_of(model, fixed)
         self._free: Mask = np.asarray(self.bounds[0] < self.bounds[1])
 
     @np.errstate(over="ignore", invalid="ignore")  # of what diverges, whose objective is infinite
@@ -360,7 +361,7 @@ def refuse_short(segment: Segment) -> None:
 
 @lru_cache(maxsize=256)
 def estimates(
-    segments: tuple[Segment, ...], case: Case, law: Law
+    segments: tuple[Segment, ...], case: Case, spec: ModelSpec
 ) -> tuple[tuple[list[int], Estimate], ...]:
     """The estimate of each follower that several windows together determine, and whose it is.
 
@@ -381,13 +382,13 @@ def estimates(
     usable = [k for k in determined_followers(segments, case) if parts[k]]
     if not usable:
         return ()
-    model = FOLLOWING[law.model]
+    model = FOLLOWING[spec.model]
     rows = [usable] if case == "I" else [[k] for k in usable]
     simulated = [[part for k in row for part in parts[k]] for row in rows]
     ends = np.cumsum([0, *map(len, simulated)]).tolist()
     groups = [range(*pair) for pair in pairwise(ends)]
     try:
-        best = estimate(model, Drives.of([*chain(*simulated)], model), groups, held=law.held)
+        best = estimate(model, Drives.of([*chain(*simulated)], model), groups, fixed=spec.fixed)
     except np.linalg.LinAlgError:
         raise SegmentError(
             f"{segments[0].source}: simulations by the {model.title} almost diverge with what is"
@@ -412,7 +413,7 @@ def counted_stretches(segment: Segment) -> list[Segment]:
 def fit(
     segment: Segment,
     case: Case = "II",
-    law: Law = PAPERS,
+    spec: ModelSpec = PAPER_SPEC,
     segments: tuple[Segment, ...] = (),
 ) -> Fit:
     """The parameters of the best closed-loop simulation of all ``segments``, or of the segment.
@@ -423,11 +424,11 @@ def fit(
         SegmentError: where a window is too short.
     """
     segments = segments or (segment,)
-    model, speeds = FOLLOWING[law.model], median_speeds(segments)
+    model, speeds = FOLLOWING[spec.model], median_speeds(segments)
     theta = np.full((len(model.parameters), segment.followers), np.nan)
     findings: list[MethodFinding] = [SimulatedSeparately()] if segment.followers > 1 else []
     converged = True
-    for row, best in estimates(segments, case, law):
+    for row, best in estimates(segments, case, spec):
         theta[:, row] = best.theta[:, None]
         converged &= best.converged
         if best.undetermined:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from accpinn.errors import SegmentError
-from accpinn.methods import PAPERS, Law, direct
+from accpinn.methods import direct
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.least_squares import MODELS, solved
 from accpinn.methods.pinn.config import FAST
@@ -31,6 +31,7 @@ from accpinn.methods.pinn.loss import (
 )
 from accpinn.methods.regression import Regression
 from accpinn.model.cthp import Case
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -47,7 +48,7 @@ TOLERANCE = 1e-9
 def fit(
     segment: Segment,
     case: Case = "II",
-    law: Law = PAPERS,
+    spec: ModelSpec = PAPER_SPEC,
 ) -> Fit:
     """Trajectories and parameters that minimise Ψ over all splines with these knots.
 
@@ -61,7 +62,7 @@ def fit(
         )
     knots_every = max(KNOTS_EVERY, LEAST_SAMPLES * segment.sample_time)
     basis, given = _Basis(segment, knots_every), stack_outputs(segment.speeds, segment.gaps)
-    solution = solved(Regression.of(segment), case, law)
+    solution = solved(Regression.of(segment), case, spec)
     for rounds in range(1, ROUNDS + 1):  # noqa: B007 (used below)
         # The curves obey the model without s₀, which is added to the gaps at the end.
         s0 = np.broadcast_to(np.nan_to_num(solution.terms[..., 0]), (1, segment.followers))
@@ -72,7 +73,7 @@ def fit(
         curves = trajectories(segment.time, motion.outputs + shift)
         rates = trajectories(segment.time, motion.rates).speeds[:, 1:]
         regression = Regression.of_motion(curves.speeds, curves.gaps, rates, segment.mask)
-        solution = solved(regression, case, law)
+        solution = solved(regression, case, spec)
         if np.abs(solution.theta - before).max() <= TOLERANCE * np.abs(solution.theta).max():
             break
     mask = None if segment.mask is None else segment.mask.astype(float)

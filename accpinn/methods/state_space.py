@@ -35,6 +35,7 @@ from accpinn.model.cthp import (
     Term,
     add_command,
 )
+from accpinn.model.following import TERM_RANGES
 from accpinn.model.registry import FOLLOWING
 from accpinn.units import FloatArray, Seconds
 
@@ -99,9 +100,9 @@ COMMON = (
 tell (docs/validation.md). The least noise is what the receivers can resolve: with less, recordings
 that were smoothed drive the disturbance's memory to absurd values."""
 EXTRA: dict[Term, Coordinate] = {
-    "s0": Coordinate("s0", 6.0, -30.0, 60.0, 6.0, logarithmic=False),
-    "lag": Coordinate("lag", 0.5, 0.05, 3.0, 0.4, logarithmic=False),
-    "delay": Coordinate("delay", 0.7, 0.05, 3.0, 0.4, logarithmic=False),
+    "s0": Coordinate("s0", 6.0, *TERM_RANGES["s0"], 6.0, logarithmic=False),
+    "lag": Coordinate("lag", 0.5, *TERM_RANGES["lag"], 0.4, logarithmic=False),
+    "delay": Coordinate("delay", 0.7, *TERM_RANGES["delay"], 0.4, logarithmic=False),
 }
 """The terms beside the CTHP: s₀ in m, λ and d in s, with normal priors."""
 

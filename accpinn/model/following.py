@@ -92,6 +92,10 @@ class Parameter:
 
 LAG = Parameter("lag", "λ", "s", 0.15, 3.0, 0.4, 0.5)
 DELAY = Parameter("delay", "d", "s", 0.15, 3.0, 0.6, 0.5)
+TERM_RANGES: dict[Term, tuple[float, float]] = {
+    "s0": (-30.0, 60.0), "lag": (0.05, 3.0), "delay": (0.05, 3.0),
+}  # fmt: skip
+"""Least and largest s₀ in m, λ and d in s beside the CTHP, in its likelihood and where fixed."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,13 @@ class FollowingModel:
     def is_late(self) -> bool:
         """Whether a lag or a delay stands between f and the acceleration."""
         return self.terms[-1:] in (("lag",), ("delay",))
+
+    @property
+    def fixable(self) -> dict[str, tuple[float, float]]:
+        """The parameters that may keep a given value, with its least and largest."""
+        if self.is_cthp:
+            return {term: TERM_RANGES[term] for term in self.terms}
+        return {p.name: (p.lower, p.upper) for p in self.parameters}
 
     @property
     def equation(self) -> str:

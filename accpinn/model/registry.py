@@ -139,7 +139,7 @@ PAPER = CTHP.key
 BEST = "cthp-s0-delay"
 """The model of answers: none predicts the gap in other windows better in the mean over the cars of
 the recordings at hand, and none is closer to the measured gain (docs/validation.md)."""
-Held = tuple[tuple[str, float], ...]
+Fixed = tuple[tuple[str, float], ...]
 """Names of parameters that keep their values, with these."""
 TITLES: Mapping[str, str] = {key: model.title for key, model in FOLLOWING.items()}
 """Their names for people."""

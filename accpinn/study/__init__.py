@@ -14,11 +14,10 @@ from numbers import Integral, Real
 from typing import Any, Self
 
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.inference.answer import checked_held
-from accpinn.methods import Law
 from accpinn.methods.registry import METHODS, method_of, segment_for
 from accpinn.model.cthp import Case
-from accpinn.model.registry import BEST, Held, following_model
+from accpinn.model.registry import BEST, Fixed, following_model
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, Window
 from accpinn.segment import Segment
 from accpinn.segment.cut import DURATION, default_vehicles, parse_vehicles
@@ -64,7 +63,7 @@ class Analysis:
     """Regimes whose instants do not count in the model's equation."""
     model: str = BEST
     """The model of the answer."""
-    held: Held = ()
+    held: Fixed = ()
     """Terms of that model that keep their values, by name."""
     fitted: str = ""
     """The model of the fit, if one is asked for; else it is the method's usual one."""
@@ -116,7 +115,7 @@ class Analysis:
             case,
             tuple(regime for regime in EXCLUDABLE if regime in named),
             following_model(model or BEST).key,
-            checked_held(model or BEST, held or {}),
+            ModelSpec.of(model or BEST, held).fixed,
             model or "",
             method=method,
             settings=chosen,
@@ -132,14 +131,14 @@ class Analysis:
         return self.windows[0]
 
     @property
-    def law(self) -> Law:
+    def spec(self) -> ModelSpec:
         """The model that the method estimates, with what is held of it.
 
         It is the method's usual one where the method cannot estimate the one that is asked for.
         """
         usual, *others = METHODS[self.method].models(self.settings)
         model = self.fitted if self.fitted in others else usual
-        return Law(model, self.held if model == self.model else ())
+        return ModelSpec(model, self.held if model == self.model else ())
 
     @cached_property
     def key(self) -> str:
@@ -169,8 +168,8 @@ class Analysis:
             "windows": [(float(window.start), float(window.end)) for window in self.windows],
             "case": self.case,
             "excluded": self.excluded,
-            "fitted": self.law.model,
-            "held": self.law.held,
+            "fitted": self.spec.model,
+            "held": self.spec.fixed,
             "method": self.method,
             "version": METHODS[self.method].version,
             "settings": settings,
@@ -228,7 +227,7 @@ def _asked(analysis: Analysis) -> dict[str, Any]:
         "excluded": ", ".join(analysis.excluded) or "nothing",
         "case": analysis.case,
         "model": " ".join([analysis.model, *(f"{name}={v:g}" for name, v in analysis.held)]),
-        "model of the fit": analysis.law.model,
+        "model of the fit": analysis.spec.model,
         "method": analysis.method,
     }
 

@@ -20,11 +20,12 @@ from typing import Any
 
 from accpinn.errors import AccpinnError, ConfigError, RecordingError, SegmentError
 from accpinn.inference.window_posterior import window_posterior
-from accpinn.methods import Law, TaskContext, relative_size
+from accpinn.methods import TaskContext, relative_size
 from accpinn.methods.maximum_likelihood import KEY
 from accpinn.methods.registry import METHODS, method_of
 from accpinn.model.cthp import Case
 from accpinn.model.registry import BEST, PAPER, following_model
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording, facts_of
 from accpinn.recordings.files import opened, read_all
 from accpinn.recordings.mapping import CsvMapping
@@ -193,7 +194,7 @@ def answer_all(job: WindowJob) -> list[Computed]:
 def _answer(job: WindowJob, segment: Segment, analysis: Analysis) -> Computed:
     try:
         result = estimate(analysis, (segment,), context=TaskContext(threads=1))
-        posterior = window_posterior(segment, analysis.case, Law(analysis.model))
+        posterior = window_posterior(segment, analysis.case, ModelSpec(analysis.model))
         rows = rows_of(result, posterior, job.recording, job.mode_sources)
         return Computed(analysis, rows, posterior.likely)
     except AccpinnError as fault:

@@ -180,7 +180,7 @@ def starts(
         seeds: by default that of the analysis alone.
     """
     config: PinnConfig = analysis.config
-    if analysis.law.model not in CTHPS:
+    if analysis.spec.model not in CTHPS:
         analysis = replace(analysis, fitted=PAPER)
     for seed in (config.seed,) if seeds is None else seeds:
         for initial in initials:

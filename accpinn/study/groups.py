@@ -38,9 +38,9 @@ from accpinn.inference.window_posterior import (
     parameters_of,
     possible,
 )
-from accpinn.methods import Law
 from accpinn.model.cthp import Parameters
 from accpinn.model.registry import BEST, CTHPS, FOLLOWING, time_gap, value_of
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import median_by_duration
 from accpinn.stability.criteria import exact_margin, l2_margin
 from accpinn.study.rows import COLUMNS
@@ -268,13 +268,13 @@ def _checked(posterior: Any, model: str) -> bytes:
 def _car(windows: tuple[bytes, ...], model: str, speed: MetresPerSecond) -> Car:
     """The answer of one vehicle, from the draws of its windows."""
     drawn = (np.frombuffer(raw).reshape(-1, count_of(model)) for raw in windows)
-    return car_of(np.array([possible(model, phi, speed) for phi in drawn]), Law(model))
+    return car_of(np.array([possible(model, phi, speed) for phi in drawn]), ModelSpec(model))
 
 
 def _together(cars: Sequence[Car], model: str) -> Car:
     """A group's vehicles as one: its typical value, and a further window of a further vehicle."""
     if len(cars) < 2:
-        return cars[0] if cars else car_of(np.empty((0, 1, count_of(model))), Law(model))
+        return cars[0] if cars else car_of(np.empty((0, 1, count_of(model))), ModelSpec(model))
     population = population_of(model, count_of(model))
     values = np.array([_evenly(car.value, DRAWS) for car in cars])
     prior = (

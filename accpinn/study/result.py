@@ -30,11 +30,12 @@ from accpinn.inference.model_adequacy import Adequacy, model_forms
 from accpinn.inference.posterior import AT_SPEED
 from accpinn.inference.prediction import GapBand, gap_band
 from accpinn.inference.window_posterior import parameters_of, window_posterior
-from accpinn.methods import Law, TaskContext
+from accpinn.methods import TaskContext
 from accpinn.methods.fit import Fit, Outcome, ParameterTrack
 from accpinn.methods.registry import METHODS
 from accpinn.model.cthp import Parameters, Trajectories
 from accpinn.model.registry import FOLLOWING, time_gap, value_of
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Facts, GapContradictsSpeeds, Recording, ValuesOutOfRange, facts_of
 from accpinn.segment import DrivenByHand, Segment, SegmentInfo
 from accpinn.segment.quality import Quality, assess_quality
@@ -186,7 +187,7 @@ class Result:
     @property
     def uncertainty(self) -> Uncertainty:
         """Intervals of the fit's parameters, and of what follows from them, if its model holds."""
-        held = self.analysis.law.held
+        held = self.analysis.spec.fixed
         return self._part("uncertainty", lambda: intervals(self._every_window, self.fit, held=held))
 
     @property
@@ -288,8 +289,8 @@ class Result:
 
         groups = {"posterior": dataset(answer.typical), "further_window": dataset(answer.further)}
         if self.segments:
-            law = Law(answer.model, asked.held)
-            windows = [window_posterior(segment, asked.case, law) for segment in self.segments]
+            spec = ModelSpec(answer.model, asked.held)
+            windows = [window_posterior(segment, asked.case, spec) for segment in self.segments]
             starts = [segment.window.start for segment in self.segments]
             drawn = np.array([window.drawn for window in windows])  # window, vehicle, draw, feature
             sets = parameters_of(answer.model, np.moveaxis(drawn, 2, 0), answer.speeds)
@@ -345,7 +346,7 @@ class Result:
         """The space-gaps that the posterior predicts; None without data or intervals."""
         if self.segment is None or not self.is_finished:
             return None
-        return gap_band(self.segment, self.uncertainty, self.fit.case, self.analysis.law)
+        return gap_band(self.segment, self.uncertainty, self.fit.case, self.analysis.spec)
 
     def transfer_function(self) -> tuple["TransferFunction", ...]:
         """From the speed ahead to the own speed, one python-control object a follower.
@@ -367,7 +368,7 @@ class Result:
         def estimate(segment: Segment) -> Fit:
             method = METHODS[self.analysis.method]
             asked = self.analysis
-            return method.fit(segment, asked.case, config, context, asked.law)
+            return method.fit(segment, asked.case, config, context, asked.spec)
 
         evaluation = evaluate(self._every_window, self.fits, estimate, self.recording)
         return replace(self, parts=replace(self.parts, evaluation=evaluation))

@@ -83,7 +83,7 @@ def estimate(
         )
     if len(segments) > 1:
         _check_windows(segments, analysis.case)
-    fits = method.fits(segments, analysis.case, analysis.config, context, analysis.law)
+    fits = method.fits(segments, analysis.case, analysis.config, context, analysis.spec)
     if len(fits) < len(segments):
         raise ConfigError(
             f"windows: stopped; {len(segments)} windows have no result before all are estimated."

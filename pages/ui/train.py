@@ -144,7 +144,7 @@ def _show_run(workspace: Workspace, segment: Segment, running: bool) -> None:
     asked, truth = training.analysis, workspace.true_parameters
     if asked and recording:  # of several windows the first
         segment = segment_of(recording, asked.window, asked.vehicles, asked.excluded)
-    model = asked.law.model if asked else PAPER
+    model = asked.spec.model if asked else PAPER
     step = int(math.log(max(history.iteration[-1], 1.0)) / math.log(REDRAWN))
     drawn, curves = _live_figures(training, segment, case, model, truth, step)
     with st.expander("The running training") if workspace.result else nullcontext():

@@ -18,7 +18,8 @@ from accpinn.evaluation import (
     without,
 )
 from accpinn.evaluation.closed_loop import ClosedLoop, TrackingErrors
-from accpinn.methods import Law, least_squares
+from accpinn.methods import least_squares
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Window
 from accpinn.recordings.openacc import read
 from tests.support.driving import MIXED, driven
@@ -98,7 +99,7 @@ def test_a_stretch_begins_where_every_follower_is_in_car_following() -> None:
 
 def test_the_idm_starts_outside_its_window_from_no_queue(astazero: Recording) -> None:
     segment = cut(astazero, 320.0, 100.0, (1, 2))
-    fit = METHODS["simulation"].fit(segment, law=Law("idm"))
+    fit = METHODS["simulation"].fit(segment, spec=ModelSpec("idm"))
     found = evaluate(segment, fit, recording=astazero)
     assert not [event for event in found.out_of_window_findings if event.time < 320.0]
     assert found.out_of_window_seconds > 800.0

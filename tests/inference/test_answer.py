@@ -31,11 +31,11 @@ from accpinn.inference.window_posterior import (
     parameters_of,
     window_posterior,
 )
-from accpinn.methods import Law
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.registry import BEST, FOLLOWING, time_gap
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings.openacc import read
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import standing_still
@@ -115,9 +115,9 @@ def test_the_end_of_the_ridge_is_sampled(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "ZalaZone" / "dynamic_part10.csv")
     segment = cut(recording, 300.0, 300.0, (1, 2))
     series, model = series_of((segment,), "II"), "cthp-s0-delay"
-    maxima = joint_maxima((segment,), "II", Law(model))
+    maxima = joint_maxima((segment,), "II", ModelSpec(model))
     for seed in (0, 1):
-        (found,) = sample(series, maxima, Law(model), (seed,))
+        (found,) = sample(series, maxima, ModelSpec(model), (seed,))
         assert found.effective > 80
 
 
@@ -127,20 +127,20 @@ def test_draws_count_where_a_minute_contradicts_other_cars(
 ) -> None:
     """With at most 4,500 draws, 6 to 474 counted here, by the seed."""
     segment = cut(read(openacc_dir / file), start, 60.0, pair)
-    series, others = series_of((segment,), "II"), partial(of_others, Law(BEST))
+    series, others = series_of((segment,), "II"), partial(of_others, ModelSpec(BEST))
     for seed in range(4):
-        maxima = joint_maxima((segment,), "II", Law(BEST))
-        (found,) = sample(series, maxima, Law(BEST), (seed,), others=others)
+        maxima = joint_maxima((segment,), "II", ModelSpec(BEST))
+        (found,) = sample(series, maxima, ModelSpec(BEST), (seed,), others=others)
         assert min(found.effective, found.under(others(found.coordinates)).effective) > 240
     # Of 400 draws of an IDM's window alone 19 to 66 counted in most.
-    assert effective_draws(window_posterior(segment, "II", Law("idm")).likely[0, :, 0]) > 250
+    assert effective_draws(window_posterior(segment, "II", ModelSpec("idm")).likely[0, :, 0]) > 250
 
 
 def test_the_prior_under_which_windows_are_drawn_cancels() -> None:
     """Draws of a window alone and those beside other cars lead to the same answer."""
-    window = window_posterior(windows(range(1))[0], "II", Law(BEST))
+    window = window_posterior(windows(range(1))[0], "II", ModelSpec(BEST))
     alone, told = window.drawn[0], window.likely[0]
-    priors = log_prior(BEST, alone), log_prior_of_likely(Law(BEST), told)
+    priors = log_prior(BEST, alone), log_prior_of_likely(ModelSpec(BEST), told)
     population = population_of(BEST, len(FOLLOWING[BEST].parameters))
     ends = [
         np.quantile(sampled_population(drawn[None], prior[None], population).value, ENDS, axis=0)
@@ -160,7 +160,7 @@ def test_one_window_has_an_interval_as_wide_as_windows_of_a_car_vary() -> None:
 
 def test_a_held_parameter_of_an_idm_is_held_in_every_draw() -> None:
     found = window_posterior(
-        windows(range(1), duration=60.0)[0], "II", Law("idm", (("v0", 100.0),))
+        windows(range(1), duration=60.0)[0], "II", ModelSpec("idm", (("v0", 100.0),))
     )
     scores = found.likely[0, :, FOLLOWING["idm"].names.index("v0")]
     assert np.unique(scores).size == 1
@@ -241,7 +241,7 @@ def test_windows_that_differ_are_reported_and_equal_ones_mostly_are_not() -> Non
 @pytest.mark.parametrize("model", ["cthp", "cthp-s0", "cthp-s0-delay"])
 def test_the_prior_of_a_window_is_the_density_over_features_that_is_divided_by(model: str) -> None:
     """It differs by the Jacobian's determinant, here from central differences; 1e-5."""
-    criterion = Criterion(series_of([standing_still()], "II"), Law(model))
+    criterion = Criterion(series_of([standing_still()], "II"), ModelSpec(model))
     free = [0, 1, 2, *range(9, criterion.size)]
     z = np.tile(criterion.start, (20, 1))
     z[:, free] += np.random.default_rng(2).normal(0, 0.3, (20, len(free)))

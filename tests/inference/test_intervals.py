@@ -22,9 +22,10 @@ from accpinn.inference.intervals import (
     within,
 )
 from accpinn.inference.prediction import SIMULATIONS
-from accpinn.methods import PAPERS, Law, least_squares, maximum_likelihood
+from accpinn.methods import least_squares, maximum_likelihood
 from accpinn.methods.fit import Outcome
 from accpinn.methods.series import stride_of
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.stability.criteria import response
 from accpinn.units import Stretch
 from bench.disturbed import Disturbance, disturbed
@@ -250,11 +251,11 @@ def test_an_intercept_shifts_the_gaps_and_their_band(
 @pytest.mark.parametrize(("term", "value"), [("lag", 0.6), ("delay", 0.8)])
 def test_a_command_that_comes_late_is_part_of_the_band(term: str, value: float) -> None:
     """The followers oscillate, which without the term would pass for large disturbances."""
-    law, quick = Law(f"cthp-s0-{term}"), [Parameters(0.15, 0.5, 0.9)]
+    spec, quick = ModelSpec(f"cthp-s0-{term}"), [Parameters(0.15, 0.5, 0.9)]
     segment = disturbed(quick, 5, Disturbance(standstill=5.0, **{term: value}), duration=120.0)
-    fit = METHODS["maximum-likelihood"].fit(segment, law=law)
+    fit = METHODS["maximum-likelihood"].fit(segment, spec=spec)
     known = intervals(segment, fit)
-    found, without = (gap_band(segment, known, "II", asked) for asked in (law, PAPERS))
+    found, without = (gap_band(segment, known, "II", asked) for asked in (spec, PAPER_SPEC))
     assert 0.8 < found.findings[0].share < 1.0
     width, wider = (np.median(band.upper - band.lower) for band in (found, without))
     assert width < 0.9 * wider

@@ -10,9 +10,9 @@ from accpinn import Parameters, Segment, model_forms
 from accpinn.inference.innovation_tests import InnovationTests, score_test
 from accpinn.inference.model_adequacy import FORMS, BetterForm, Inadequate, ModelForm
 from accpinn.inference.posterior import sample
-from accpinn.methods import Law
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
+from accpinn.model.spec import ModelSpec
 from bench.disturbed import Disturbance, disturbed
 from tests.support.driving import driven, standing_still
 
@@ -80,10 +80,13 @@ def test_two_modes_of_a_lag_are_sampled_alike_from_any_seed() -> None:
     """The truth, a lag of a second, is hardly told from none; α differs by half between them."""
     true = Parameters.of([[0.0953, 0.127, 1.2]])
     segment = disturbed(true, 4, Disturbance(lag=1.0), duration=200.0)
-    maxima, series = joint_maxima((segment,), "II", Law("cthp-lag")), series_of([segment], "II")
+    maxima, series = (
+        joint_maxima((segment,), "II", ModelSpec("cthp-lag")),
+        series_of([segment], "II"),
+    )
     ends = []
     for seed in (2, 3):
-        (found,) = sample(series, maxima, Law("cthp-lag"), (seed,))
+        (found,) = sample(series, maxima, ModelSpec("cthp-lag"), (seed,))
         assert found.effective > 100
         ends.append(np.quantile(found.evenly(1000).coordinates[:, [0, -1]], (0.05, 0.95), axis=0))
     assert (np.abs(ends[1] - ends[0]) < 0.2 * np.ptp(ends[0], axis=0)).all()

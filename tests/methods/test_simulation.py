@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 
 from accpinn import cut
 from accpinn.errors import SegmentError
-from accpinn.methods import Law
 from accpinn.methods.registry import METHODS
 from accpinn.methods.simulation import Drives, Undetermined, estimate
 from accpinn.model.registry import FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings.openacc import read
 from tests.support.driving import LAW, driven
 from tests.support.following import driven as followed
@@ -57,7 +57,7 @@ def test_what_a_steady_drive_cannot_say_is_not_determined() -> None:
     assert {"b", "v₀"} <= set(found.undetermined)
     assert set(known.undetermined) < set(found.undetermined)
     (short,) = followed(model, TRUTHS["idm"][:1], 7, noise=0.03, seconds=31.0)
-    (finding,) = METHODS["simulation"].fit(short, law=Law("idm")).findings
+    (finding,) = METHODS["simulation"].fit(short, spec=ModelSpec("idm")).findings
     assert isinstance(finding, Undetermined)
     assert finding.symbols
     assert (found.lower < found.theta).all()
@@ -88,7 +88,7 @@ def test_what_is_left_out_moves_nothing() -> None:
     at = slice(400, 700)
     gaps[at], mask[at] = gaps[at] + 25.0, False
     fits = [
-        METHODS["simulation"].fit(replace(window, gaps=other, mask=mask), law=Law(model.key))
+        METHODS["simulation"].fit(replace(window, gaps=other, mask=mask), spec=ModelSpec(model.key))
         for other in (window.gaps, gaps)
     ]
     np.testing.assert_allclose(fits[0].parameters.own, fits[1].parameters.own, rtol=1e-9)
@@ -98,7 +98,7 @@ def test_simulations_that_almost_diverge_are_refused(openacc_dir: Path) -> None:
     recording = read(openacc_dir / "ZalaZone" / "dynamic_part10.csv")
     with pytest.raises(SegmentError, match="almost diverge"):
         METHODS["simulation"].fit(
-            cut(recording, 120.0, 60.0, (1, 2)), law=Law("fvdm", (("kappa", 10.0),))
+            cut(recording, 120.0, 60.0, (1, 2)), spec=ModelSpec("fvdm", (("kappa", 10.0),))
         )
 
 
@@ -106,9 +106,11 @@ def test_a_follower_without_a_stretch_is_undetermined_and_the_others_are_estimat
     window = driven((LAW, LAW), duration=100.0)
     mask = np.ones(window.gaps.shape, bool)
     mask[::50, 1] = False
-    fit = METHODS["simulation"].fit(replace(window, mask=mask), law=Law("cthp"))
+    fit = METHODS["simulation"].fit(replace(window, mask=mask), spec=ModelSpec("cthp"))
     np.testing.assert_allclose(fit.parameters.values[0], LAW, rtol=0.01)
     assert np.isnan(fit.parameters.values[1]).all()
     assert [f.vehicle for f in fit.findings if isinstance(f, Undetermined)] == [3]
     with pytest.raises(SegmentError, match="no follower has a stretch of 10 s"):
-        METHODS["simulation"].fit(replace(window, mask=np.tile(mask[:, 1:], 2)), law=Law("cthp"))
+        METHODS["simulation"].fit(
+            replace(window, mask=np.tile(mask[:, 1:], 2)), spec=ModelSpec("cthp")
+        )

@@ -23,8 +23,8 @@ from accpinn.cli import main
 from accpinn.errors import AccpinnError, ConfigError, RecordingError
 from accpinn.inference.intervals import Uncertainty, from_draws
 from accpinn.inference.window_posterior import DRAWS, WindowPosterior, count_of
-from accpinn.methods import Law
-from accpinn.model.registry import Held
+from accpinn.model.registry import Fixed
+from accpinn.model.spec import ModelSpec
 from accpinn.recordings import Recording
 from accpinn.recordings.mapping import CsvMapping, GapColumn, SpeedColumn, TimeColumn
 from accpinn.recordings.openacc import read
@@ -41,18 +41,18 @@ from tests.support.dying import DEATHS, dying
 from tests.support.openacc_files import csv, metadata, platoon, recording
 
 
-def quick_intervals(_: Sequence[Segment], fit: Fit, held: Held = ()) -> Uncertainty:
+def quick_intervals(_: Sequence[Segment], fit: Fit, held: Fixed = ()) -> Uncertainty:
     """Draws about the estimate: those of the likelihood take a second."""
     normal = np.random.default_rng(0).normal(size=(50, 1, 1))
     draws = np.maximum(fit.parameters.values, 1e-6) * np.exp(0.1 * normal)
     return from_draws(fit.parameters, Parameters.of(draws), 0.9)
 
 
-def no_posterior(segment: Segment, _: Case, law: Law) -> WindowPosterior:
+def no_posterior(segment: Segment, _: Case, spec: ModelSpec) -> WindowPosterior:
     """As of a window that determines nothing; `test_one_answer` is about the true one."""
     estimates = np.full((segment.followers, 6), np.nan)
-    drawn = np.full((segment.followers, DRAWS, count_of(law.model)), np.nan)
-    return WindowPosterior(estimates, drawn, drawn, drawn[..., 0], law.model, estimates[:, 0])
+    drawn = np.full((segment.followers, DRAWS, count_of(spec.model)), np.nan)
+    return WindowPosterior(estimates, drawn, drawn, drawn[..., 0], spec.model, estimates[:, 0])
 
 
 @pytest.fixture(autouse=True)

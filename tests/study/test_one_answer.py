@@ -13,11 +13,11 @@ import accpinn
 from accpinn import Result, load
 from accpinn.errors import ConfigError
 from accpinn.inference.window_posterior import sampled
-from accpinn.methods import Law
 from accpinn.methods.likelihood import Criterion
 from accpinn.methods.maximum_likelihood import joint_maxima
 from accpinn.methods.series import series_of
 from accpinn.model.registry import FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.results.tables.answer import answer_table
 from accpinn.study.rows import OF_ANSWER
 from tests.support.command import PLATOON, STUDY, Capture, document
@@ -118,8 +118,8 @@ def test_the_log_likelihood_is_that_of_the_windows_data(result: Result) -> None:
     log = result.to_datatree()["window_log_likelihood"]["speeds_and_gaps"]
     for k, segment in enumerate(result.segments):
         series = series_of([segment], "II")
-        maxima = joint_maxima((segment,), "II", Law(result.answer.model))
-        best = Criterion(series, Law(result.answer.model)).log_likelihood(
+        maxima = joint_maxima((segment,), "II", ModelSpec(result.answer.model))
+        best = Criterion(series, ModelSpec(result.answer.model)).log_likelihood(
             np.array([maximum.coordinates for maximum in maxima]), np.arange(2)
         )
         for follower in range(2):

@@ -10,11 +10,11 @@ import pytest
 
 import accpinn
 from accpinn.errors import ParameterError
-from accpinn.methods import Law
 from accpinn.methods.pinn.config import FAST
 from accpinn.methods.registry import METHODS
 from accpinn.model.published import ParameterSet
 from accpinn.model.registry import FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.platoon import simulate_platoon
 from accpinn.platoon.leader import Brake, Sinusoid
 from accpinn.recordings.files import read
@@ -158,8 +158,8 @@ def test_the_network_learns_it_where_a_preset_is_named_and_commands_have_its_par
 
 def test_starts_train_the_papers_model_where_there_is_no_other_alpha() -> None:
     analysis = Analysis.of(read(STUDY), model="idm", settings=FAST)
-    assert analysis.law.model == "idm"
-    assert {start.law.model for start in starts(analysis)} == {"cthp"}
+    assert analysis.spec.model == "idm"
+    assert {start.spec.model for start in starts(analysis)} == {"cthp"}
 
 
 @cache
@@ -169,21 +169,27 @@ def shifted(by: float = 6.0) -> Segment:
     return replace(run, gaps=run.gaps + by)
 
 
-LAG = Law("cthp-s0-lag", (("lag", 0.5),))
+LAG = ModelSpec("cthp-s0-lag", (("lag", 0.5),))
 
 
 @pytest.mark.parametrize(
-    ("method", "law"),
+    ("method", "spec"),
     [
-        *((method, Law("cthp-s0")) for method in ("least-squares", "savitzky-golay", "splines")),
-        *(("maximum-likelihood", law) for law in (Law("cthp-s0"), LAG, Law("cthp-s0-delay"))),
+        *(
+            (method, ModelSpec("cthp-s0"))
+            for method in ("least-squares", "savitzky-golay", "splines")
+        ),
+        *(
+            ("maximum-likelihood", spec)
+            for spec in (ModelSpec("cthp-s0"), LAG, ModelSpec("cthp-s0-delay"))
+        ),
     ],
     ids=str,
 )
-def test_an_intercept_is_what_gaps_are_longer_by(method: str, law: Law) -> None:
-    fit, near = (METHODS[method].fit(shifted(by), law=law) for by in (6.0, 0.0))
-    assert fit.model == law.model
-    assert fit.parameters.lag[0] == dict(law.held).get("lag", 0.0)
+def test_an_intercept_is_what_gaps_are_longer_by(method: str, spec: ModelSpec) -> None:
+    fit, near = (METHODS[method].fit(shifted(by), spec=spec) for by in (6.0, 0.0))
+    assert fit.model == spec.model
+    assert fit.parameters.lag[0] == dict(spec.fixed).get("lag", 0.0)
     assert fit.parameters.s0[0] == pytest.approx(6.0, abs=0.5)
     further = (fit.parameters.complete - near.parameters.complete)[0]
     np.testing.assert_allclose(further, [0, 0, 0, 6.0, 0, 0], atol=0.05)

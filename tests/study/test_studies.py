@@ -15,8 +15,8 @@ from accpinn.cli import main
 from accpinn.errors import ConfigError, RecordingError
 from accpinn.inference.answer import car_of
 from accpinn.inference.posterior import AT_SPEED
-from accpinn.methods import Law
 from accpinn.model.registry import BEST
+from accpinn.model.spec import ModelSpec
 from accpinn.results.database import group_table
 from accpinn.study.groups import POSTERIOR, group, read_study, share
 from accpinn.study.studies import (
@@ -164,7 +164,7 @@ def test_the_answer_of_a_vehicle_is_that_of_its_windows() -> None:
     given = rows(*(row("A", tau=float(tau)) for tau in taus), row("B", tau=1.2))
     many, single = group(given, ("make",)).groups
     assert (many.values, many.windows, many.vehicles) == (("A",), 30, 1)
-    alone = car_of(np.array(given[POSTERIOR].tolist()[:30]), Law(BEST))
+    alone = car_of(np.array(given[POSTERIOR].tolist()[:30]), ModelSpec(BEST))
     np.testing.assert_array_equal(many.drawn.middle, alone.middle)
     tau = many.span("tau")
     assert tau.lower < 1.5 < tau.upper

@@ -1,4 +1,4 @@
-"""Platoons driven for a test: the law integrated by another hand than the package's own."""
+"""Platoons driven for a test: the model integrated by another hand than the package's own."""
 
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -15,7 +15,7 @@ MIXED = (LAW, (0.11, 0.30, 1.2), (0.05, 0.25, 1.0))
 
 
 def leader_speed(time: FloatArray) -> FloatArray:
-    """Sums of sines: rich enough to identify the law within a minute."""
+    """Sums of sines: rich enough to identify the model within a minute."""
     slow = 2.5 * np.sin(0.21 * time) + 1.5 * np.sin(0.083 * time + 1.0)
     return 22 + slow + 0.8 * np.sin(0.4 * time)
 
@@ -63,7 +63,7 @@ def in_turn(*pieces: tuple[Sequence[Sequence[float]], float], step: float = 0.1)
 def motion(
     laws: Sequence[Sequence[float]], ahead: Callable[[float], float]
 ) -> Callable[[float, FloatArray], FloatArray]:
-    """d/dt of p_1, p_2, .., v_1, v_2, ..: the law as written, behind a leader with that speed."""
+    """d/dt of p_1, p_2, .., v_1, v_2, ..: the model as written, behind a leader with that speed."""
     alpha, beta, tau = np.array(laws).T
 
     def rates(now: float, state: FloatArray) -> FloatArray:

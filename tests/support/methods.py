@@ -3,8 +3,9 @@
 from typing import Any
 
 from accpinn import METHODS, Case, Fit, PinnConfig, Segment
-from accpinn.methods import PAPERS, Law, TaskContext
+from accpinn.methods import TaskContext
 from accpinn.methods.pinn.config import FAST
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 
 RIVALS = {key: method.fit for key, method in METHODS.items() if not method.settings}
 """Every method but the network, which takes longer."""
@@ -16,8 +17,8 @@ def train(
     segment: Segment,
     case: Case = "II",
     config: PinnConfig = FAST,
-    law: Law = PAPERS,
+    spec: ModelSpec = PAPER_SPEC,
     **context: Any,
 ) -> Fit:
     """The network's fit; ``context`` as in `TaskContext`."""
-    return METHODS["pinn"].fit(segment, case, config, TaskContext(**context), law)
+    return METHODS["pinn"].fit(segment, case, config, TaskContext(**context), spec)

@@ -14,7 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from accpinn.methods import Law
 from accpinn.methods.fit import Fit, Outcome
 from accpinn.methods.likelihood import Ascending, ascend, log_errors, natural, vanishing
 from accpinn.methods.maximum_likelihood import joint_maxima
@@ -35,6 +34,7 @@ from accpinn.methods.regression import Solution
 from accpinn.methods.series import series_of
 from accpinn.methods.state_space import complete
 from accpinn.model.cthp import Case
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import frozen
 
@@ -51,18 +51,18 @@ class CalibratedTraining(Training):
         segments: tuple[Segment, ...],
         case: Case,
         config: PinnConfig,
-        law: Law,
+        spec: ModelSpec,
     ) -> None:
         """Begin the search where the filter's likelihood is largest.
 
         The evidences of the segments add up; the first one is drawn.
         """
         super().__init__(segments[0], case, config)
-        self._form = law.model
-        self._evidence = Evidence(series_of(segments, case), law)
+        self._form = spec.model
+        self._evidence = Evidence(series_of(segments, case), spec)
         self._iteration, self._drawn = 0, None
         # The evidence has the filter's maxima, all but, and the filter takes less time to compare.
-        start = joint_maxima(segments, case, law)
+        start = joint_maxima(segments, case, spec)
         z = np.array([maximum.coordinates for maximum in start])
         self._search = ascend(self._evidence, z, np.arange(len(z)))
         self._at: Ascending = next(self._search)

@@ -41,7 +41,6 @@ import numpy as np
 from scipy.linalg import lapack
 from scipy.sparse import csr_array, diags_array
 
-from accpinn.methods import PAPERS, Law
 from accpinn.methods.kalman import LOG_TWO_PI
 from accpinn.methods.likelihood import Criterion, Groups, natural
 from accpinn.methods.pinn.config import PinnConfig
@@ -57,6 +56,7 @@ from accpinn.methods.state_space import (
     coordinates,
 )
 from accpinn.model.registry import FOLLOWING, PAPER
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.units import FloatArray, Mask, Metres, Seconds
 
 DEGREE = 5
@@ -204,14 +204,14 @@ def physics(values: FloatArray, late: str) -> tuple[FloatArray, FloatArray]:
     deviation = max(deviation, memory * rise / (MOST_WEIGHT * np.sqrt(2 * (memory + rise))))
     outputs, order = size_of(late)
     p, v, u = range(OUTPUTS)
-    law = np.zeros((outputs, order + 1))
-    law[p, 0], law[v, 0], law[u, 0] = -alpha, alpha_tau + beta, -beta
+    equation = np.zeros((outputs, order + 1))
+    equation[p, 0], equation[v, 0], equation[u, 0] = -alpha, alpha_tau + beta, -beta
     running = np.zeros((outputs, outputs, order + 1))
     further = np.zeros((order - 2 if late else 0, outputs, order))
     if late:
-        command, law = -law, np.zeros_like(law)
+        command, equation = -equation, np.zeros_like(equation)
         denominator, numerator = reaction(late, values[-1])
-        law[OUTPUTS, :3] = -numerator
+        equation[OUTPUTS, :3] = -numerator
         running[OUTPUTS] = -command
         running[OUTPUTS, OUTPUTS, :3] = denominator
         running[OUTPUTS] /= np.sqrt(COMMAND_NOISE)
@@ -223,14 +223,14 @@ def physics(values: FloatArray, late: str) -> tuple[FloatArray, FloatArray]:
             further[0] += half * _rate(command)[:, :order]
             further[1] = half * _rate(behind)[:, :order]
         further /= USUAL_COMMAND
-    law[v, 1] += 1.0
-    slope = _rate(law)
-    running[0] = law / memory + (1 + rise / memory) * slope + rise * _rate(law, 2)
+    equation[v, 1] += 1.0
+    slope = _rate(equation)
+    running[0] = equation / memory + (1 + rise / memory) * slope + rise * _rate(equation, 2)
     running[0] /= deviation * np.sqrt(2 * (memory + rise)) / memory
     running[1, p, 1], running[1, u, 0], running[1, v, 0] = np.array([1, -1, 1]) / np.sqrt(GAP_DRIFT)
     running[2, u, 1:3] = np.array([1 / LEADER_MEMORY, 1]) / (leader * np.sqrt(2 / LEADER_MEMORY))
     first = np.zeros((6, outputs, order))
-    first[0] = law[:, :order] / deviation
+    first[0] = equation[:, :order] / deviation
     first[1] = slope[:, :order] * np.sqrt(memory * rise) / deviation
     first[2, u, 1] = 1 / leader
     for row, output in enumerate((p, v, u)):
@@ -384,16 +384,16 @@ class Evidence(Criterion):
 
     negligible = 3e-4
 
-    def __init__(self, series: Series, law: Law = PAPERS) -> None:
+    def __init__(self, series: Series, spec: ModelSpec = PAPER_SPEC) -> None:
         """For series, each with features of its own length, and one of the CTHPs."""
-        super().__init__(series, law)
-        names = [unknown.name for unknown in coordinates(law.model)]
+        super().__init__(series, spec)
+        names = [unknown.name for unknown in coordinates(spec.model)]
         # First the slopes for what leaves all factors as they are, then those that leave Λ.
         self._order = sorted(range(self.size), key=lambda at: (names[at] != "s0", at not in NOISE))
         self._moves = DIFFERENCE * np.array([METRES if name == "s0" else 1.0 for name in names])
         """(P,) differences of the coordinates."""
         self._terms = [
-            LinearEvidence(measured, series.step, law.model)
+            LinearEvidence(measured, series.step, spec.model)
             for measured in np.moveaxis(series.measured, -1, 0)
         ]
 

@@ -37,7 +37,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from accpinn.methods import Law
 from accpinn.methods.fit import Fit, MethodFinding, Undetermined
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.fast import FastTraining, Optimum, Seen
@@ -49,6 +48,7 @@ from accpinn.methods.simulation import MEMORY, OPEN, bounded_step, bounds_of
 from accpinn.model.cthp import Case, Parameters
 from accpinn.model.following import COMPLEX_STEP, FollowingModel
 from accpinn.model.registry import FOLLOWING
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Seconds
 
@@ -78,11 +78,11 @@ class FollowingFast(FastTraining):
 
     @np.errstate(all="ignore")
     def __init__(
-        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
+        self, segment: Segment, case: Case, config: PinnConfig, threads: int, spec: ModelSpec
     ) -> None:
         """Begin at the user's initial values or at typical ones."""
-        self.model = FOLLOWING[law.model]
-        self._bounds, self._speeds = bounds_of(self.model, law.held), median_speeds((segment,))
+        self.model = FOLLOWING[spec.model]
+        self._bounds, self._speeds = bounds_of(self.model, spec.fixed), median_speeds((segment,))
         self._places = np.array(command_columns(segment.followers))[OWN_FIRST]
         every = max(1, round(APART / segment.sample_time))
         self._some, self._counts = thinned(segment.samples, every)

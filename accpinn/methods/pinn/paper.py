@@ -21,7 +21,6 @@ from torch import Tensor
 from torch.optim.adam import adam
 
 from accpinn.errors import ConfigError
-from accpinn.methods import Law
 from accpinn.methods.fit import Checkpoint, Fit, HoldoutLoss
 from accpinn.methods.pinn.config import PinnConfig
 from accpinn.methods.pinn.loss import (
@@ -38,6 +37,7 @@ from accpinn.methods.simulation import bounds_of
 from accpinn.model.cthp import Case, Parameters, Trajectories
 from accpinn.model.following import FollowingModel
 from accpinn.model.registry import CTHPS, FOLLOWING, PAPER
+from accpinn.model.spec import ModelSpec
 from accpinn.segment import Segment, median_speeds
 from accpinn.units import FloatArray, Mask
 
@@ -118,20 +118,20 @@ class PaperTraining(Training):
     has_checkpoints = True
 
     def __init__(
-        self, segment: Segment, case: Case, config: PinnConfig, threads: int, law: Law
+        self, segment: Segment, case: Case, config: PinnConfig, threads: int, spec: ModelSpec
     ) -> None:
         """Build network, parameters and the split into training and test instants.
 
         As another model may have no acceleration at the gap of zero with which the paper's network
         begins, its curves begin near the data's mean.
         """
-        self.model = None if law.model == PAPER else FOLLOWING[law.model]
+        self.model = None if spec.model == PAPER else FOLLOWING[spec.model]
         super().__init__(segment, case, config)
         torch.set_num_threads(threads)
         self.network = Network(self.followers, config, float(segment.time[-1]))
         initial, bounds = config.initial.values, np.array([3 * [0.0], 3 * [np.inf]])
         if self.model:
-            bounds = bounds_of(self.model, law.held)
+            bounds = bounds_of(self.model, spec.fixed)
             initial = initial_scores(self.model, config, bounds)
             self.network.output.bias[:] = self.measured.mean(axis=0)
         self._bounds = [*map(torch.from_numpy, bounds)]

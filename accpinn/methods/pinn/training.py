@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from accpinn.errors import AccpinnError, ConfigError, SegmentError
-from accpinn.methods import PAPERS, TYPICAL_SAMPLES, Law, Method, TaskContext, best_first
+from accpinn.methods import TYPICAL_SAMPLES, Method, TaskContext, best_first
 from accpinn.methods.fit import Continued, Fit, Outcome, Recorder
 from accpinn.methods.pinn.calibrated import CalibratedTraining
 from accpinn.methods.pinn.config import (
@@ -37,6 +37,7 @@ from accpinn.methods.pinn.network import Network
 from accpinn.model.cthp import Case, Trajectories
 from accpinn.model.registry import CTHPS, FOLLOWING
 from accpinn.model.registry import PAPER as PAPER_MODEL
+from accpinn.model.spec import PAPER_SPEC, ModelSpec
 from accpinn.segment import Segment
 from accpinn.units import FloatArray, Seconds
 
@@ -103,7 +104,7 @@ def training(
     case: Case,
     settings: PinnConfig | None,
     context: TaskContext,
-    law: Law = PAPERS,
+    spec: ModelSpec = PAPER_SPEC,
 ) -> tuple[Fit, ...]:
     """Learn the parameters of a segment with the physics-inspired neural network.
 
@@ -126,8 +127,8 @@ def training(
         )
     threads = _threads(config.preset, context)
     for segment in segments:
-        require_memory(segment, config, law.model)
-    training, fit = _driven(partial(_begun, segments, case, config, threads, law), context)
+        require_memory(segment, config, spec.model)
+    training, fit = _driven(partial(_begun, segments, case, config, threads, spec), context)
     fits = [fit]
     for segment in segments[1:]:
         if fit.outcome is Outcome.STOPPED or context.is_stopped:
@@ -138,11 +139,11 @@ def training(
 
 
 def _begun(
-    segments: tuple[Segment, ...], case: Case, config: PinnConfig, threads: int, law: Law
+    segments: tuple[Segment, ...], case: Case, config: PinnConfig, threads: int, spec: ModelSpec
 ) -> Training:
     """The preset's training; `calibrated` needs no PyTorch."""
     if config.preset == "calibrated":
-        return CalibratedTraining(segments, case, config, law)
+        return CalibratedTraining(segments, case, config, spec)
     (segment,) = segments
     try:
         import_module("torch")
@@ -154,14 +155,14 @@ def _begun(
     if config.preset == "paper":
         from accpinn.methods.pinn.paper import PaperTraining
 
-        return PaperTraining(segment, case, config, threads, law)
-    if law.model == PAPER_MODEL:
+        return PaperTraining(segment, case, config, threads, spec)
+    if spec.model == PAPER_MODEL:
         from accpinn.methods.pinn.fast import FastTraining
 
         return FastTraining(segment, case, config, threads)
     from accpinn.methods.pinn.following import FollowingFast
 
-    return FollowingFast(segment, case, config, threads, law)
+    return FollowingFast(segment, case, config, threads, spec)
 
 
 def _driven(begin: Callable[[], Training], context: TaskContext) -> tuple[Training, Fit]:

@@ -8,7 +8,6 @@ from scipy.interpolate import BSpline
 
 from accpinn import Case, Parameters, Segment, intervals
 from accpinn.evaluation.closed_loop import surrogate_errors
-from accpinn.methods import Law
 from accpinn.methods.fit import Outcome, Progress
 from accpinn.methods.likelihood import Criterion, log_errors, search
 from accpinn.methods.maximum_likelihood import fit as maximum_likelihood
@@ -17,6 +16,7 @@ from accpinn.methods.pinn.config import CALIBRATED
 from accpinn.methods.pinn.evidence import DEGREE, OUTPUTS, Design, Evidence, LinearEvidence
 from accpinn.methods.series import Series, series_of
 from accpinn.methods.state_space import GAP_DRIFT, LEADER_MEMORY
+from accpinn.model.spec import ModelSpec
 from accpinn.results.figures.training import NORMAL_90
 from accpinn.units import FloatArray
 from bench.coverage import SETS
@@ -90,7 +90,7 @@ def test_behind_a_lag_or_a_delay_it_is_the_filter_s_likelihood_but_for_a_constan
 ) -> None:
     """The constant is that of the features; between near parameters it cancels."""
     series = series_of([recording(1, 100.0)], "II")
-    evidence, likelihood = Evidence(series, Law(form)), Criterion(series, Law(form))
+    evidence, likelihood = Evidence(series, ModelSpec(form)), Criterion(series, ModelSpec(form))
     moves = np.random.default_rng(2).uniform(-0.1, 0.1, (8, evidence.size))
     z = evidence.start + np.append(0.0 * moves[:1], moves, axis=0)
     z[:, -1] = late * (1.0 + moves[0, 0])
@@ -150,8 +150,8 @@ def test_parameters_are_those_of_maximum_likelihood_and_curves_follow_the_data(
 ) -> None:
     """Within 0.2 of the standard errors that it states."""
     seen: list[Progress] = []
-    fit = train(platoon(), case, CALIBRATED, on_progress=seen.append, law=Law(model))
-    expected = maximum_likelihood(platoon(), case, Law(model))
+    fit = train(platoon(), case, CALIBRATED, on_progress=seen.append, spec=ModelSpec(model))
+    expected = maximum_likelihood(platoon(), case, ModelSpec(model))
     apart = np.log(fit.parameters.values / expected.parameters.values)
     assert (np.abs(apart) < 0.2 * fit.arrays["deviations"]).all()
     assert fit.parameters.complete[:, 3:] == pytest.approx(

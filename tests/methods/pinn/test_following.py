@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accpinn.methods import Law
 from accpinn.methods.fit import Undetermined
 from accpinn.methods.pinn.config import FAST, PAPER
 from accpinn.methods.pinn.following import FollowingFast
 from accpinn.methods.registry import METHODS
 from accpinn.model.registry import FOLLOWING, value_of
+from accpinn.model.spec import ModelSpec
 from tests.methods.test_simulation import TRUTHS
 from tests.support.driving import MIXED, segment_of
 from tests.support.driving import driven as cthp_driven
@@ -21,7 +21,7 @@ from tests.support.methods import train
 @pytest.mark.parametrize("key", ["idm", "fvdm"])
 def test_fast_finds_the_truth_of_a_simulated_vehicle(key: str) -> None:
     (window,) = driven(FOLLOWING[key], TRUTHS[key][:1], 3, noise=0.03, seconds=240.0)
-    fit = METHODS["pinn"].fit(window, settings=FAST, law=Law(key))
+    fit = METHODS["pinn"].fit(window, settings=FAST, spec=ModelSpec(key))
     np.testing.assert_allclose(fit.parameters.own, TRUTHS[key][:1], rtol=0.05)
     assert fit.history.parameters[-1] == fit.parameters
     again = METHODS["pinn"].redraw(fit, window.time, window.window.duration)
@@ -39,7 +39,7 @@ def test_fast_finds_lags_and_delays_that_are_not_typical(key: str) -> None:
         np.column_stack([ahead.speeds, behind.speeds[:, 1]]),
         np.column_stack([ahead.gaps, behind.gaps]),
     )
-    fit = METHODS["pinn"].fit(platoon, settings=FAST, law=Law(key))
+    fit = METHODS["pinn"].fit(platoon, settings=FAST, spec=ModelSpec(key))
     found = np.column_stack([value_of(key, fit.parameters, n) for n in FOLLOWING[key].names])
     np.testing.assert_allclose(found[:, :-1], truth[:, :-1], rtol=0.06)
     np.testing.assert_allclose(found[:, -1], truth[:, -1], rtol=0.1)
@@ -54,7 +54,7 @@ def test_the_cthp_is_a_special_case(case: str, monkeypatch: pytest.MonkeyPatch) 
     wide = tuple(replace(parameter, spread=30.0) for parameter in model.parameters)
     monkeypatch.setitem(FOLLOWING, "cthp", replace(model, parameters=wide))
     segment = cthp_driven(MIXED, noise=0.05)
-    training = FollowingFast(segment, case, FAST, 1, Law("cthp"))
+    training = FollowingFast(segment, case, FAST, 1, ModelSpec("cthp"))
     while training.outcome is None:
         training.advance()
     exact = train(segment, case).parameters.values
@@ -64,8 +64,8 @@ def test_the_cthp_is_a_special_case(case: str, monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize("key", ["idm", "idm-lag", "idm-delay"])
 def test_paper_moves_from_typical_values_and_keeps_what_is_held(key: str) -> None:
     (window,) = driven(FOLLOWING["idm"], TRUTHS["idm"][:1], 3, noise=0.03, seconds=60.0)
-    law = Law(key, (("v0", 40.0),))
-    fit = METHODS["pinn"].fit(window, settings=replace(PAPER, iterations=30), law=law)
+    spec = ModelSpec(key, (("v0", 40.0),))
+    fit = METHODS["pinn"].fit(window, settings=replace(PAPER, iterations=30), spec=spec)
     first, last = fit.history.parameters.own[[0, -1], 0]
     free = np.array(FOLLOWING[key].names) != "v0"
     np.testing.assert_allclose(first[free], FOLLOWING[key].typical[free])

@@ -10,11 +10,11 @@ import torch
 
 from accpinn import METHODS, PinnConfig, Segment, preset
 from accpinn.errors import ConfigError, SegmentError
-from accpinn.methods import Law
 from accpinn.methods.pinn.config import FAST, PAPER, PresetName
 from accpinn.methods.pinn.network import Network
 from accpinn.methods.pinn.paper import Adam
 from accpinn.methods.pinn.training import require_memory
+from accpinn.model.spec import ModelSpec
 from tests.support.driving import segment_of
 from tests.support.methods import train
 from tests.support.samples import NOISY, sample
@@ -151,4 +151,4 @@ def test_a_training_is_refused_before_its_work() -> None:
         train(of_length(15_000))
     require_memory(of_length(2_000), FAST)
     with pytest.raises(SegmentError, match="take at most"):
-        METHODS["pinn"].fit(of_length(2_000), settings=FAST, law=Law("idm"))
+        METHODS["pinn"].fit(of_length(2_000), settings=FAST, spec=ModelSpec("idm"))
